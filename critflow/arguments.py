@@ -20,6 +20,7 @@ import numpy as np
 
 from critflow.progress import running
 from critflow.result import InputError, Solution
+from critflow.threads import one_thread
 
 Parameters = ParamSpec("Parameters")
 Returned = TypeVar("Returned")
@@ -45,7 +46,7 @@ def checked(function: Callable[Parameters, Returned]) -> Callable[Parameters, Re
             return function(*args, **kwargs)  # with Python's message on the number and names of arguments
         for name, value in bound.arguments.items():
             bound.arguments[name] = tests[name].converted(name, value)
-        with running(function.__name__):
+        with running(function.__name__), one_thread():
             return function(*bound.args, **bound.kwargs)
 
     return call

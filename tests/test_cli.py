@@ -112,7 +112,7 @@ MISTAKES = {  # words of the command, exit code, a word of the message
     "show a text": (["show", "text.txt"], 4, "text.txt"),
     "show an unknown axis": (["show", "RESULTS/tiny.nc", "--set", "sed=1"], 2, "'seed'"),
     "show an unknown value": (["show", "RESULTS/tiny.nc", "--set", "population=flopy"], 2, "'floppy'"),
-    "show several": (["show", "RESULTS/tiny.nc", "--set", "seed=1"], 2, "population"),
+    "show several": (["show", "RESULTS/tiny.nc", "--set", "seed=1"], 2, "add --set population=random"),
 }
 
 

@@ -15,8 +15,8 @@ SOURCES = {
 }
 # Each layer imports only those before it.
 LAYERS = (
-    *("result", "progress", "arguments", "networks", "generators", "exchange", "linalg", "precision", "solvers"),
-    *("critical", "rigidity", "springs", "response", "onset", "paths", "quantities", "design"),
+    *("result", "progress", "threads", "arguments", "networks", "generators", "exchange", "linalg", "precision"),
+    *("solvers", "critical", "rigidity", "springs", "response", "onset", "paths", "quantities", "design"),
     *("workflow", "figures", "examination", "explore", "command", "__main__"),
 )
 # Layers without xarray, files, figures and processes; exchange reads and writes files.
@@ -34,10 +34,10 @@ SOLVERS = {
     "critflow.linalg.factor": {"threading"},
     "critflow.linalg.multigrid": {"importlib"},
     "critflow.linalg.pardiso": {"ctypes", "os", "pathlib", "sys", "sysconfig"},
-    "critflow.linalg.threads": {"threadpoolctl"},
     "critflow.progress": {"contextlib", "sys", "threading", "time"},
     "critflow.solvers.cone": {"clarabel"},
     "critflow.solvers.semidefinite": {"clarabel"},
+    "critflow.threads": {"contextlib", "threadpoolctl"},
 }
 
 LONGEST, MOST_PARAMETERS, MOST_NAMES = 60, 8, 60

@@ -197,18 +197,16 @@ def population_figure(ds):
 
 def claims(ds):
     """Agreement with relaxed energies, exponents of mean field, soft bands, the stiffest population."""
+    return [*_of_equations(ds), *_exponents(ds), *_of_networks(ds)]
+
+
+def _of_equations(ds):
+    """Tensions of both equations beside those of relaxed energies."""
     kappas = np.array(parameters(ds)["kappas"])
     ok = (ds.tension_status == cf.Status.ok) & np.isfinite(ds.relaxed)
     ratio = (np.abs(ds.relaxed - ds.full) / ds.full_error_bound).where(ok)
     onset = np.abs(ds.relaxed / ds.full - 1)[:, :, ONSET]
     cubic = np.abs(ds.relaxed / ds.cubic - 1)[:, :, ONSET]
-    apparent = ds.tension_exponent.values[:, np.argsort(kappas)]
-    tension, below = limit_of_smallest(apparent, np.sort(kappas)), ds.limit_exponent.values
-    n_below = int(np.isfinite(below).all(axis=1).sum())
-    ratios = (ds.band_deviation[:, 0] / ds.band_deviation[:, 1]).values
-    raised = (ds.design_modulus[:, 1] / ds.design_modulus[:, 0]).values
-    moduli = np.nan_to_num(ds.onset_modulus.mean("seed").values)
-    stiffest = [NAMES[PAPER_POPULATIONS[n]] for n in moduli.argmax(axis=0)]
     return [
         Claim.tested(
             "weak-error", "tensions of relaxed energies deviate by at most twice the stated error", "2",
@@ -229,6 +227,16 @@ def claims(ds):
             "weak-cubic", "deviations of the cubic equation at the transition", "",
             f"medians {', '.join(f'{100 * float(x):.2g} %' for x in cubic.median('seed'))}", "measured",
         ),
+    ]  # fmt: skip
+
+
+def _exponents(ds):
+    """Apparent exponents and those of mean field."""
+    kappas = np.array(parameters(ds)["kappas"])
+    apparent = ds.tension_exponent.values[:, np.argsort(kappas)]
+    tension, below = limit_of_smallest(apparent, np.sort(kappas)), ds.limit_exponent.values
+    n_below = int(np.isfinite(below).all(axis=1).sum())
+    return [
         Claim.tested(
             "weak-tension-exponent", "the tension at the transition grows as κ^(2/3) for κ → 0", "2/3",
             f"{spread(tension, 5)}; {spread(apparent[:, 0])} at κ = {kappas.min():.0e}",
@@ -244,6 +252,17 @@ def claims(ds):
             criterion="mean of the last window within 0.005, half of the last digit of 1.50",
             sample=f"{n_below} networks",
         ),
+    ]  # fmt: skip
+
+
+def _of_networks(ds):
+    """Soft bands, designs and populations."""
+    kappas = np.array(parameters(ds)["kappas"])
+    ratios = (ds.band_deviation[:, 0] / ds.band_deviation[:, 1]).values
+    raised = (ds.design_modulus[:, 1] / ds.design_modulus[:, 0]).values
+    moduli = np.nan_to_num(ds.onset_modulus.mean("seed").values)
+    stiffest = [NAMES[PAPER_POPULATIONS[n]] for n in moduli.argmax(axis=0)]
+    return [
         Claim.tested(
             "soft-band", "the soft band deviates from τ eig P in proportion to the strain", "10",
             spread(ratios), (np.abs(ratios - 10) <= 1).all(), "terms of higher order",

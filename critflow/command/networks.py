@@ -19,6 +19,7 @@ import numpy as np
 import typer
 
 from critflow.critical.manifold import CriticalConfiguration
+from critflow.critical.nearest import nearest_critical
 from critflow.design.optimize import optimize
 from critflow.design.result import Design
 from critflow.design.targets import design
@@ -26,7 +27,7 @@ from critflow.examination.certificate import certificate_text
 from critflow.examination.examine import examine, read_held
 from critflow.examination.report import report_lines
 from critflow.exchange.convert import network_from, write_network
-from critflow.exchange.data import require_regular
+from critflow.exchange.data import number, require_regular
 from critflow.exchange.formats import writable_format
 from critflow.exchange.repair import ImportedNetwork
 from critflow.networks.network import Network
@@ -128,8 +129,9 @@ _KEYWORD = re.compile(rf"\b({'|'.join((*_HINTS, 'copies', 'size', 'radius', 'by_
 # What sentences of the library call functions, in the words of the command.
 _IN_SHELL = {
     "examine(FILE)": "critflow examine FILE",
-    "nearest_critical(network, coordinates) restores": "the nearest critical configuration restores",
-    "nearest_critical restores": "the nearest critical configuration restores",
+    "nearest_critical(network, coordinates) restores": "critflow make FILE --objective nearest restores",
+    "nearest_critical restores": "critflow make FILE --objective nearest restores",
+    "prune_towards(": "in Python, prune_towards(",
 }
 
 
@@ -214,7 +216,10 @@ def make(
     hints: Hints,
     objective: Annotated[
         str,
-        typer.Option(metavar="NAME", help="A quantity, such as B_0, G_0, V_L or V_tau; B_0 unless there are targets."),
+        typer.Option(
+            metavar="NAME",
+            help="A quantity, such as B_0, G_0 or V_tau, or nearest to the positions; B_0 unless there are targets.",
+        ),
     ] = "",
     picture: Annotated[Path | None, typer.Option(metavar="PNG", help="Also draw the configuration.")] = None,
     target: Annotated[
@@ -242,6 +247,10 @@ def make(
     with running(f"making {out.name}"):
         if target:
             solution, title, lines = _designed(imported.network, target)
+        elif objective == "nearest":
+            fit = nearest_critical(imported.network, imported.positions, throw=False)
+            solution, title = fit, f"{fit.distance:.3g} from the positions"
+            lines = [f"root mean square distance {fit.distance:.6g} ({fit.status.name}: {fit.reason})"]
         else:
             optimum = optimize(imported.network, objective, throw=False)
             solution, title = optimum, f"{objective} {optimum.objective:.6g}"
@@ -282,7 +291,7 @@ def _value(text: str) -> Any:
     """A number, a pair of limits, either of which may be empty, or a word."""
     first, colon, last = text.partition(":")
     try:
-        return (float(first or "-inf"), float(last or "inf")) if colon else float(first)
+        return (number(first or "-inf"), number(last or "inf")) if colon else number(first)
     except ValueError:
         return text
 
@@ -290,10 +299,10 @@ def _value(text: str) -> Any:
 def _numbers(option: str, example: str, text: str) -> Any:
     """One number, or several, whole ones as integers."""
     try:
-        numbers = [float(word) for word in text.replace(",", " ").split()]
+        numbers = [number(word) for word in text.replace(",", " ").split()]
     except ValueError:
         raise InputError(f"--{option} must be numbers, such as {example}, not {text!r}") from None
-    values = [int(number) if number.is_integer() else number for number in numbers]
+    values = [int(value) if value.is_integer() else value for value in numbers]
     return values[0] if len(values) == 1 else values
 
 

@@ -24,7 +24,9 @@ from critflow.arguments import checked
 from critflow.critical.pressures import ForceBalance, PressureManifold, PressurisedConfiguration
 from critflow.linalg.factor import Factor, FixedPattern
 from critflow.linalg.matrices import block_laplacian, laplacian
+from critflow.linalg.products import product
 from critflow.linalg.saddle import CondensedSaddle, Saddle, positive
+from critflow.linalg.vectors import dot, norms
 from critflow.networks.blocks import components
 from critflow.networks.checks import edge_values
 from critflow.networks.network import Array, Network
@@ -73,7 +75,7 @@ class CriticalConfiguration(Record):
     @cached_property
     def lengths(self) -> Array:
         """|L_α|, (N_b,)."""
-        return np.linalg.norm(self.bond_vectors, axis=1)
+        return norms(self.bond_vectors)
 
     @property
     def collapsed_edges(self) -> NDArray[np.intp]:
@@ -82,8 +84,12 @@ class CriticalConfiguration(Record):
 
     @cached_property
     def manifold(self) -> CriticalManifold:
-        """The manifold of the network, made at its first use."""
+        """The manifold that made the configuration, or one of its network, made at its first use."""
         return CriticalManifold(self.network)
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Without the manifold, which a copy makes at its first use."""
+        return {name: value for name, value in vars(self).items() if name != "manifold"}
 
     @property
     def tensions(self) -> Array:
@@ -93,7 +99,7 @@ class CriticalConfiguration(Record):
     @cached_property
     def residual(self) -> float:
         """Largest unbalanced force |gᵀ(σ ∘ L)| over the mean tension, or NaN without any (`ForceBalanceLsqr`)."""
-        force = self.network.divergence @ (self.sigma[:, None] * self.bond_vectors)
+        force = product(self.network.divergence, self.sigma[:, None] * self.bond_vectors)
         mean = float(np.abs(self.tensions).mean())
         return float(np.abs(force).max(initial=0.0)) / mean if mean else np.nan
 
@@ -123,11 +129,15 @@ def _scaled(stress: Array, squares: float) -> Extended:
     return two_product(whole, 2 * half if abs(0.5 * scale - half) < SCALED * half else scale)
 
 
-def require_one_self_stress(network: Network, instead: str) -> None:
+def require_one_self_stress(network: Network) -> None:
     """Raise `InputError` for networks with several self-stresses by their counts, N_s ≥ N_b − d n_free > 1."""
     certain = network.n_edges - network.dimension * len(network.free)
     if certain > 1:
-        raise InputError(f"this holds for one self-stress and the network has at least {certain}: {instead}")
+        raise InputError(
+            f"this holds for one self-stress and the network has at least {certain}: prune_towards(network, {{'B_0': "
+            "'largest'}, cuts=...) cuts edges at the least loss, and design(..., change='stiffness') changes springs "
+            "at rest"
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -155,7 +165,7 @@ class Balance:
     def pull_back(self, dO_dsigma: Array, dO_dL: Array) -> tuple[Array, Array]:
         """Total derivative dO/dσ = ∂O/∂σ − L·(g y), y = P⁻¹ gᵀ ∂O/∂L, and g y for reuse (`TotalDeriv`)."""
         gy = self._difference(dO_dL)
-        return dO_dsigma - np.einsum("ad,ad->a", self.bond_vectors, gy), gy
+        return dO_dsigma - dot(self.bond_vectors, gy), gy
 
     def pull_backs(self, partials: Sequence[tuple[Array, Array]]) -> Array:
         """Total derivatives (n, N_b) of several functions from (∂O/∂σ, ∂O/∂L) of each, as `pull_back`."""
@@ -177,11 +187,11 @@ class Balance:
         """
         ddO_dsigma, ddO_dL = second
         dgy = self._difference(ddO_dL - dsigma[:, None] * gy)
-        return ddO_dsigma - np.einsum("ad,ad->a", dL, gy) - np.einsum("ad,ad->a", self.bond_vectors, dgy)
+        return ddO_dsigma - dot(dL, gy) - dot(self.bond_vectors, dgy)
 
     def _difference(self, edge_vectors: Array) -> Array:
         """g P⁻¹ gᵀ v for edge vectors v (N_b, d)."""
-        return self.network.free_incidence @ self.factor.solve(self.network.divergence @ edge_vectors)
+        return product(self.network.free_incidence, self.factor.solve(product(self.network.divergence, edge_vectors)))
 
 
 class CriticalManifold:
@@ -284,7 +294,8 @@ class CriticalManifold:
         sigma = exact.high
         if balance is None or not np.array_equal(balance.sigma, sigma):
             balance = self.balance(sigma)
-        n_negative, status = balance.factor.n_negative, Status.ok
+        # No eigenvalue of P is negative without compression.
+        n_negative, status = 0 if (sigma >= 0).all() else balance.factor.n_negative, Status.ok
         refined = self.refinement(exact, balance.factor, balance.coordinates)
         if not refined.certain and balance.factor.eliminate():
             refined, n_negative = self.refinement(exact, balance.factor, balance.coordinates), balance.factor.n_negative
@@ -294,6 +305,7 @@ class CriticalManifold:
         if status is not Status.ok:
             x[:] = np.nan
         value = CriticalConfiguration(self.network, sigma, x, refined.L, refined.error, refined.L_errors)
+        vars(value)["manifold"] = self
         stats = Stats(
             "force density",
             refined.steps,
@@ -337,9 +349,9 @@ class CriticalManifold:
     def _placed(self, sigma: Array, factor: Factor) -> tuple[Array, Array]:
         x = np.empty((self._g.shape[1], len(self._load)))
         for axis, load in enumerate(self._load):
-            x[:, axis] = factor.solve(load @ sigma)
+            x[:, axis] = factor.solve(product(load, sigma))
         np.negative(x, out=x)
-        return x, self._g @ x + self._b
+        return x, product(self._g, x) + self._b
 
     def response(self, configuration: CriticalConfiguration) -> LinearOperator:
         """B = ∂h/∂σ = −R^h P⁻¹ R^hᵀ as an operator (N_b, N_b), h = |L|²/2 (`SelfStressParamaterization_LsqrDeriv`).
@@ -351,7 +363,7 @@ class CriticalManifold:
         balance = Balance(self, sigma, free, L, self.prestress.factorize_signed(sigma))
 
         def apply(dsigma: Array) -> Array:
-            return np.einsum("ad,ad->a", L, balance.tangent(np.ravel(dsigma)))
+            return dot(L, balance.tangent(np.ravel(dsigma)))
 
         n = self.network.n_edges
         return LinearOperator((n, n), matvec=apply, rmatvec=apply, dtype=float)

@@ -125,8 +125,3 @@ class _Changed:
     def __init__(self, network: Network, balance: Balanced):
         self.network, self.sigma, self.bond_vectors = network, balance.sigma, balance.bond_vectors
         self.manifold = CriticalManifold.of(network)
-
-
-def dot(a: Array, b: Array) -> Array:
-    """Products of the vectors of each edge, (N_b,)."""
-    return np.asarray(np.einsum("ad,ad->a", a, b))

@@ -16,7 +16,8 @@ import numpy as np
 from critflow.arguments import checked
 from critflow.critical.extreme import largest_value, modulus_form
 from critflow.critical.manifold import CriticalManifold
-from critflow.critical.quantity import Balanced, OfStress, Partials, Quantity, dot
+from critflow.critical.quantity import Balanced, OfStress, Partials, Quantity
+from critflow.linalg.vectors import dot
 from critflow.networks.deformation import Deformable, deformation_of, strain_basis
 from critflow.networks.network import Array, Network
 from critflow.result import InputError

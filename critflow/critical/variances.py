@@ -9,6 +9,7 @@ import numpy as np
 
 from critflow.critical.manifold import CriticalManifold
 from critflow.critical.quantity import Balanced, Partials, Quantity
+from critflow.linalg.vectors import dot, norms
 from critflow.networks.network import Array, IntArray
 from critflow.result import InputError
 
@@ -30,17 +31,17 @@ class _RelativeVariance(_OfLengths):
 
     def evaluate(self, balance: Balanced) -> tuple[float, Partials]:
         L = balance.bond_vectors
-        length = np.linalg.norm(L, axis=1)
+        length = norms(L)
         weight = balance.sigma if self.of_tensions else np.ones_like(length)
         value, derivative = _relative_variance(weight * length)
         return value, (self.of_tensions * derivative * length, (derivative * weight / _divisors(length))[:, None] * L)
 
     def differential(self, balance: Balanced, dsigma: Array, dL: Array) -> Partials:
         L = balance.bond_vectors
-        length = _divisors(np.linalg.norm(L, axis=1))
+        length = _divisors(norms(L))
         weight, dweight = (balance.sigma, dsigma) if self.of_tensions else (np.ones_like(length), 0.0)
         unit = L / length[:, None]
-        dlength = np.einsum("ad,ad->a", unit, dL)
+        dlength = dot(unit, dL)
         derivative, change = _relative_variance_differential(weight * length, dweight * length + weight * dlength)
         stretching = (change * weight + derivative * dweight)[:, None] * unit
         turning = (derivative * weight / length)[:, None] * (dL - dlength[:, None] * unit)

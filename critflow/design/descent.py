@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from critflow.critical.manifold import CriticalConfiguration
 from critflow.design.stress_objective import SignedStressObjective, StressObjective
+from critflow.linalg.vectors import dot
 from critflow.networks.network import Array
 from critflow.progress import tell
 from critflow.quantities.optimum import Optimum
@@ -22,6 +23,9 @@ FADED = 1e-12  # σ that tends to zero, where Σσ² = N_b: far below the stress
 # Ratio of a stress to the median, at most, from which a failed descent is repeated: from 10 or 100 a few starts of
 # small networks return to limits that are no infima.
 MODERATE = 3.0
+# Change of log σ from a start at which an edge has no length, as one between vertices with the same neighbours has at
+# equal stresses: no gradient leads away from it.
+ASIDE = 0.3
 UNRESOLVED_STRESS = 1e-20  # least σ, where Σσ² = N_b, at which a descent ends without an optimum: far below FADED
 COLLAPSING = 1e-4  # length of an edge under tension that tends to zero, in units of the mean
 TENSE = 0.01  # tension of an edge that does not fall slack, in units of the mean
@@ -65,7 +69,8 @@ def descend(
     """The optimum of an objective from a start σ (N_b,), by one of `DESCENTS`.
 
     A descent that ends at vanishing lengths or stresses, or stalls, is repeated from its end with stresses of moderate
-    ratios: stresses that a bad start or a long step drove apart hardly change along the gradient.
+    ratios: stresses that a bad start or a long step drove apart hardly change along the gradient.  One that cannot
+    begin is repeated from stresses near its start.
 
     `Status.edge_collapse`, `Status.slack_edges` or `Status.singular` where the optimum is not attained: the limit of
     the value, with the last configuration of the descent that is accurate.  `Status.stalled` has that configuration too
@@ -119,9 +124,11 @@ def _repeated(
     steps = end.steps
     for _ in range(_REPEATS):
         left = None if max_steps is None else max_steps - steps
-        moderate = objective.moderate(end.point.x, MODERATE)
         repeatable = end.status in (*_NOT_ATTAINED, Status.stalled, Status.singular) and left != 0
-        if not repeatable or monitor.ended or moderate is None or np.array_equal(moderate, end.point.x):
+        moderate = objective.moderate(end.point.x, MODERATE) if repeatable and not monitor.ended else None
+        if moderate is not None and not end.steps:
+            moderate = moderate + ASIDE * np.random.default_rng(0).standard_normal(len(moderate))
+        if moderate is None or np.array_equal(moderate, end.point.x):
             break
         again = run(moderate, left)
         steps += again.steps
@@ -191,7 +198,7 @@ class DescentMonitor:
 
     def _status(self, point: Point) -> Status | None:
         sigma, L = point.state.balance.sigma, point.state.balance.bond_vectors
-        length = np.sqrt(np.einsum("ad,ad->a", L, L))
+        length = np.sqrt(dot(L, L))
         if length.min() > SOUND * length.mean() and sigma.min() > SOUND**2:
             # Far from all limits below.
             self.last_sound = point.x

@@ -19,9 +19,10 @@ from scipy.sparse.linalg import splu
 
 from critflow.critical.isogonal import IsogonalModes, face_modes, isogonal_modes
 from critflow.critical.manifold import CriticalConfiguration, CriticalManifold
-from critflow.critical.quantity import Quantity, dot
+from critflow.critical.quantity import Quantity
 from critflow.design.limits import EdgeLimits, Target, limit_sizes
 from critflow.design.variables import Designed, Variables
+from critflow.linalg.vectors import dot
 from critflow.networks.network import Array, Network
 from critflow.quantities.vocabulary import quantity
 from critflow.result import InputError

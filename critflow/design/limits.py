@@ -20,11 +20,6 @@ GOALS = ("largest", "smallest")
 # Powers of σ and |L| in the quantities of an edge that a stress sets.
 POWERS = {"lengths": (0, 1), "tensions": (1, 1), "force_densities": (1, 0)}
 LIMITED = {"stress": tuple(POWERS), "faces": ("lengths",), "stiffness": ("stiffnesses",)}
-# What helps where a calculation is that of one self-stress.
-SEVERAL_STRESSES = (
-    "prune_towards(network, {'B_0': 'largest'}, cuts=...) cuts edges at the least loss, and design(..., "
-    "change='stiffness') changes springs at rest"
-)
 ABSOLUTE = ("lengths", "stiffnesses")  # the others are in units of their mean
 
 

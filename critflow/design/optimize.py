@@ -19,7 +19,6 @@ from critflow.critical.manifold import CriticalConfiguration, CriticalManifold, 
 from critflow.critical.quantity import Quantity
 from critflow.critical.transition import PenalisedModulus, dilation
 from critflow.design.descent import DESCENTS, Observer, descend
-from critflow.design.limits import SEVERAL_STRESSES
 from critflow.design.stress_objective import SignedStressObjective, StressObjective
 from critflow.linalg.tolerances import EPS
 from critflow.networks.checks import edge_values
@@ -142,7 +141,7 @@ def _problem(manifold: CriticalManifold, objective: str | Quantity, signs: str, 
     problem = _Problem(manifold, objective_of(manifold.network, objective, threshold if positive else None), positive)
     if problem.goal.one_self_stress and positive and not problem.is_bulk:
         # The maximum of the bulk modulus over all stresses of all configurations is at σ = k, which is positive.
-        require_one_self_stress(manifold.network, SEVERAL_STRESSES)
+        require_one_self_stress(manifold.network)
     return problem
 
 

@@ -20,7 +20,7 @@ from numpy.typing import ArrayLike, NDArray
 from critflow.arguments import checked
 from critflow.critical.manifold import Balance, CriticalConfiguration, CriticalManifold, require_one_self_stress
 from critflow.design.descent import SOUND
-from critflow.design.limits import SEVERAL_STRESSES, Target, edge_limits, parse_targets
+from critflow.design.limits import Target, edge_limits, parse_targets
 from critflow.design.stresses import Stresses
 from critflow.linalg.vectors import norms
 from critflow.networks.network import Array, Network
@@ -45,6 +45,8 @@ _LONGEST = 1.0
 _SHAKEN = 0.3
 # Fronts that are computed at most, each from better ends.
 _FRONTS = 3
+_BEST = {-1: "largest", 1: "smallest"}
+_LIMIT_EDGES = "limit the edges, as by within={'force_densities': (0.2, None)}"
 _BACKWARDS = "a multiplier is negative: here an objective improves without cost, so the point is not on the front"
 
 
@@ -97,10 +99,11 @@ def pareto(
     below `FRONT_CERTIFIED`.  That is a proof of stationarity up to the residual, not of a global optimum: fronts are
     local, as every optimum of a descent.  The ends minimise one objective and a hundredth of the other.
     `Status.not_reached` at a point where the front has no point in front of the line between its ends;
-    `Status.edge_collapse` or `Status.slack_edges` at an end that is not attained, as edges shrink or lose their stress:
-    where the objective has no limit, as the largest C_B, the front has these two ends only, and needs limits.
-    Raises `InputError` for unknown objectives, for two that have the same best configuration, and networks with several
-    self-stresses; `SolveError` where a point is not certified and `throw` is set.
+    `Status.edge_collapse` or `Status.slack_edges` at a point that is not attained, as edges shrink or lose their stress
+    towards it: its values are near their limits.  Where the objective of such an end has no limit, as the largest C_B,
+    the front has two ends only, and needs limits of the edges.
+    Raises `InputError` for unknown objectives, for two that have the same best configuration or no front without limits
+    of the edges, and networks with several self-stresses; `SolveError` where a point is not certified and `throw`.
     """
     manifold = CriticalManifold.of(network)
     if n < 2:
@@ -128,7 +131,7 @@ def _pair(manifold: CriticalManifold, objectives: Mapping[Any, str] | Sequence[A
     if same(pair[0].quantity, pair[1].quantity):
         raise InputError("both objectives are the same quantity: give two different ones")
     if any(one.quantity.one_self_stress for one in pair):
-        require_one_self_stress(manifold.network, SEVERAL_STRESSES)
+        require_one_self_stress(manifold.network)
     return pair
 
 
@@ -213,7 +216,7 @@ class _Search:
                 again, old = self._point(problems[i - 1], found[i + 1].z), found[i]
                 better = old.status is not Status.ok or again.minimum.point.value < old.minimum.point.value
                 found[i] = again if again.status is Status.ok and better else old
-        return found
+        return [found[0], *(self._attained(one, "this point of the front") for one in found[1:-1]), found[-1]]
 
     def _ends(self, starts: list[list[Array]]) -> list[_Point]:
         """Each end first alone, which gives the units, then with a small weight of the other objective.
@@ -225,37 +228,51 @@ class _Search:
         values = np.array([self.objectives(z)[1] for z in alone])
         spread = np.diag(values[::-1]) - np.diag(values)
         if not (spread > SAME_END * np.abs(values).max(axis=0)).all():
+            for z, target in zip(alone, self._pair, strict=True):
+                leaving = self._leaving(z)
+                if leaving and not np.isfinite(self._extreme(target)):
+                    _, edge, change = leaving
+                    best = f"{_BEST[target.goal]} {target.name}"
+                    raise InputError(f"there is no {best}: it has no limit as edge {edge} {change}; {_LIMIT_EDGES}")
             raise InputError(
                 "both objectives have the same best configuration, so there is no front between them: change one"
             )
         self._ideal, self.units = np.diag(values).copy(), spread
         weights = ((1 - END_WEIGHT, END_WEIGHT), (END_WEIGHT, 1 - END_WEIGHT))
         ends = [self._point(_Weighted(self, pair), z) for pair, z in zip(weights, alone, strict=True)]
-        return [self._attained(end, target) for end, target in zip(ends, self._pair, strict=True)]
+        return [
+            self._attained(end, f"the end of the {_BEST[target.goal]} {target.name}")
+            for end, target in zip(ends, self._pair, strict=True)
+        ]
 
-    def _attained(self, end: _Point, target: Target) -> _Point:
-        """An end that is not certified, with its reason where edges shrink or lose their stress."""
-        balance = self.stresses.at(end.z)
+    def _attained(self, point: _Point, name: str) -> _Point:
+        """A point that is not certified, with its reason where edges shrink or lose their stress."""
+        leaving = None if point.status is Status.ok or point.note == _BACKWARDS else self._leaving(point.z)
+        if not leaving:
+            return point
+        status, edge, change = leaving
+        return replace(point, status=status, note=f"{name} is not attained, edge {edge} {change}: {_LIMIT_EDGES}")
+
+    def _leaving(self, z: Array) -> tuple[Status, int, str] | None:
+        """The edge that shrinks or loses its stress, with the status that names this; None where none does."""
+        balance = self.stresses.at(z)
         sigma, length = balance.sigma, norms(balance.bond_vectors)
-        short, weak = length.min() < SOUND * length.mean(), sigma.min() < SOUND**2 * sigma.mean()
-        if end.status is Status.ok or not (short or weak):
-            return end
-        edge, change = (length.argmin(), "shrinks") if short else (sigma.argmin(), "loses its stress")
-        best = "largest" if target.goal < 0 else "smallest"
-        note = (
-            f"the {best} {target.name} is not attained, edge {edge} {change} towards it: limit the edges, as by "
-            "within={'force_densities': (0.2, None)}"
-        )
-        return replace(end, status=Status.edge_collapse if short else Status.slack_edges, note=note)
+        if length.min() < SOUND * length.mean():
+            return Status.edge_collapse, int(length.argmin()), "shrinks"
+        if sigma.min() < SOUND**2 * sigma.mean():
+            return Status.slack_edges, int(sigma.argmin()), "loses its stress"
+        return None
+
+    def _extreme(self, target: Target) -> float:
+        """The best value that the objective can have."""
+        return float(target.quantity.extreme(self.stresses.manifold, True)[target.goal < 0])
 
     def _unlimited(self, ends: list[_Point]) -> bool:
         """Whether an end is not attained and its objective has no limit."""
-        limits = [
-            target.quantity.extreme(self.stresses.manifold, True)[target.goal < 0]
+        return any(
+            end.status in (Status.edge_collapse, Status.slack_edges) and not np.isfinite(self._extreme(target))
             for end, target in zip(ends, self._pair, strict=True)
-            if end.status in (Status.edge_collapse, Status.slack_edges)
-        ]
-        return not np.isfinite(limits).all()
+        )
 
     def _alone(self, weights: tuple[float, float], more: list[Array]) -> Array:
         """The best z of one objective, from the start, where B_0 and C_B may be stationary, one near it, and more."""

@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from critflow.critical.manifold import Balance, CriticalManifold, require_one_self_stress
 from critflow.critical.quantity import Quantity
-from critflow.design.limits import SEVERAL_STRESSES, EdgeLimits, Target
+from critflow.design.limits import EdgeLimits, Target
 from critflow.design.optimize import optimize
 from critflow.design.refusals import excluded, limiting_stress
 from critflow.design.variables import Designed, Variables
@@ -105,7 +105,7 @@ class Stresses(Variables):
 
     def excluded(self, targets: Sequence[Target]) -> str:
         if any(target.quantity.one_self_stress for target in targets):
-            require_one_self_stress(self.manifold.network, SEVERAL_STRESSES)
+            require_one_self_stress(self.manifold.network)
         self._targets = list(targets)
         return excluded(self.manifold, targets, self.positive)
 

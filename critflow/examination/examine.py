@@ -79,7 +79,7 @@ def examine(
             raise InputError(
                 f"decimals must be from 0 to 15, not {decimals}: leave them out where all digits are known"
             )
-        subject = replace(subject, digits=Digits(decimals, 0.5 * 10.0**-decimals))
+        subject = replace(subject, digits=Digits(decimals, 0.5 * 10.0**-decimals), may_be_grid=False)
     attempts = _Attempts(progress)
     found = _judged(subject, attempts)
     return replace(
@@ -122,7 +122,7 @@ def _judged(subject: _Subject, attempts: _Attempts, max_steps: int = 200) -> Exa
     max_steps  of the search for that configuration
     """
     network, x = subject.network, subject.x
-    rounding = subject.digits.effect(subject.rest)
+    rounding = subject.digits.effect(subject.rest, subject.may_be_grid)
     # A count is certain where singular values lie below the tolerance by CLEAR_GAP.
     tolerance = max(_TOLERANCE, min(CLEAR_GAP * rounding, _LARGEST_TOLERANCE))
     attempts.progress("self-stresses and zero modes")
@@ -153,7 +153,10 @@ def _judged(subject: _Subject, attempts: _Attempts, max_steps: int = 200) -> Exa
 
 @dataclass(frozen=True, eq=False)
 class _Subject:
-    """A network at coordinates (N_v, d), rest lengths (N_b,), and sentences, digits and names of its source."""
+    """A network at coordinates (N_v, d), rest lengths (N_b,), and sentences, digits and names of its source.
+
+    may_be_grid  whether coordinates of few digits may be exact, unless the user says that they were rounded
+    """
 
     network: Network
     x: Array
@@ -161,6 +164,7 @@ class _Subject:
     notes: tuple[str, ...]
     digits: Digits
     names: tuple[str, ...]
+    may_be_grid: bool = True
 
 
 def _subject(

@@ -127,6 +127,11 @@ class Examination(Record):
         across = self.network.dimension - int(np.linalg.matrix_rank(pins - pins[0], tol=AT_REST * size))
         return across * (across - 1) // 2
 
+    @property
+    def rotates(self) -> bool:
+        """Whether rotations about the fixed vertices are the only motions."""
+        return self.order == "floppy" and self._rotations > 0 and not self.n_floppy_modes
+
     @cached_property
     def _floppy_modes(self) -> Array | None:
         """Orthonormal zero modes (n, N_v, d) but the translations; None for too many."""
@@ -187,7 +192,7 @@ class Examination(Record):
             by_digits = self.nearest is not None and self.rounding >= self.nearest.distance
             cause = ", which the digits of the coordinates explain" if by_digits else ""
             return f"critical within {self.distance:.1g} of an edge", f"{near} {title}{cause}"
-        if self.order == "floppy" and self._rotations and not self.n_floppy_modes:
+        if self.rotates:
             return "rigid, but free to rotate", "its fixed vertices lie on one line or point"
         parts, vertices = self.loose
         if parts:
@@ -324,7 +329,7 @@ def _nearest(examination: Examination) -> list[str]:
     energy = near.value.tensions**2 / near.value.network.stiffness
     lines += _edges(examination, "edges with the largest shares of its compliance", energy / energy.sum())
     if examination.leverage is not None:
-        lowered = -examination.leverage.change / examination.leverage.before
+        lowered = 0.0 - examination.leverage.change / examination.leverage.before
         lines += _edges(
             examination, "edges whose cut lowers B_0 most, with the stress of the others unchanged", lowered
         )
@@ -408,11 +413,11 @@ _FUNCTIONS = {
 }
 _COMMANDS = {
     "strain": "others follow at the strains below",
-    "stiffest": "critflow make FILE --out OUT gives the stiffest one",
+    "stiffest": "critflow make FILE --objective nearest --out OUT gives it, and without --objective the stiffest one",
     "critical": "critflow explore FILE strains it past the transition; critflow make FILE --out OUT --target C_B=0 "
     "changes its stiffening",
-    "nearly": "critflow make FILE --out OUT gives the critical configuration of the largest B_0; critflow explore FILE "
-    "strains it past the transition",
+    "nearly": "critflow make FILE --objective nearest --out OUT gives that configuration, and without --objective the "
+    "one of the largest B_0; critflow explore FILE strains it past the transition",
     "first": "it is rigid at rest, with the moduli below",
     "prestress": "it is rigid at rest, with the moduli below; critflow make FILE --out OUT gives the stress of the "
     "largest bulk modulus",
@@ -425,6 +430,8 @@ def advice_of(examination: Examination, file: str = "") -> tuple[str, ...]:
     near, order, strains = examination.nearest, examination.order, examination.critical_strains
     if examination.nearly_critical:
         return (words["nearly"],)
+    if examination.rotates:
+        return ("fix a vertex that is not in line with the fixed ones, and it cannot rotate",)
     advice = []
     if order == "floppy" and strains:
         name, onset = min(strains.items(), key=lambda item: abs(item[1].value.strain))

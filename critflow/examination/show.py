@@ -31,8 +31,8 @@ def choose_case(dataset: xr.Dataset, words: Sequence[str]) -> xr.Dataset:
         require(text in labels, f"{name} has no {text!r} here: {nearest(text, labels, f'values of {name}')}")
         chosen[name] = labels.index(text)
     for name in axes:
-        clear, example = name in chosen or dataset.sizes[name] == 1, f"{name}={dataset[name].values[:1]}"
-        require(clear, f"which {name}? add --set {example}, or another of its values")
+        clear, example = name in chosen or dataset.sizes[name] == 1, dataset[name].values[0]
+        require(clear, f"which {name}? add --set {name}={example}, or another of its values")
     return dataset.isel({name: chosen.get(name, 0) for name in axes})
 
 

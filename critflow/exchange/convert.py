@@ -184,7 +184,7 @@ def _taken(given: dict[str, Any], names: Sequence[str]) -> dict[str, Any]:
 
 # What errors of readers mean, where their own words do not say.
 _REASONS: tuple[tuple[type[Exception], str], ...] = (
-    (UnicodeDecodeError, "it is no text: check its name"),
+    (UnicodeDecodeError, "it is no text in UTF-8: check its name, or save it so"),
     (RecursionError, "its parts are nested too deeply: is it a network?"),
     (ArithmeticError, "one of its numbers is too large or not finite: correct it"),
 )
@@ -200,10 +200,10 @@ def _one_sentence(source: object, kind: str) -> Iterator[None]:
     except CritflowError:
         raise
     except FileNotFoundError as missing:
-        raise InputError(
-            f"there is no file {missing.filename or source}: check its name; the tables of NAME.csv are NAME_edges.csv "
-            "and NAME_vertices.csv"
-        ) from None
+        advice = "check its name; the tables of NAME.csv are NAME_edges.csv and NAME_vertices.csv"
+        if _is_path(source) and Path(str(source)).exists():
+            advice = f"{source} is one of two tables: give the other one after it"
+        raise InputError(f"there is no file {missing.filename or source}: {advice}") from None
     except Exception as error:
         known = (reason for kind_, reason in _REASONS if isinstance(error, kind_))
         reason = next(known, " ".join(str(error).split()) or type(error).__name__)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -24,6 +25,8 @@ EDGE_VALUES = {
     "rest_lengths": ("rest_length", "rest_lengths", "length0", "l0"),
     "force_densities": ("force_density", "sigma", "q"),
 }
+# Numbers in text.  Python also reads 1_0 and digits of other scripts.
+NUMBER = r"[+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?|[Nn]a[Nn]|[+-]?[Ii]nf"
 # Fields of a record with one row for each edge.
 EDGE_FIELDS = ("edges", "offsets", "bond_vectors", *EDGE_VALUES, "sides", "edge_numbers")
 
@@ -187,6 +190,13 @@ def edge_values(data: NetworkData) -> dict[str, Any]:
     """The values of edges that a record has, by the names under which they are written."""
     known = ((names[0], getattr(data, field)) for field, names in EDGE_VALUES.items())
     return {name: values for name, values in known if values is not None}
+
+
+def number(text: str) -> float:
+    """The number that a text is, else a `ValueError`."""
+    if not re.fullmatch(NUMBER, text):
+        raise ValueError(f"{text!r:.40} is no number: correct it")
+    return float(text)
 
 
 def polygon_edges(polygons: Sequence[Sequence[int]]) -> tuple[IntArray, IntArray]:

@@ -55,7 +55,7 @@ def from_graph(graph: Any, positions: Any = None) -> NetworkData:
         positions=x,
         cell=None if cell is None else floats(_parsed(cell), "the cell"),
         offsets=offsets,  # type: ignore[arg-type]
-        volume=None if volume is None else float(volume),
+        volume=None if volume is None else float(_parsed(volume)),
         bond_vectors=_column(attributes, ("bond_vector",)),
         pins=tuple(n for n, node in enumerate(nodes) if graph.nodes[node].get("fixed") in _YES),
         ids=tuple(map(str, nodes)),
@@ -167,4 +167,4 @@ def _parsed(value: Any) -> Any:
     try:
         return json.loads(value.replace("(", "[").replace(")", "]"))
     except ValueError:
-        raise InputError(f"{value!r:.40} is no vector: write it as [1.0, 2.0]") from None
+        raise InputError(f"{value!r:.40} is neither a number nor a vector such as [1.0, 2.0]: correct it") from None

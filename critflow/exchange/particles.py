@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from critflow.exchange.data import Array, IntArray, NetworkData, bond_vectors_of
+from critflow.exchange.data import Array, IntArray, NetworkData, bond_vectors_of, number
 from critflow.exchange.offsets import with_offsets
 from critflow.exchange.packages import optional
 from critflow.networks.checks import floats, integers
@@ -28,13 +28,13 @@ def read_lammps(path: Path) -> NetworkData:
 
     The atom styles bond, angle, molecular and full have bonds.  Harmonic `Bond Coeffs` are E = K (r − r0)², so k = 2 K.
     """
-    first, *lines = path.read_text(encoding="utf-8").splitlines()
+    first, *lines = path.read_text(encoding="utf-8").splitlines() or [""]
     titles, sections = _sections(lines)
     if not sections.get("Bonds"):
         raise InputError(f"{path} has no Bonds section: write the data file with bonds")
     atoms = _atoms(sections.get("Atoms", []), titles.get("Atoms", ""))
     atoms = atoms[np.argsort(atoms[:, 0])]
-    bonds = integers([[int(word) for word in line[:4]] for line in sections["Bonds"]], "Bonds")
+    bonds = integers([[number(word) for word in line[:4]] for line in sections["Bonds"]], "Bonds")
     ids = integers(atoms[:, 0], "numbers of atoms")
     place = np.minimum(np.searchsorted(ids, bonds[:, 2:4]), len(ids) - 1)
     if (ids[place] != bonds[:, 2:4]).any():
@@ -49,7 +49,7 @@ def read_lammps(path: Path) -> NetworkData:
         pins=tuple(np.flatnonzero(atoms[:, 1] == 2).tolist()) if given else (),
         stiffness=k,
         rest_lengths=rest,
-        volume=float(given[1]) if given and given[1] else None,
+        volume=number(given[1]) if given and given[1] else None,
         ids=tuple(map(str, ids.tolist())),
         source=f"LAMMPS data {path.name}",
     )
@@ -77,13 +77,13 @@ def _atoms(words: list[list[str]], style: str) -> Array:
             f"'Atoms # {style}' with {columns} columns is not read: write atoms of the style {', '.join(_STYLES)}"
         )
     used = [0, 2, place, place + 1, place + 2]
-    return floats([[float(line[column]) for column in used] for line in words], "the lines of atoms")
+    return floats([[number(line[column]) for column in used] for line in words], "the lines of atoms")
 
 
 def _box(header: list[list[str]]) -> Array:
     """The cell (3, 3) of the lines that end with xlo xhi, ylo yhi, zlo zhi and xy xz yz."""
     limits = [line for line in header if line[-1] in ("xhi", "yhi", "zhi", "yz")]
-    known = {line[-1]: [float(word) for word in line[: len(line) // 2]] for line in limits}
+    known = {line[-1]: [number(word) for word in line[: len(line) // 2]] for line in limits}
     if not {"xhi", "yhi", "zhi"} <= set(known):
         raise InputError("the file has no limits xlo xhi, ylo yhi, zlo zhi: write them")
     lx, ly, lz = (known[f"{axis}hi"][1] - known[f"{axis}hi"][0] for axis in "xyz")
@@ -93,7 +93,7 @@ def _box(header: list[list[str]]) -> Array:
 
 def _bond_coefficients(words: list[list[str]], types: IntArray) -> tuple[Array | None, Array | None]:
     """k = 2K and ℓ of each bond from a section of harmonic `Bond Coeffs`, if there is one."""
-    table = {int(line[0]): (float(line[1]), float(line[2])) for line in words if len(line) == 3}
+    table = {int(number(line[0])): (number(line[1]), number(line[2])) for line in words if len(line) == 3}
     if not set(types.tolist()) <= set(table):
         return None, None
     values = np.array([table[kind] for kind in types.tolist()])

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from importlib import import_module  # at their use: libraries of 0.2 s that only pictures need
 from pathlib import Path
+from warnings import catch_warnings
 
 import numpy as np
 import scipy
@@ -115,7 +116,9 @@ def _curve_length(path: Array, ends: Array, reach: Array, size: Array) -> float:
         return chord
     weights = np.ones(len(points))
     weights[[0, -1]] = _AT_ENDS
-    curve = import_module("scipy.interpolate").make_splprep(points.T, w=weights, s=len(points) * _NOISE**2)[0]
+    # Where the distance cannot be met to all digits, the curve is next to it, and SciPy warns.
+    with catch_warnings(action="ignore", category=RuntimeWarning):
+        curve = import_module("scipy.interpolate").make_splprep(points.T, w=weights, s=len(points) * _NOISE**2)[0]
     fine = curve(np.linspace(0, 1, 4 * len(points))).T
     return max(chord, float(np.linalg.norm(np.diff(fine, axis=0) * size, axis=1).sum()))
 

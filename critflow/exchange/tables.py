@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from critflow.exchange.data import (
     EDGE_VALUES,
+    NUMBER,
     Array,
     IntArray,
     NetworkData,
@@ -41,8 +42,6 @@ _OFFSETS = ("offset_x", "offset_y", "offset_z")
 # The length, and the number of an edge, follow from the rest.
 _READ = {*_TAIL, *_HEAD, *_OFFSETS, *(name for names in EDGE_VALUES.values() for name in names), "length", "edge", "id"}
 _KNOWN = {*_TAIL, *_HEAD, *_ID, *_COORDINATES}
-# Stricter than Python, which also reads 1_0 and digits of other scripts.
-_NUMBER = r"[+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?|[Nn]a[Nn]|[+-]?[Ii]nf"
 
 
 def read_tables(path: Path | Sequence[Path]) -> NetworkData:
@@ -171,7 +170,7 @@ def _named(table: Any, names: tuple[str, ...]) -> str | None:
 
 def _are_numbers(cells: Any) -> NDArray[np.bool_]:
     """Which cells (n, m) of a data frame of text are numbers, with a point or a comma."""
-    numbers = cells.replace(",", ".", regex=True).apply(lambda column: column.str.fullmatch(_NUMBER))
+    numbers = cells.replace(",", ".", regex=True).apply(lambda column: column.str.fullmatch(NUMBER))
     return np.asarray(numbers, dtype=bool)
 
 
@@ -194,7 +193,7 @@ def _comment(lines: list[str], word: str, count: int, name: str) -> Array | None
     # A comma is that of decimals, or separates.
     for text in (numbers.replace(",", "."), numbers.replace(",", " ")):
         words = text.split()
-        if len(words) == count and all(re.fullmatch(_NUMBER, each) for each in words):
+        if len(words) == count and all(re.fullmatch(NUMBER, each) for each in words):
             return np.array(words, dtype=float)
     raise InputError(f"{name}: the line '# {word}' must give {count} numbers{', the vectors by rows' * (count > 1)}")
 
@@ -229,7 +228,10 @@ def _indices(ends: Any, ids: list[str], source: str) -> IntArray:
         try:
             return np.array([[index[a], index[b]] for a, b in ends.to_numpy(object)])
         except KeyError as missing:
-            raise InputError(f"{source} names the vertex {missing.args[0]!r}, which the vertex table lacks") from None
+            raise InputError(
+                f"{source} names the vertex {missing.args[0]!r}, which the vertex table lacks: correct it, or name the "
+                "columns tail and head if it is the title of one"
+            ) from None
     if not _are_numbers(ends).all():
         raise InputError(f"{source} names vertices by text, and the vertex table has no column id: add one")
     return integers(_numbers(ends, source), f"the vertices of {source}")

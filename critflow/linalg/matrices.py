@@ -13,6 +13,7 @@ import scipy.sparse as sp
 from numpy.typing import NDArray
 
 from critflow.linalg.factor import Entries, FixedPattern
+from critflow.linalg.vectors import dot
 from critflow.networks.network import Array, IntArray, Network
 
 # Shift of the Hessian of unit springs, relative to ⟨|L|²⟩, that removes the zero modes of any geometry.
@@ -131,5 +132,5 @@ def balanced_part(
     for _ in range(3):
         force = network.divergence @ (sigma[:, None] * L)
         u = factor.solve(force.ravel()).reshape(force.shape)
-        sigma = sigma - np.einsum("ad,ad->a", L, network.free_incidence @ u)
+        sigma = sigma - dot(L, network.free_incidence @ u)
     return sigma

@@ -24,6 +24,7 @@ import numpy as np
 from critflow.linalg.factor import Entries, Factor, FixedPattern
 from critflow.linalg.matrices import block_laplacian, edge_blocks, end_pairs, free_ends
 from critflow.linalg.tolerances import MOST_REFINEMENTS, REGULARISATION, STABLE_MARGIN
+from critflow.linalg.vectors import dot
 from critflow.networks.network import Array, Network
 
 # w |L|² of a condensed system in units of ⟨|σ|⟩.  The gap of R closes as 1/N_v: 1e8 takes 3 refinements at 1,000
@@ -184,7 +185,7 @@ class CondensedSaddle:
 
     def factorize(self, sigma: Array, bond_vectors: Array) -> CondensedFactor:
         """The factor at stresses σ > 0 (N_b,) and bond vectors L (N_b, d)."""
-        square = np.einsum("ad,ad->a", bond_vectors, bond_vectors)
+        square = dot(bond_vectors, bond_vectors)
         # Relative to |L|²: directions count, or rounding would hide the equations of short edges.
         weight = CONDENSED_WEIGHT * float(np.mean(np.abs(sigma))) / square
         factor = self.pattern.factorize(edge_blocks(weight, bond_vectors, sigma))
@@ -217,9 +218,9 @@ class CondensedFactor:
             right = force + divergence @ ((w * elongation)[:, None] * L)
             step = self.factor.solve(right.ravel()).reshape(forces.shape)
             new_u = u + step
-            new_multipliers = multipliers + w * (np.einsum("ad,ad->a", L, g @ step) - elongation)
+            new_multipliers = multipliers + w * (dot(L, g @ step) - elongation)
             rates = g @ new_u
-            elongation = elongations - np.einsum("ad,ad->a", L, rates)
+            elongation = elongations - dot(L, rates)
             force = forces - divergence @ (self.sigma[:, None] * rates + new_multipliers[:, None] * L)
             missing = float(np.abs(elongation / self.lengths).max())
             error = max(float(np.abs(force).max()) / force_scale, missing / length_scale)

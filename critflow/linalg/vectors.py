@@ -17,10 +17,15 @@ def quasi_random(n: int) -> NDArray[np.float64]:
     return np.mod(_GOLDEN * np.arange(1.0, n + 1), 1.0)
 
 
+def dot(one: NDArray[np.float64], other: NDArray[np.float64]) -> NDArray[np.float64]:
+    """The products of the rows, (n,), of vectors (n, d): in turn, since NumPy's sums of few terms are slow."""
+    products = one * other
+    total = products[:, 0]
+    for axis in range(1, products.shape[1]):
+        total = total + products[:, axis]
+    return np.asarray(total)
+
+
 def norms(vectors: NDArray[np.float64]) -> NDArray[np.float64]:
-    """|v| of each row, (n,), of vectors (n, d): the bits of `numpy.linalg.norm`, whose sum of few terms is slow."""
-    squares = vectors * vectors
-    total = squares[:, 0]
-    for axis in range(1, vectors.shape[1]):
-        total = total + squares[:, axis]
-    return np.sqrt(total)
+    """|v| of each row, (n,), of vectors (n, d): the bits of `numpy.linalg.norm`."""
+    return np.sqrt(dot(vectors, vectors))

@@ -56,18 +56,24 @@ def digits_of(coordinates: Array) -> Digits:
     """The digits of coordinates (N_v, d): a file keeps decimals, significant digits, or single precision."""
     size = float(np.abs(coordinates).max(initial=0.0))
     decade = 10.0 ** np.floor(np.log10(size)) if size else 0.0
-    large = coordinates[np.abs(coordinates) >= decade]
+    large = largest = coordinates[np.abs(coordinates) >= decade]
     if large.size < _ENOUGH:
         large = coordinates[np.abs(coordinates) >= 0.1 * decade]
     # Of large coordinates doubles keep fewer decimals.
     whole = max(0, int(np.floor(np.log10(size)))) if size else 0
     # Negative decimals are those of large numbers of few digits, such as 1.234e9.
     for decimals in range(-whole, _ALL_DECIMALS - whole):
-        if np.allclose(np.round(large, decimals), large, rtol=4e-16, atol=0):
-            return Digits(decimals, 0.5 * 10.0**-decimals)
+        if _has_decimals(large, decimals):
+            # With a fixed number of significant digits the few largest have one decimal less than the others.
+            coarser = large.size > largest.size and _has_decimals(largest, decimals - 1)
+            return Digits(decimals, 0.5 * 10.0 ** (coarser - decimals))
     if (large == large.astype(np.float32)).all():
         return Digits(None, single_precision(size))
     return Digits(None, 0.0)
+
+
+def _has_decimals(values: Array, decimals: int) -> bool:
+    return np.allclose(np.round(values, decimals), values, rtol=4e-16, atol=0)
 
 
 def single_precision(size: float) -> float:

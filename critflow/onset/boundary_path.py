@@ -18,11 +18,15 @@ from critflow.networks.network import Array, Network
 
 @dataclass(frozen=True, eq=False)
 class BoundaryPath:
-    """A network, a deformation and the sign of its strain γ = direction · s."""
+    """A network, a deformation and the sign of its strain γ = direction · s.
+
+    sheared  whether free shears beside free sides are not zero: the balance then determines the sides as well
+    """
 
     manifold: CriticalManifold
     deformation: Deformation
     direction: int = 1
+    sheared: bool = False
 
     @property
     def network(self) -> Network:
@@ -49,9 +53,9 @@ class BoundaryPath:
 
         Where a normal stress Σσ L_i² vanishes and σ ≥ 0, stressed edges have no component along that axis: the boundary
         then moves along it, and in shear of two such axes, without any change of their lengths.  A shear of one such
-        axis turns the edges off the other one, and they are shortest without it.
+        axis turns the edges off the other one, and they are shortest without it, unless it undoes a shear of the path.
         """
-        unstressed = {name[0] for name in self.deformation.free if name[0] == name[1]}
+        unstressed = {name[0] for name in self.deformation.free if name[0] == name[1] and not self.sheared}
         names = enumerate(self.deformation.free)
         return np.array([m for m, name in names if not set(name) <= unstressed], dtype=int)
 
@@ -59,6 +63,11 @@ class BoundaryPath:
     def has_free_sides(self) -> bool:
         """Whether a normal component of the cell is free."""
         return any(name[0] == name[1] for name in self.deformation.free)
+
+    @cached_property
+    def has_free_shears(self) -> bool:
+        """Whether a shear of the cell is free beside a normal component, but not both of its axes."""
+        return 0 < len(self.determined) < self.n_free
 
     @cached_property
     def linear(self) -> bool:

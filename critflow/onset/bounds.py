@@ -47,7 +47,7 @@ def onset_bounds(
     if path.linear:
         near = (_mixed(path, lengths, one, interior) for one in ((state, start) if lower is None else (state,)))
         lower = max((s for s in (lower, *near) if s is not None), default=None)
-    upper = forces.rigid_strain()
+    upper = forces.rigid_strain() if path.linear or not path.n_free else _advance(path, lengths, state)
     if upper is None or upper - state.strain > _CLOSE * (1 + state.strain):
         other = Forces(path, lengths, start).rigid_strain()
         upper = min((s for s in (upper, other) if s is not None), default=None)
@@ -96,6 +96,20 @@ def _retreat(path: BoundaryPath, lengths: Array, state: OnsetState) -> float | N
     return None
 
 
+def _advance(path: BoundaryPath, lengths: Array, state: OnsetState) -> float | None:
+    """The onset of slightly longer lengths, whose forces balance at the boundary there.
+
+    Where the free components of the cell turn with the strain, forces that balance at one strain do not at another.
+    """
+    for margin in RETREATS:
+        longer = newton_taut(path, (1 + margin) * lengths, state)
+        if longer is None or longer.strain < state.strain:
+            return None
+        if Forces(path, lengths, longer).excess(longer.strain) > 0:
+            return longer.strain
+    return None
+
+
 def _mixed(path: BoundaryPath, lengths: Array, state: OnsetState, interior: tuple[Array, Array]) -> float | None:
     """A convex combination with the interior point at strain zero, where bond vectors are linear in the unknowns."""
     size, (q_0, x_0) = state.ratios(path, lengths), interior
@@ -132,9 +146,7 @@ class Forces:
         # Vertices without stressed edges have neither force nor, where nothing joins them, a bound.
         met = unbalanced > 0
         self.margin = float(unbalanced[met] @ reach[met])
-        free = np.abs(np.einsum("ai,mij,aj->m", self.force, rates[:-1], self.boundary))
-        free += 8 * network.dimension * EPS * float(size @ np.linalg.norm(self.boundary, axis=1))
-        self.margin += float(free.sum()) * _largest_change(path, lengths)
+        self._lengths = lengths
 
     def excess(self, s: float) -> float:
         """Σ f·F b − Σ |f| ℓ less all rounding: positive only where no admissible coordinates exist."""
@@ -142,7 +154,17 @@ class Forces:
         terms = self.force * moved
         size = float(np.abs(terms).sum()) + self.virtual_length
         # Sums are pairwise over blocks of at most 16 additions.
-        return float(terms.sum()) - self.virtual_length - self.margin - 64 * EPS * size
+        return float(terms.sum()) - self.virtual_length - self.margin - self._free_margin(s) - 64 * EPS * size
+
+    def _free_margin(self, s: float) -> float:
+        """The largest work on the free components of the cell that balance to rounding, to any admissible ones."""
+        if not self.path.n_free:
+            return 0.0
+        strains = self.path.rates(s, self.state.free)[:-1]
+        free = np.abs(np.einsum("ai,mij,aj->m", self.force, strains, self.boundary))
+        size = np.linalg.norm(self.force, axis=1) @ np.linalg.norm(self.boundary, axis=1)
+        free += 8 * self.path.network.dimension * EPS * float(size)
+        return float(free.sum()) * _largest_change(self.path, self._lengths, s, self.state.free)
 
     def rigid_strain(self) -> float | None:
         """A strain close above that of the state where the forces prove the network rigid."""
@@ -176,11 +198,13 @@ def _reach(path: BoundaryPath, lengths: Array, state: OnsetState) -> Array:
     return np.asarray(distance[network.free])
 
 
-def _largest_change(path: BoundaryPath, lengths: Array) -> float:
-    """Bound on free components of the cell of admissible configurations: no loop is longer than Σ ℓ."""
-    if path.n_free == 0:
-        return 0.0
+def _largest_change(path: BoundaryPath, lengths: Array, s: float, q: Array) -> float:
+    """Bound on the change of free components from q to those of any admissible configuration at a strain.
+
+    No loop around the cell is longer than Σ ℓ, and a shear is twice its entry in the strain of the cell.
+    """
     network = path.network
     spans = network.cell if network.cell is not None else np.array(list(network.pins.values()))
-    least = float(np.linalg.svd(spans, compute_uv=False).min())
-    return 1 + float(lengths.sum()) / least if least > 0 else np.inf
+    affine = path.deformation.gradient(path.direction * s)
+    least = float(np.linalg.svd(spans @ affine.T, compute_uv=False).min())
+    return 2 * (1 + float(lengths.sum()) / least) + float(np.abs(q).max()) if least > 0 else np.inf

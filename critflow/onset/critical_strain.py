@@ -33,7 +33,7 @@ from critflow.onset.boundary_path import BoundaryPath
 from critflow.onset.bounds import StrainBounds, onset_bounds
 from critflow.onset.central_path import follow_central_path
 from critflow.onset.length_iteration import NEAR, iterate_lengths, mean_strain
-from critflow.onset.search import ONSET_CONE, SIDES_MEET, Interior, Search, floppy_start, search_onset
+from critflow.onset.search import ONSET_CONE, SIDES_MEET, Interior, NotFloppy, Search, floppy_start, search_onset
 from critflow.onset.taut_edges import FITTED, OnsetState, newton_taut, unknown_configuration
 from critflow.onset.taut_set import polish_taut, resolved, settled, stressed, without_slack_stress
 from critflow.result import InputError, Record, Solution, Stats, Status
@@ -43,10 +43,6 @@ ONSET_GAP = 1e-9  # largest gap of the bounds on a strain with status `ok`, rela
 # det F of a cell with free sides at which an onset without bounds is that of a flat cell: the program with ROUGH_CONE
 # leaves a tilt of about its root.
 NARROW = 0.02
-AT_ZERO = {
-    Status.rigid: "the network is rigid at strain zero already: lengthen its rest lengths",
-    Status.undecided: "rounding hides whether the network is floppy or rigid at strain zero: change its rest lengths",
-}
 UNRESOLVED = "the bounds on the strain hold, but the weakest stresses were not separated from slack edges"
 ESTIMATED = "a bound on the strain is only an estimate: see `proven`"
 
@@ -139,7 +135,8 @@ def critical_strain(
     little as γ_c permits.
 
     Raises `InputError` for bad arguments, `SolveError` where no onset exists: `Status.rigid` at γ = 0 already (proof),
-    `Status.undecided` there within rounding, `Status.floppy` on the whole path, or up to a flat cell.
+    `Status.undecided` there within rounding, with the relative change of the rest lengths that decides (proof) where
+    the network is at its transition, `Status.floppy` on the whole path, or up to a flat cell.
     `Status.stalled`: the bounds differ by more than 1e-9, one is an estimate, or forces of taut edges balance to less
     than 1e-9; the strain and its bounds are given.
 
@@ -157,9 +154,9 @@ def critical_strain(
         raise InputError(f"the direction of the strain is 1 or -1, not {direction!r}")
     path = BoundaryPath(manifold, deformation_of(deformation, network.dimension), direction)
     interior = floppy_start(path, lengths)
-    if isinstance(interior, Status):
+    if isinstance(interior, NotFloppy):
         nothing = Search(0.0, np.zeros(path.n_free), ONSET_CONE, path.linear)
-        onset = _without_onset(path, nothing.without_onset(interior, AT_ZERO[interior]))
+        onset = _without_onset(path, nothing.without_onset(*interior))
     else:
         onset = _onset(path, lengths, interior)
     known = "an onset known to the bounds alone" if np.isfinite(onset.value.strain) else "no onset of rigidity"
@@ -172,11 +169,14 @@ def _onset(path: BoundaryPath, lengths: Array, interior: Interior) -> Solution[C
     search = found[0] if found else search_onset(path, lengths)
     if search.state is None:
         return _without_onset(path, search)
-    state, origin = (found[1], search.state) if found else _resolved(path, lengths, search.state)
-    bounds = onset_bounds(path, lengths, state, origin, interior)
-    gap = bounds.upper - bounds.lower
-    wide = not gap <= ONSET_GAP * (1 + state.strain)
-    if wide and path.has_free_sides and np.linalg.det(path.gradient(state.strain, state.free)) < NARROW:
+    state, bounds = _bounded(path, lengths, interior, search, found[1] if found else None)
+    if _wide(bounds, state) and path.has_free_shears:
+        there = replace(path, sheared=True)
+        other, narrower = _bounded(there, lengths, interior, search)
+        state, bounds = (state, bounds) if _wide(narrower, other) else (other, narrower)
+    gap, wide = bounds.upper - bounds.lower, _wide(bounds, state)
+    unproven = wide or not all(bounds.proven)
+    if unproven and path.has_free_sides and np.linalg.det(path.gradient(state.strain, state.free)) < NARROW:
         # The taut chain winds around the free side as well, and is straight only where that has no length.
         return _without_onset(path, search.without_onset(Status.floppy, SIDES_MEET))
     reasons = {
@@ -187,6 +187,19 @@ def _onset(path: BoundaryPath, lengths: Array, interior: Interior) -> Solution[C
     note = next((reason for reason, holds in reasons.items() if holds), "")
     status = Status.stalled if note else Status.ok
     return _measured(path, lengths, state, bounds, replace(search, status=status, note=note))
+
+
+def _bounded(
+    path: BoundaryPath, lengths: Array, interior: Interior, search: Search, state: OnsetState | None = None
+) -> tuple[OnsetState, StrainBounds]:
+    """The state at the end of a search, resolved unless it is given, and bounds on its strain."""
+    assert search.state is not None
+    state, origin = (state, search.state) if state else _resolved(path, lengths, search.state)
+    return state, onset_bounds(path, lengths, state, origin, interior)
+
+
+def _wide(bounds: StrainBounds, state: OnsetState) -> bool:
+    return not bounds.upper - bounds.lower <= ONSET_GAP * (1 + state.strain)
 
 
 def _from_iteration(path: BoundaryPath, lengths: Array) -> tuple[Search, OnsetState] | None:
@@ -239,7 +252,8 @@ def _measured(
     sigma, L, taut = value.sigma, value.bond_vectors, value.sigma > 0
     virial = float(np.sum(value.tensions * value.lengths))
     normal = np.einsum("a,ai,aj->ij", sigma, L, network.boundary_vectors) / virial
-    rate = float(np.sum(normal * path.rates(state.strain, state.free)[-1]))
+    # Forces of collapsed edges alone do no work: derivatives are then unknown.
+    rate = float(np.sum(normal * path.rates(state.strain, state.free)[-1])) or np.nan
     lower, upper = (bounds.lower, bounds.upper) if sign > 0 else (-bounds.upper, -bounds.lower)
     onset = CriticalStrain(
         strain=sign * state.strain,

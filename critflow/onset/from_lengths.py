@@ -97,7 +97,7 @@ def _configuration_of(manifold: CriticalManifold, lengths: Array) -> FromLengths
         if balanced is not None:
             break
     else:
-        return replace(nothing, stats=Stats("conic", steps))
+        return replace(nothing, stats=Stats("conic", steps), note=_fixed_edge(network, lengths, end))
     assert end is not None
     value, condition = balanced
     slack, status, note, bound = np.flatnonzero(~end.taut), Status.ok, "", np.nan
@@ -116,6 +116,15 @@ def _configuration_of(manifold: CriticalManifold, lengths: Array) -> FromLengths
         ratio=ratio,
         polish_steps=end.steps,
     )
+
+
+def _fixed_edge(network: Network, lengths: Array, end: OnsetState | None) -> str:
+    """The reason of a failure where the only taut edges join pins, so that no stress changes their lengths."""
+    fixed = np.flatnonzero(~np.isin(network.edges, network.free).any(axis=1))
+    if end is None or not len(fixed) or not np.isin(np.flatnonzero(end.taut), fixed).all():
+        return ""
+    longest = fixed[(np.linalg.norm(network.boundary_vectors[fixed], axis=1) / lengths[fixed]).argmax()]
+    return f"edge {longest} joins two pins and is taut before all others: remove it, or lengthen its rest length"
 
 
 def _attempts(

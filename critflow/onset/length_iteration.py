@@ -17,7 +17,7 @@ from collections.abc import Callable, Iterator
 import numpy as np
 
 from critflow.critical.manifold import Balance, CriticalManifold
-from critflow.linalg.vectors import norms
+from critflow.linalg.vectors import dot, norms
 from critflow.networks.network import Array
 from critflow.onset.boundary_path import BoundaryPath
 from critflow.result import InputError
@@ -83,9 +83,9 @@ def mean_strain(path: BoundaryPath, lengths: Array, L: Array, near: float) -> fl
     def excess(s: float) -> tuple[float, float]:
         """The mean and its derivative by s."""
         deformed, rate = L @ path.gradient(s, q).T, L @ path.rates(s, q)[-1].T
-        square = np.einsum("ad,ad->a", deformed, deformed)
+        square = dot(deformed, deformed)
         with np.errstate(divide="ignore", invalid="ignore"):  # an edge without length
-            slope = np.mean(np.einsum("ad,ad->a", deformed, rate) / square)
+            slope = np.mean(dot(deformed, rate) / square)
             return float(0.5 * np.mean(np.log(square))) - target, float(slope)
 
     try:

@@ -21,6 +21,7 @@ leave q open; of all cells with the largest strain `_least_changed` then takes o
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -46,10 +47,26 @@ FLAT = 1e-9  # relative distance from a flat cell, det F = 0, that counts as fla
 INSIDE = 0.9  # part of the distance to a limit that a step uses, to stay inside
 MOST_HALVINGS = 60  # of a step to a strain that preserves the orientation of the cell
 
+# Relative changes of the rest lengths that are tried as limits of what is known of a network at its transition.
+WITHIN = (1e-14, 1e-13, 1e-12, 1e-11, 1e-10, 1e-9, 1e-8, 1e-7)
+
 Interior = tuple[Array, Array]
+RIGID = "the network is rigid at strain zero already: lengthen its rest lengths"
+HIDDEN = "rounding hides whether the network is floppy or rigid at strain zero: change its rest lengths"
+AT_TRANSITION = (
+    "the network is at its transition at strain zero, where rounding decides: with rest lengths longer by {0:.0e} it "
+    "is floppy, with shorter ones rigid"
+)
 SIDES_MEET = "cables stay floppy until the free sides of the cell meet: fix a side"
 FLAT_CELL = "the network stays floppy until the cell is flat, at strain {:.3g}: choose a deformation that extends it"
 NO_RESISTANCE = "no strain makes an edge taut, because the edges do not span the cell: choose another deformation"
+
+
+class NotFloppy(NamedTuple):
+    """The verdict on a network that no configuration shows to be floppy, `rigid` or `undecided`, and the reason."""
+
+    status: Status
+    note: str
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,10 +99,11 @@ class Search:
         return replace(self, ended=True, status=status, note=note)
 
 
-def floppy_start(path: BoundaryPath, lengths: Array) -> Interior | Status:
+def floppy_start(path: BoundaryPath, lengths: Array) -> Interior | NotFloppy:
     """Free components q and coordinates (n_free, d) at strain zero with all |L| < ℓ, beyond rounding.
 
-    Else `rigid` where balanced forces prove that there are none, or `undecided`.
+    Else `rigid` where balanced forces prove that there are none, or `undecided`: with the relative change of ℓ that
+    would decide, where that is proved.
     """
     network, q = path.network, np.zeros(path.n_free)
     g, b = network.free_incidence, network.boundary_vectors
@@ -108,11 +126,11 @@ def floppy_start(path: BoundaryPath, lengths: Array) -> Interior | Status:
             return q, fit.coordinates
     state = OnsetState(0.0, q, fit.coordinates, fit.sigma, fit.stressed)
     if Forces(path, lengths, state).excess(0.0) > 0:
-        return Status.rigid
+        return NotFloppy(Status.rigid, RIGID)
     return _at_least_ratio(path, lengths, replace(state, sigma=np.where(fit.stressed, fit.sigma, 0.0)), fit.ratio)
 
 
-def _at_least_ratio(path: BoundaryPath, lengths: Array, state: OnsetState, ratio: float) -> Interior | Status:
+def _at_least_ratio(path: BoundaryPath, lengths: Array, state: OnsetState, ratio: float) -> Interior | NotFloppy:
     """As `floppy_start`, from min max |L|/ℓ to rounding: the onset of the lengths t ℓ on F = 1 + s."""
     unit = Deformation.linear(np.eye(path.network.dimension)).freeing(*path.deformation.free)
     scaling = BoundaryPath(path.manifold, unit)
@@ -120,7 +138,13 @@ def _at_least_ratio(path: BoundaryPath, lengths: Array, state: OnsetState, ratio
     there = replace(end, strain=0.0, coordinates=end.coordinates / (1 + end.strain))
     if admissible(path, lengths, 0.0, there.free, there.coordinates):
         return there.free, there.coordinates
-    return Status.rigid if Forces(path, lengths, there).excess(0.0) > 0 else Status.undecided
+    if Forces(path, lengths, there).excess(0.0) > 0:
+        return NotFloppy(Status.rigid, RIGID)
+    for change in WITHIN:
+        floppy = admissible(path, (1 + change) * lengths, 0.0, there.free, there.coordinates)
+        if floppy and Forces(path, (1 - change) * lengths, there).excess(0.0) > 0:
+            return NotFloppy(Status.undecided, AT_TRANSITION.format(change))
+    return NotFloppy(Status.undecided, HIDDEN)
 
 
 def search_onset(path: BoundaryPath, lengths: Array, tolerance: float = ONSET_CONE) -> Search:

@@ -29,7 +29,7 @@ from critflow.critical.backbone import connected_parts
 from critflow.critical.manifold import CriticalConfiguration
 from critflow.linalg.saddle import Saddle, SaddleFactor
 from critflow.linalg.tolerances import MOST_REFINEMENTS, REGULARISATION
-from critflow.linalg.vectors import norms
+from critflow.linalg.vectors import dot, norms
 from critflow.networks.network import Array, IntArray, Network
 from critflow.onset.boundary_path import BoundaryPath
 from critflow.result import InputError, NetworkError
@@ -151,7 +151,7 @@ class TautPart:
         L, sigma = state.bond_vectors(path)[self.taut], state.sigma[self.taut]
         velocities = path.velocities(state.strain, state.free)
         changes = np.einsum("ai,kij,aj->ka", L, velocities, L)
-        target, h = 0.5 * lengths[self.taut] ** 2, 0.5 * np.einsum("ad,ad->a", L, L)
+        target, h = 0.5 * lengths[self.taut] ** 2, 0.5 * dot(L, L)
         force = self.network.divergence @ (sigma[:, None] * L)
         tension = np.abs(sigma) * np.sqrt(2 * h)
         with np.errstate(invalid="ignore", divide="ignore"):

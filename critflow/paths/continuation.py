@@ -42,6 +42,7 @@ from critflow.result import Status
 from critflow.springs.equilibrium import Equilibrium, relaxed
 from critflow.springs.free_cell import FreeCellState, relaxed_with_cell, stretched
 from critflow.springs.laws import HOOKEAN
+from critflow.springs.minimum import ROUNDING_COMPRESSION
 from critflow.springs.newton import FLOPPY_SHIFT
 from critflow.springs.state import SpringState
 
@@ -56,6 +57,9 @@ DOUBTED_DISTANCE, RETURN_DISTANCE = 1e-3, 1e-6
 # Stress over the square of the strain, in units of k, below which a state has none.  Newton's method leaves 1e-16; by
 # symmetry a stress may be of second order in the strain, or of third.
 UNSTRESSED = 1e-8
+# Stress over the strain, in units of k, below which a state may have none: a strain that is resisted causes one of
+# order one, and forces balanced to 1e-14 leave up to 1e-9 where stresses are nearly balanced by themselves.
+WEAK = 1e-6
 
 # Part of the strain interval below which a step is not divided further.
 _SMALLEST_PART = 2.0**-16
@@ -338,6 +342,11 @@ def attempt(course: Course, point: Point, strain: float) -> Step:
         start = with_slack_placed(start, point.state.sigma if point.stress is None else point.stress)
     solution, factor, cell = course.relaxed(start, cell)
     end = Step(cell, solution.value, predicted, solution.stats.steps, coordinate_error=solution.stats.error_bound)
+    if len(cell.stretch) and solution.status is Status.ill_conditioned and _weakly_stressed(end.state, strain):
+        # Nearly balanced stresses remain that the tolerance of the forces hides, though all lengths can be kept.
+        near = FreeCellState.of(end.state, cell.stretch, cell.free_strains).near_rest(course.pattern)
+        if _keeps_lengths(near, strain):
+            return replace(end.failed(Status.floppy, _FLOPPY.format(strain)), curable=False)
     if not solution.ok:
         # FIRE at its step limit gains nothing from smaller strain steps, nor do cables in a floppy cell: their energy
         # is convex.
@@ -398,7 +407,8 @@ def _departure(course: Course, point: Point, strain: float) -> Point:
     along = None if factor.indefinite else course.tangent(stressed, rates, factor)
     if along is None:
         return point
-    return replace(point, predictor=point.predictor.with_velocity(point.cell.velocity(along)))
+    here = point.cell
+    return replace(point, predictor=Predictor.at(here.strain, here.point(springs), here.velocity(along)))
 
 
 def _expected(method: str, start: SpringState, solution: Equilibrium[SpringState]) -> bool:
@@ -424,7 +434,14 @@ def _keeps_lengths(state: SpringState, strain: float) -> bool:
 
     Where they resist, a stress is of the order of the strain.
     """
-    return bool(np.abs(state.sigma).max() <= UNSTRESSED * strain**2 * state.stiffness_scale)
+    unit, rounding = strain**2 * state.stiffness_scale, ROUNDING_COMPRESSION * state.stress_rounding
+    least = np.maximum(UNSTRESSED * unit, np.where(rounding < WEAK * unit, rounding, 0.0))
+    return strain != 0 and bool((np.abs(state.sigma) <= least).all())
+
+
+def _weakly_stressed(state: SpringState, strain: float) -> bool:
+    """Whether the stress is far below that of a strain which the springs resist."""
+    return bool(np.abs(state.sigma).max() <= WEAK * abs(strain) * state.stiffness_scale)
 
 
 def _distance(one: SpringState, other: SpringState) -> float:

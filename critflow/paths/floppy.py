@@ -9,7 +9,7 @@ from critflow.networks.deformation import Deformation
 from critflow.networks.network import Array
 from critflow.onset.boundary_path import BoundaryPath
 from critflow.onset.critical_strain import critical_strain
-from critflow.onset.search import floppy_start
+from critflow.onset.search import NotFloppy, floppy_start
 from critflow.paths.continuation import Course, Point, Progress, Step, begin, refused
 from critflow.paths.predictor import Predictor
 from critflow.paths.start import BALANCED_START, balanced, start_of
@@ -53,7 +53,7 @@ def _unstressed(course: Course, point: Point, springs: SpringState, strain: floa
     here = course.reference.deformed(course.deformation.gradient(strain))
     still = Deformation.linear(np.zeros((here.dimension,) * 2)).freeing(*course.deformation.free)
     found = floppy_start(BoundaryPath(CriticalManifold(here), still), springs.rest_lengths)
-    if isinstance(found, Status):
+    if isinstance(found, NotFloppy):
         return refused(point, strain, Status.undecided, _AT_ONSET)
     q, x = found
     cell = course.cell(strain, q)

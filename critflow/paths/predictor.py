@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -30,11 +30,6 @@ class Predictor:
     def at(cls, strain: float, y: Array, velocity: Array | None = None) -> Predictor:
         """The predictor at the first point of a path."""
         return cls(((strain, y, velocity),))
-
-    def with_velocity(self, velocity: Array) -> Predictor:
-        """The same points with the velocity of the newest."""
-        strain, y, _ = self.points[-1]
-        return replace(self, points=(*self.points[:-1], (strain, y, velocity)))
 
     def extended(self, strain: float, y: Array, velocity: Array | None, predicted: Array) -> Predictor:
         """The predictor with a further point, of which `changes` were predicted; the last three are kept."""

@@ -17,6 +17,7 @@ import numpy as np
 from critflow.critical.transition import strain_components
 from critflow.linalg.factor import Factor
 from critflow.linalg.tolerances import EPS
+from critflow.linalg.vectors import dot
 from critflow.networks.deformation import Deformation
 from critflow.networks.network import Array
 from critflow.response.linear_response import LinearResponse, accumulated_rounding
@@ -49,9 +50,9 @@ def path_rates(deformation: Deformation, strain: float, gradient: Array, stretch
     """
     back = np.linalg.inv(gradient)
     velocity, acceleration = deformation.rate(strain) @ back, deformation.second_rate(strain) @ back
-    E = deformation.free_strains
-    if not len(E):
+    if not deformation.free:
         return velocity[None], acceleration[None]
+    E = deformation.free_strains
     S = stretched(stretch, E)
     G = np.linalg.inv(S)
     rates = np.concatenate([(S @ velocity @ G)[None], E @ G])
@@ -124,7 +125,7 @@ def relaxations_to(state: SpringState, factor: Factor, rates: Array) -> Array | 
 def _edge_rounding(state: SpringState, speed: Array, u: Array) -> Array:
     """Rounding error of each edge's part of d²E/dγ², (N_b,), as `linear_response` has it."""
     network, sigma, length = state.network, state.sigma, state.lengths
-    stress = state.resistance(np.einsum("ad,ad->a", state.bond_vectors, speed))
+    stress = state.resistance(dot(state.bond_vectors, speed))
     size, vertex_speed = np.linalg.norm(speed, axis=1), np.zeros(network.n_vertices)
     vertex_speed[network.free] = np.linalg.norm(u, axis=1)
     rate_rounding = EPS * (size + vertex_speed[network.edges].sum(axis=1) + length)

@@ -39,7 +39,7 @@ def exact_bond_vectors(network: Network, coordinates: Array, displacement: Array
         # Pins are part of b; of a periodic network only differences count.
         x = coordinates.copy()
         x[list(network.pins)] = 0.0
-    tail, head = network.edges.T
+    tail, head = np.ascontiguousarray(network.edges.T)
     return edge_differences(tail, head, Extended(x, D), network.boundary_vectors)
 
 
@@ -106,6 +106,8 @@ def blocks(n_rows: int) -> Iterator[slice]:
 
 def _in_blocks(of: Callable[[slice], Extended], shape: tuple[int, ...]) -> Extended:
     """An extended array from parts of its rows."""
+    if shape[0] <= BLOCK:
+        return of(slice(None))
     result = Extended(np.empty(shape), np.empty(shape))
     for rows in blocks(shape[0]):
         result.high[rows], result.low[rows] = of(rows)
@@ -117,7 +119,10 @@ def exact_forces(network: Network, sigma: Array, bond_vectors: Extended) -> Arra
     # One stress for each component: NumPy is several times slower where it repeats them in every product.
     stress = np.repeat(sigma, bond_vectors.high.shape[1]).reshape(bond_vectors.high.shape)
     pull = two_product(stress, bond_vectors.high)
-    return -exact_sums(network.divergence, Extended(pull.high, pull.low + stress * bond_vectors.low))
+    leading = _leading(pull.high)
+    # The incidence is of ones, on any grid.
+    small = product(network.divergence, (pull.high - leading) + (pull.low + stress * bond_vectors.low))
+    return -(product(network.divergence, leading) + small)
 
 
 def exact_sums(matrix: sp.csr_array, vectors: Extended, less: Array | float = 0.0) -> Array:

@@ -21,8 +21,9 @@ import scipy.sparse as sp
 
 from critflow.linalg.factor import Factor
 from critflow.linalg.multigrid import REDUCED
+from critflow.linalg.products import product
 from critflow.linalg.tolerances import EPS
-from critflow.linalg.vectors import quasi_random
+from critflow.linalg.vectors import dot, quasi_random
 from critflow.networks.network import Array, Network
 from critflow.precision.double_double import Extended, add, extended, two_sum
 from critflow.precision.geometry import ExtendedGeometry, blocks
@@ -92,7 +93,7 @@ class Refinement:
         The bounds hold for the configuration of σ and for that of σ rounded to doubles, as it is stored.
         """
         stress = sigma.high[:, None]
-        bound = _Bound(self, factor, stress, 2 * (self._spread @ np.abs(stress)))
+        bound = _Bound(self, factor, stress, 2 * product(self._spread, np.abs(stress)))
         if not (bound.founded and np.isfinite(x).all()):
             nothing = np.full_like(self._b, np.nan)
             return Refined(x, nothing, np.nan, nothing[:, 0], bound.condition, 0, False)
@@ -120,16 +121,16 @@ class Refinement:
         shifted = np.zeros_like(change)
         if factors.low.any():
             shift, more = self._shift_by_rounding(bound, factor, factors.low, L.high, goal)
-            shifted, errors = np.abs(self._g @ shift), errors + more
+            shifted, errors = np.abs(product(self._g, shift)), errors + more
             error = float((_largest(shift) + errors).max())
-        at_ends = self._ends @ errors
+        at_ends = product(self._ends, errors)
         bonds, L_errors = np.empty_like(change), np.empty(len(change))
         for rows in blocks(len(change)):
             bonds[rows], rest = two_sum(L.high[rows], L.low[rows] + change[rows])
             rough = np.abs(rest) + EPS * (np.abs(L.low[rows]) + np.abs(change[rows])) + EXTENDED_ROUNDING * size
             rough += shifted[rows]
             rough += at_ends[rows]
-            L_errors[rows] = np.sqrt(np.einsum("ad,ad->a", rough, rough))
+            L_errors[rows] = np.sqrt(dot(rough, rough))
         total = float(np.abs(at.low).max()) + error
         return Refined(at.high, bonds, total, L_errors, bound.condition, step, certain)
 
@@ -139,8 +140,8 @@ class Refinement:
         The force after a correction of this size needs no extended precision.
         """
         correction = -factor.solve_roughly(force, bound.reduction(force, goal))
-        change = self._g @ correction
-        return correction, change, force + self._divergence @ (bound.stress * change)
+        change = product(self._g, correction)
+        return correction, change, force + product(self._divergence, bound.stress * change)
 
     def _shift_by_rounding(
         self, bound: _Bound, factor: Factor, low: Array, L: Array, goal: float
@@ -149,7 +150,7 @@ class Refinement:
 
         The forces gᵀ((σ − low) ∘ L) = −gᵀ(low ∘ L) are small, so that one solve in doubles has all digits that count.
         """
-        shift, change, left = self._correction(bound, factor, -self._divergence @ (low * L), goal)
+        shift, change, left = self._correction(bound, factor, -product(self._divergence, low * L), goal)
         rounding = self.sum_of_sizes(bound.stress, change) + self.sum_of_sizes(low, L)
         forces = _largest(left) + self._roundings * rounding
         errors = bound(forces)
@@ -169,15 +170,15 @@ class Refinement:
 
     def product(self, stress: Array, vector: Array) -> Array:
         """P v, (n_free, 1), by differences along the edges, which nearly equal entries do not spoil."""
-        return self._divergence @ (stress * (self._g @ vector))
+        return product(self._divergence, stress * product(self._g, vector))
 
     def sum_of_sizes(self, stress: Array, change: Array) -> Array:
         """Σ|σ_α||change_α| around each free vertex, (n_free, 1)."""
-        return self._spread @ (np.abs(stress) * _largest(change))
+        return product(self._spread, np.abs(stress) * _largest(change))
 
     def rounding(self, stress: Array, vector: Array) -> Array:
         """Bound on the rounding of `product`."""
-        return self._roundings * self.sum_of_sizes(stress, self._g @ vector)
+        return self._roundings * self.sum_of_sizes(stress, product(self._g, vector))
 
 
 def _largest(vectors: Array) -> Array:
@@ -215,13 +216,12 @@ class _Bound:
         self._refinement, self._factor, self.stress, self.weight = refinement, factor, stress, weight
         self._sign = 1.0 if (stress >= 0).all() else -1.0 if (stress <= 0).all() else 0.0
         self.condition, self.founded, self.proof = np.inf, False, bool(self._sign)
-        if not factor.sound:
-            return
         if self._sign:
+            # The proof needs no sound factor.
             self._y, self._Py = self._comparison(weight)
-            self.condition = float(np.abs(self._y).max())
+            self.condition = float(np.nan_to_num(np.abs(self._y), nan=np.inf).max())
             self.founded = bool((self._Py > 0).all())
-        else:
+        elif factor.sound:
             self._estimate()
 
     def _estimate(self) -> None:

@@ -19,9 +19,10 @@ import scipy.sparse as sp
 from critflow.arguments import checked
 from critflow.critical.extreme import force_map, is_dilation, vanishes
 from critflow.critical.manifold import CriticalConfiguration, CriticalManifold
-from critflow.critical.quantity import Quantity, dot
+from critflow.critical.quantity import Quantity
 from critflow.critical.transition import TransitionModulus, transition_modulus
 from critflow.linalg.matrices import spread_columns
+from critflow.linalg.vectors import dot
 from critflow.networks.deformation import Deformable
 from critflow.networks.network import Array, Network
 from critflow.onset.taut_edges import unknown_configuration

@@ -22,10 +22,10 @@ from numpy.typing import NDArray
 
 from critflow.arguments import checked
 from critflow.critical.manifold import CriticalConfiguration, CriticalManifold
-from critflow.critical.quantity import Quantity, dot
+from critflow.critical.quantity import Quantity
 from critflow.linalg.factor import Factor
 from critflow.linalg.tolerances import EPS
-from critflow.linalg.vectors import norms
+from critflow.linalg.vectors import dot, norms
 from critflow.networks.network import Array, IntArray, Network
 from critflow.quantities.vocabulary import quantity
 from critflow.response.tensor import TRUSTED_ERROR
@@ -93,7 +93,7 @@ def edge_leverage(critical: CriticalConfiguration, name: str | Quantity = "B_0")
         raise InputError(
             "edges without stress change nothing when they are cut: use the configuration of the taut part"
         )
-    manifold = CriticalManifold(network)
+    manifold = critical.manifold
     solved, factor = manifold.solve(sigma), manifold.prestress.factorize_signed(sigma)
     L, m = solved.value.bond_vectors, network.n_edges
     kept, (after, errors, bypass, bypass_errors) = np.ones(m, bool), np.full((4, m), np.nan)
@@ -102,14 +102,14 @@ def edge_leverage(critical: CriticalConfiguration, name: str | Quantity = "B_0")
     for first in range(0, m if known else 0, width):
         edges = np.arange(first, min(first + width, m))
         columns, others, taken = _columns(network, sigma, factor, edges)
-        bypass[edges], steps = _bypass(sigma, columns, edges)[0], max(steps, taken)
+        bypass[edges], steps = _bypass(sigma, columns, edges, kept)[0], max(steps, taken)
         after[edges] = values_after(goal, network, sigma, L, columns, edges, kept, EXACT)
         errors[edges], bypass_errors[edges] = _MARGIN * EPS * np.abs([after[edges], bypass[edges]])
         for seed, other in enumerate(others):
             moved = L * (1 + EPS * _signs(seed, m, 1))
             there = values_after(goal, network, sigma, moved, other, edges, kept, EXACT)
             errors[edges] += _MARGIN * np.abs(there - after[edges])
-            bypass_errors[edges] += _MARGIN * np.abs(_bypass(sigma, other, edges)[0] - bypass[edges])
+            bypass_errors[edges] += _MARGIN * np.abs(_bypass(sigma, other, edges, kept)[0] - bypass[edges])
     before, status, note = goal.evaluate(solved.value)[0], solved.status, solved.note
     if solved.ok:
         unknown = np.isnan(bypass) | (errors > TRUSTED_ERROR * np.abs(after))
@@ -124,23 +124,32 @@ def edge_leverage(critical: CriticalConfiguration, name: str | Quantity = "B_0")
 def _columns(network: Network, sigma: Array, factor: Factor, edges: IntArray) -> tuple[Array, list[Array], int]:
     """Columns of g P⁻¹ gᵀ (N_b, n), the same with two other sets of roundings, and the number of corrections."""
     g, own = network.free_incidence, np.arange(len(edges))
-    load = np.asarray(g[edges].todense().T)
 
-    def correction(columns: Array) -> Array:
-        return np.asarray(g @ factor.solve(load - np.asarray(g.T @ (sigma[:, None] * columns))))
+    def correction(columns: Array, bypass: Array, rounding: Array | float = 0.0) -> Array:
+        # The load less the stress σr of its own edge is what flows around, which a difference would round.
+        flow = sigma[:, None] * columns
+        flow[edges, own] = -bypass
+        return np.asarray(g @ factor.solve(-np.asarray(g.T @ (flow * (1 + rounding)))))
 
-    columns = np.asarray(g @ factor.solve(load))
-    weight, before, size, steps = np.abs(sigma)[:, None], np.inf, 1.0, 0
+    columns = np.asarray(g @ factor.solve(np.asarray(g[edges].todense().T)))
+    bypass = 1 - sigma[edges] * columns[edges, own]
+    # Elongations, their energy and forces: each may be those of edges that the others leave out.
+    weights, before, size, steps = np.abs(sigma) ** np.arange(3)[:, None], np.inf, 1.0, 0
     while _REFINED < size < _DECREASE * before and steps < _MOST_CORRECTIONS:
-        change = correction(columns)
-        columns, before, steps = columns + change, size if steps else np.inf, steps + 1
-        around = columns.copy()
+        change = correction(columns, bypass)
+        columns, bypass, steps = columns + change, bypass - sigma[edges] * change[edges, own], steps + 1
+        before, around = size if steps > 1 else np.inf, columns.copy()
         around[edges, own] = 0.0
-        size = float(np.sqrt(np.max(np.sum(weight * change**2, axis=0) / np.sum(weight * around**2, axis=0))))
-    # Differences of displacements have their rounding, which a correction spreads over the softest edges.
-    rounding = EPS * np.abs(columns[edges, own])
-    others = [columns + rounding * _signs(seed, *columns.shape) for seed in range(2)]
-    return columns, [other + correction(other) for other in others], steps
+        moved, all_around = weights @ change**2, weights @ around**2
+        # Nothing flows around a bridge, and a loop loads nothing.
+        size = float(np.sqrt(np.max(np.divide(moved, all_around, out=np.zeros_like(moved), where=all_around > 0))))
+    # Differences of displacements have their rounding, and so have forces, which softer edges resist.
+    others = []
+    for seed in range(2):
+        signs = EPS * _signs(seed, *columns.shape)
+        other = columns + np.abs(columns[edges, own]) * signs
+        others.append(other + correction(other, bypass - sigma[edges] * (other - columns)[edges, own], signs[:, ::-1]))
+    return columns, others, steps
 
 
 def _signs(seed: int, *shape: int) -> Array:
@@ -148,14 +157,14 @@ def _signs(seed: int, *shape: int) -> Array:
     return np.random.default_rng(seed).choice([-1.0, 1.0], shape)
 
 
-def _bypass(sigma: Array, columns: Array, edges: IntArray) -> tuple[Array, Array]:
+def _bypass(sigma: Array, columns: Array, edges: IntArray, kept: Mask) -> tuple[Array, Array]:
     """1 − σr of each of n edges, and their columns (N_b, n) without the entry of the edge itself."""
     own = np.arange(len(edges))
     around = columns.copy()
     around[edges, own] = 0.0
     own_columns = columns[edges, own]
-    # Edges that are cut already have columns of zeros.
-    bypass = np.divide(sigma @ around**2, own_columns, out=np.zeros_like(own_columns), where=own_columns != 0)
+    # Columns of zeros are those of edges that are cut already, and of loops, which move nothing.
+    bypass = np.divide(sigma @ around**2, own_columns, out=kept[edges].astype(float), where=own_columns != 0)
     return bypass, around
 
 
@@ -207,11 +216,12 @@ def values_after(
     columns   (N_b, n) of g P⁻¹ gᵀ
     rounding  of them, relative to r
     """
-    bypass, around = _bypass(sigma, columns, edges)
+    bypass, around = _bypass(sigma, columns, edges, kept)
     opened = np.abs(bypass * sigma[edges]) <= rounding**2 * np.abs(sigma).sum()
     growth = sigma[edges] / np.where(opened, np.inf, bypass)
     of_stress = goal.of_stress(network.dimension)
-    if of_stress is not None:
+    if of_stress is not None and rounding == UPDATED:
+        # Sums for all cuts at once cancel, by no more than the columns are off.
         weight = np.where(kept, sigma**2 / network.stiffness, 0.0)
         work, _ = _sum_after(np.where(kept, sigma, 0.0), L, L @ of_stress.strain, around, edges, growth)
         cost, size = _sum_after(weight, L, L, around, edges, growth)

@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from critflow.arguments import checked
-from critflow.critical.manifold import CriticalConfiguration, CriticalManifold, require_one_self_stress
+from critflow.critical.manifold import CriticalConfiguration, require_one_self_stress
 from critflow.critical.quantity import Quantity
 from critflow.networks.network import Array
 from critflow.quantities.vocabulary import quantity
@@ -54,8 +54,8 @@ def properties(critical: CriticalConfiguration, quantities: Sequence[str | Quant
         raise InputError("give a list of at least one quantity, such as ['B_0']")
     parsed = {key if isinstance(key, str) else key.name: quantity(critical.network, key) for key in given}
     if any(one.one_self_stress for one in parsed.values()):
-        require_one_self_stress(critical.network, "design its stiffnesses, or prune it to one self-stress")
-    balance = CriticalManifold(critical.network).balance(critical.sigma)
+        require_one_self_stress(critical.network)
+    balance = critical.manifold.balance(critical.sigma)
     evaluated = {name: one.evaluate(critical) for name, one in parsed.items()}
     rows = balance.pull_backs([partials for _, partials in evaluated.values()])
     if not critical.sigma.all():

@@ -18,7 +18,7 @@ from typing import ClassVar
 import numpy as np
 
 from critflow.arguments import checked
-from critflow.critical.manifold import CriticalConfiguration, CriticalManifold
+from critflow.critical.manifold import CriticalConfiguration
 from critflow.critical.quantity import Balanced, Partials, Quantity
 from critflow.linalg.factor import Factor
 from critflow.networks.deformation import Deformable, Deformation, deformation_of, strain_basis
@@ -106,7 +106,7 @@ def strained_response(
         achieved={name: value for name, (value, _) in linearised.items()},
         by_rest_length=by_rest,
         by_stiffness=by_k,
-        by_stress=_pulled_back(network, start, by_rest) if isinstance(start, CriticalConfiguration) else {},
+        by_stress=_pulled_back(start, by_rest) if isinstance(start, CriticalConfiguration) else {},
     )
 
 
@@ -147,10 +147,10 @@ class StrainedQuantity(Quantity):
         return found.achieved[self.quantity], (np.zeros_like(sigma), by_length[:, None] * L)
 
 
-def _pulled_back(network: Network, critical: CriticalConfiguration, by_rest: Gradients) -> Gradients:
+def _pulled_back(critical: CriticalConfiguration, by_rest: Gradients) -> Gradients:
     """Gradients by σ (N_b,) from those by ℓ = |L(σ)|."""
-    balance, unit = CriticalManifold(network).balance(critical.sigma), critical.bond_vectors / critical.lengths[:, None]
-    nothing = np.zeros(network.n_edges)
+    balance, unit = critical.manifold.balance(critical.sigma), critical.bond_vectors / critical.lengths[:, None]
+    nothing = np.zeros(len(critical.sigma))
     return {name: balance.pull_back(nothing, row[:, None] * unit)[0] for name, row in by_rest.items()}
 
 

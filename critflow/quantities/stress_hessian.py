@@ -15,7 +15,7 @@ from scipy.sparse.linalg import LinearOperator
 
 from critflow.arguments import checked
 from critflow.critical.derivatives import evaluate
-from critflow.critical.manifold import CriticalConfiguration, CriticalManifold
+from critflow.critical.manifold import CriticalConfiguration
 from critflow.critical.quantity import Quantity
 from critflow.networks.network import Array
 from critflow.quantities.vocabulary import quantity
@@ -50,15 +50,13 @@ def stress_hessian(critical: CriticalConfiguration, name: str | Quantity = "B_0"
 
     A product costs two solves on the factor of P; the matrix itself is never formed.
     """
-    network = critical.network
-    manifold = CriticalManifold(network)
-    goal = quantity(network, name)
+    manifold, goal = critical.manifold, quantity(critical.network, name)
     evaluation = evaluate(manifold, goal, manifold.configuration(critical.sigma).sigma)
 
     def apply(direction: Array) -> Array:
         return evaluation.hessian_product(np.ravel(direction))
 
-    n = network.n_edges
+    n = critical.network.n_edges
     return LinearOperator((n, n), matvec=apply, rmatvec=apply, dtype=float)
 
 

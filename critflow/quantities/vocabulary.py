@@ -17,6 +17,7 @@ import re
 from collections.abc import Callable
 from dataclasses import dataclass
 from difflib import get_close_matches
+from functools import cache
 
 import numpy as np
 
@@ -102,6 +103,7 @@ def names(network: Network) -> list[str]:
     return [*_plain(network.dimension), "length[EDGE]", "area[FACE]", *deformed]
 
 
+@cache
 def _plain(d: int) -> dict[str, Quantity]:
     """The quantities without an index, by name."""
     stress = [StressComponent(strain, f"S_{axes}") for axes, strain in zip(*strain_basis(d), strict=True)]

@@ -19,6 +19,7 @@ import numpy as np
 from critflow.critical.manifold import CriticalConfiguration
 from critflow.critical.transition import TransitionModulus, dilation, pure_shear
 from critflow.linalg.tolerances import EPS
+from critflow.linalg.vectors import dot
 from critflow.networks.deformation import strain_basis
 from critflow.networks.network import Array
 from critflow.precision.double_double import Extended, add, divide, extended, multiply, total, two_product
@@ -32,7 +33,7 @@ def elasticity_at_transition(critical: CriticalConfiguration, volume: float, rou
     roundings  how often σ was scaled
     """
     L = critical.bond_vectors
-    flexibility = np.einsum("ad,ad->a", L, L) / critical.network.stiffness
+    flexibility = dot(L, L) / critical.network.stiffness
     error = partial(transition_modulus_error, critical=critical, volume=volume, roundings=roundings)
     shear = partial(error, pure_shear(L.shape[1])) if L.shape[1] > 1 else np.nan
     errors = Errors(
@@ -51,7 +52,7 @@ def tissue_at_transition(critical: CriticalTissue, volume: float) -> Elasticity:
 def _rates(L: Array) -> Array:
     """L·A L of the dilation and of all strains of `strain_basis`, (1 + m, N_b)."""
     d = L.shape[1]
-    return np.array([np.einsum("ad,ad->a", L, L @ A) for A in (dilation(d), *strain_basis(d)[1])])
+    return np.array([dot(L, L @ A) for A in (dilation(d), *strain_basis(d)[1])])
 
 
 def _of_one_self_stress(
@@ -84,8 +85,8 @@ def transition_modulus_error(
     k, V = critical.network.stiffness, critical.network.volume if volume is None else volume
     size, AL = np.abs(sigma), L @ A
     length, stretch = critical.lengths, np.linalg.norm(AL, axis=1)
-    hdot = np.abs(np.einsum("ad,ad->a", L, AL))
-    work, cost = sigma @ np.einsum("ad,ad->a", L, AL), sigma**2 @ (length**2 / k)
+    hdot = np.abs(dot(L, AL))
+    work, cost = sigma @ dot(L, AL), sigma**2 @ (length**2 / k)
     ratio = float(work / cost)
 
     value, (dO_dsigma, dO_dL) = TransitionModulus(A).evaluate(critical)

@@ -260,7 +260,7 @@ def _rounding(state: SpringState, speed: Array, u: Array, tension: Array) -> tup
     network, sigma, length = state.network, np.abs(state.sigma), state.lengths
     vertex_speed = np.zeros((len(u), network.n_vertices))
     vertex_speed[:, network.free_rows] = np.sqrt(np.einsum("aiv,aiv->ai", u, u))
-    tail, head = network.edges.T
+    tail, head = np.ascontiguousarray(network.edges.T)
     rate_rounding = EPS * (speed + vertex_speed.take(tail, 1) + vertex_speed.take(head, 1) + length)
     pull = np.abs(tension) * length + sigma * speed
     loose = state.stress_rounding * speed
@@ -291,4 +291,4 @@ def accumulated_rounding(errors: Array) -> Any:
     than 1 % of sums.  On lattices symmetric edges round alike and their errors add coherently, of which ¼ Σ e allows
     for a quarter.  The rigorous bound Σ e exceeds typical errors by √n.
     """
-    return 3 * np.linalg.norm(errors, axis=-1) + 0.25 * errors.sum(axis=-1)
+    return 3 * np.sqrt((errors * errors).sum(axis=-1)) + 0.25 * errors.sum(axis=-1)

@@ -92,7 +92,7 @@ def stiffening(
 
     deformation  what `deformation_of` accepts; antisymmetric parts of A rotate the network and change no modulus
                  to first order but G, whose axes do not rotate
-    manifold     of the network, whose patterns are made here by default; given for many configurations of one network
+    manifold     of the network, with other stiffnesses for instance; that of the configuration by default
 
     Springs on perimeters of faces, of `critical_from_perimeters`, have the same coefficients by `tissue_energy`; their
     errors are ten times the largest change in two samples of bond vectors perturbed by their errors.
@@ -128,8 +128,7 @@ def stiffening(
     else:
         parts = backbone(critical).components
         found = [
-            _stiffening((manifold if part is critical else None) or CriticalManifold(part.network), part, law, path)
-            for part in parts
+            _stiffening((manifold if part is critical else None) or part.manifold, part, law, path) for part in parts
         ]
         solution = found[0] if len(found) == 1 else _total(found)
     return solution.or_raise("no stiffening coefficients") if throw else solution

@@ -18,7 +18,6 @@ from typing import NamedTuple
 import numpy as np
 import scipy.linalg
 
-from critflow.linalg.threads import one_thread
 from critflow.linalg.tolerances import EPS
 from critflow.networks.network import Array
 from critflow.rigidity.spectrum import CLEAR_GAP, ROUNDING_MARGIN, ZERO_MODE
@@ -59,9 +58,8 @@ def hierarchical_response(R: Array, extension: Array, stiffness: Array, row_erro
     """
     order = np.argsort(-stiffness, kind="stable")
     R, extension, k, row_errors = R[order], extension[order], stiffness[order], row_errors[order]
-    with one_thread():
-        basis = _Basis(R, extension, _groups(k), ROUNDING_MARGIN * float(np.linalg.norm(row_errors)))
-        return _solved(basis, R, extension, k, row_errors)
+    basis = _Basis(R, extension, _groups(k), ROUNDING_MARGIN * float(np.linalg.norm(row_errors)))
+    return _solved(basis, R, extension, k, row_errors)
 
 
 def _groups(stiffness: Array) -> list[slice]:

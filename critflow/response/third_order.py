@@ -18,9 +18,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from critflow.critical.quantity import dot
 from critflow.linalg.saddle import CondensedFactor, CondensedSaddle, Saddle, SaddleFactor
 from critflow.linalg.tolerances import EPS
+from critflow.linalg.vectors import dot
 from critflow.networks.network import Array, Network
 from critflow.response.linear_response import accumulated_rounding
 from critflow.springs.laws import SpringLaw, checked_law

@@ -17,7 +17,7 @@ import numpy as np
 
 from critflow.linalg.saddle import CONDENSED_WEIGHT, CONTRACTION, REFINED
 from critflow.linalg.tolerances import EPS, MOST_REFINEMENTS
-from critflow.linalg.vectors import norms
+from critflow.linalg.vectors import dot, norms
 from critflow.networks.network import Array
 from critflow.response.linear_response import accumulated_rounding
 from critflow.response.third_order import Derivatives, Term
@@ -51,11 +51,11 @@ class PerimeterSystem:
 
     def bent(self, rates: Array) -> Array:
         """(1 − n nᵀ) L̇ of rates (N_b, d)."""
-        return np.asarray(rates - np.einsum("ad,ad->a", self.units, rates)[:, None] * self.units)
+        return np.asarray(rates - dot(self.units, rates)[:, None] * self.units)
 
     def perimeter_rates(self, rates: Array) -> Array:
         """ṗ (N_f,) of rates (N_b, d)."""
-        return np.asarray(self.sides @ np.einsum("ad,ad->a", self.units, rates))
+        return np.asarray(self.sides @ dot(self.units, rates))
 
     def solve(self, forces: Array, elongations: Array) -> tuple[Array, Array, float]:
         """u (n_free, d), λ (N_f,) with P̃ u + (A R)ᵀ λ = forces, A R u = elongations, and the relative residual."""
@@ -136,7 +136,7 @@ class TissueEnergy:
         system, L, found = self._system, self._system.bond_vectors, 0.0
         for term in terms:
             b, c = (self.responses[i].rate for i in (term.b, term.c))
-            stretch = np.einsum("ad,ad->a", b, system.bent(c)) + np.einsum("ad,ad->a", L, L @ term.curvature.T)
+            stretch = dot(b, system.bent(c)) + dot(L, L @ term.curvature.T)
             found += term.times * self.responses[term.a].amplitude * float(system.sigma @ stretch)
         unknown = np.full(len(L), np.nan)
         return Derivatives(found, unknown, unknown, unknown, unknown)

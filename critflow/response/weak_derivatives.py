@@ -19,6 +19,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from critflow.linalg.vectors import dot
 from critflow.networks.network import Array
 from critflow.response.weak_system import WeakStrain, WeakSystem
 from critflow.springs.weak_energies import WeakFunction
@@ -53,7 +54,7 @@ class WeakDerivatives:
         linear, square = float(weights @ (tau * strains)), float(weights @ (0.5 * tau * strains**2))
         compliant, softened = float(weights @ tau**2), float(weights @ tau**3)
         A, curvature, flexible = path.strain, path.deformation.second_rate(0.0), system.lengths**2 / k
-        hdot, turned = _dot(L, L @ A.T), _dot(path.rate, path.rate) + _dot(L, L @ curvature.T)
+        hdot, turned = dot(L, L @ A.T), dot(path.rate, path.rate) + dot(L, L @ curvature.T)
         by_sigma = linear * hdot + square * turned - compliant * sigma * flexible
         by_sigma -= 1.5 * softened * sigma**2 * flexible / k
         by_k = (0.5 * compliant + softened * sigma / k) * sigma**2 * flexible / k
@@ -65,7 +66,7 @@ class WeakDerivatives:
             load = self._force - gamma * path.weak_load
             v, multipliers = system.factorize(float(each)).solve(load)
             turning = g(v)
-            by_sigma += 0.5 * weight * tension * _dot(turning, turning)
+            by_sigma += 0.5 * weight * tension * dot(turning, turning)
             by_L += weight * kappa * multipliers[:, None] * turning
             at_x, at_u = self._taylor(float(gamma), v)
             by_x, by_u = by_x + weight * kappa * at_x, by_u + weight * kappa * at_u
@@ -78,11 +79,9 @@ class WeakDerivatives:
         sigma, L, k, A = system.sigma, system.critical.bond_vectors, system.network.stiffness, self._path.strain
         a, nu = system.factorize(1.0, weak=0.0).solve(by_u)
         moved, flexible = self._turn(a), system.lengths**2 / k
-        hdot, twice, amplitude = _dot(L, L @ A.T), L @ (A + A.T), path.work / system.compliance
+        hdot, twice, amplitude = dot(L, L @ A.T), L @ (A + A.T), path.work / system.compliance
         share = float(nu @ system.flexible_stress) / system.compliance
-        by_sigma = (
-            share * (hdot - 2 * amplitude * sigma * flexible) + amplitude * nu * flexible - _dot(moved, path.rate)
-        )
+        by_sigma = share * (hdot - 2 * amplitude * sigma * flexible) + amplitude * nu * flexible - dot(moved, path.rate)
         by_L = (share * sigma - nu)[:, None] * twice - sigma[:, None] * (moved @ A)
         by_L += (2 * amplitude * sigma * (nu - share * sigma) / k)[:, None] * L
         by_L -= path.multipliers[:, None] * moved + nu[:, None] * self._turn(path.motion)
@@ -111,7 +110,3 @@ class WeakDerivatives:
         """g u, (N_b, d)."""
         network = self._system.network
         return np.asarray(network.free_incidence @ motion.reshape(-1, network.dimension))
-
-
-def _dot(a: Array, b: Array) -> Array:
-    return np.asarray(np.einsum("ad,ad->a", a, b))

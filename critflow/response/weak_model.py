@@ -34,7 +34,7 @@ import scipy
 import scipy.linalg
 from scipy.sparse.linalg import ArpackNoConvergence, LinearOperator, eigsh
 
-from critflow.linalg.vectors import quasi_random
+from critflow.linalg.vectors import dot, quasi_random
 from critflow.networks.network import Array
 from critflow.response.weak_system import WeakFactor, WeakStrain, WeakSystem
 from critflow.springs.state import spring_state
@@ -127,7 +127,7 @@ class WeakModel:
 
         multipliers, turns = without_self_stress(multipliers), v.reshape(-1, network.dimension)
         turning = np.asarray(network.free_incidence @ turns)
-        stretch = 0.5 * np.einsum("ad,ad->a", turning, turning)
+        stretch = 0.5 * dot(turning, turning)
         force = np.asarray(network.divergence @ (multipliers[:, None] * turning)).ravel()
         missing = stretch - (system.sigma @ stretch) / system.compliance * compliance
         change, correction = factor.solve(-force, -missing)

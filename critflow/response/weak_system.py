@@ -23,6 +23,7 @@ from critflow.linalg.factor import Entries, Factor, FixedPattern
 from critflow.linalg.matrices import spread_columns
 from critflow.linalg.saddle import CONDENSED_WEIGHT, CONTRACTION, REFINED
 from critflow.linalg.tolerances import MOST_REFINEMENTS
+from critflow.linalg.vectors import dot
 from critflow.networks.deformation import Deformation
 from critflow.networks.network import Array
 from critflow.springs.weak_energies import WeakFunction
@@ -124,7 +125,7 @@ class WeakStrain:
         network, sigma, L = system.network, system.sigma, system.critical.bond_vectors
         self._critical, self.deformation, self.strain = system.critical, deformation, deformation.rate(0.0)
         affine = L @ self.strain.T
-        hdot = np.einsum("ad,ad->a", L, affine)
+        hdot = dot(L, affine)
         self.work = float(sigma @ hdot)
         pull = -np.asarray(network.divergence @ (sigma[:, None] * affine)).ravel()
         stretched = self.work / system.compliance * system.flexible_stress
@@ -151,5 +152,5 @@ class WeakStrain:
     def turning(self, other: WeakStrain, curvature: Array) -> float:
         """Σ σ (L̇_a·L̇_b + L·M L) of two strains, with M = ∂²F/∂a∂b (d, d): geometric stiffness per tension."""
         L = self._critical.bond_vectors
-        turned = np.einsum("ad,ad->a", self.rate, other.rate) + np.einsum("ad,ad->a", L, L @ curvature.T)
+        turned = dot(self.rate, other.rate) + dot(L, L @ curvature.T)
         return float(self._critical.sigma @ turned)

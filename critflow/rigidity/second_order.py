@@ -21,7 +21,6 @@ from numpy.typing import ArrayLike
 
 from critflow.arguments import checked
 from critflow.linalg.saddle import Saddle
-from critflow.linalg.threads import one_thread
 from critflow.linalg.tolerances import EPS, LARGEST_DENSE
 from critflow.networks.network import Array, Network
 from critflow.result import Record, Solution, Stats, Status
@@ -130,8 +129,7 @@ def second_order_rigidity(
         return _answer(SecondOrderRigidity(counts, False, None, None, reason=reason), Status.undecided)
     modes = zero_modes(network, coordinates, tolerance).value.modes
     error = max(stiffness_error(network, sigma, turned) for sigma in counts.self_stresses)
-    with one_thread():
-        value = _by_forms(counts, modes, forms_on_modes(network.incidence, counts.self_stresses, modes), error)
+    value = _by_forms(counts, modes, forms_on_modes(network.incidence, counts.self_stresses, modes), error)
     return _answer(value, Status.undecided if value.second_order_rigid is None else Status.ok)
 
 

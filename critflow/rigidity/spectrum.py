@@ -15,7 +15,6 @@ from scipy.sparse.linalg import ArpackNoConvergence, LinearOperator, eigsh
 from critflow.critical.manifold import COLLAPSED
 from critflow.linalg.factor import FixedPattern
 from critflow.linalg.matrices import block_laplacian, edge_blocks, spread_columns
-from critflow.linalg.threads import one_thread
 from critflow.linalg.tolerances import EPS
 from critflow.networks.digits import digits_of
 from critflow.networks.network import Array, Network
@@ -85,8 +84,7 @@ class Spectrum:
         return block_laplacian(self._network)
 
     def _decompose(self) -> None:
-        with one_thread():
-            left, values, right = np.linalg.svd(self._R.toarray())
+        left, values, right = np.linalg.svd(self._R.toarray())
         rank = int(np.count_nonzero(values >= self._tolerance))
         self._null = (left.T[rank:], right[rank:])
         self.n_motions = self.n_coordinates - rank

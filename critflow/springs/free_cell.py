@@ -29,6 +29,9 @@ UNFIXED_STRAIN = 0.1
 # Roundings of the Schur complement in units of its terms, below which a stiffness of the cell is zero.
 SCHUR_ROUNDING = 64 * EPS
 NO_TENSION = 1e-9  # σ of a cable, in units of the largest, up to which it may be slack
+# Gauss-Newton steps to a state without stress, each of which leaves a quarter of the extension at worst, and the
+# stiffness that regularises floppy modes in them, near the rounding of a factor.
+_REST_STEPS, _REST_SHIFT = 8, 1e-3 * FLOPPY_SHIFT
 UNFIXED = (
     "no stress fixes the free components of the cell: the springs are floppy in it, or pull its sides together until "
     "it is flat; fix a component"
@@ -99,6 +102,18 @@ class FreeCellState(SpringState):
             return replace(self, bond_vectors=np.full_like(self.bond_vectors, np.nan))
         there = replace(self.deformed(step), stretch=stretch)
         return super(FreeCellState, there).moved(displacement[:-m].reshape(-1, d))
+
+    def near_rest(self, pattern: FixedPattern) -> FreeCellState:
+        """A state near by without stress, where there is one, by Gauss-Newton steps to the rest lengths."""
+        state = self
+        for _ in range(_REST_STEPS):
+            # The stiffness without the softening of compressed edges, which is not small beside that of nearly floppy
+            # modes: a fibre that is not quite straight lengthens by the square of its deflection.
+            slack = state.tension == 0
+            bare = replace(state, rest_lengths=np.where(slack, state.rest_lengths, state.spring_lengths))
+            factor = bare.factorize(pattern, _REST_SHIFT * state.stiffness_scale)
+            state = state.moved(factor.solve(state.forces))
+        return state
 
     def edge_rates(self, motion: Array) -> Array:
         m = len(self.stretch)

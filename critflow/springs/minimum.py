@@ -27,6 +27,8 @@ _MOST_MODES = 4
 
 def compressed_edges(state: SpringState) -> Array:
     """|σ| (N_b,) of edges that are compressed by more than rounding, 0 for all others."""
+    if state.sigma.min() >= 0:
+        return np.zeros_like(state.sigma)
     return np.where(state.sigma < -ROUNDING_COMPRESSION * state.stress_rounding, -state.sigma, 0.0)
 
 

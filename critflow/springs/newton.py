@@ -74,7 +74,7 @@ def newton(state: State, tolerance: float, max_steps: int, pattern: FixedPattern
         if step == max_steps:
             status = Status.step_limit
             break
-        if damping.exhausted(here):
+        if damping.shift > _LARGEST_SHIFT * here.state.stiffness_scale:
             status = Status.stalled
             break
         displacement = damping.solve(here, step)
@@ -89,7 +89,7 @@ def newton(state: State, tolerance: float, max_steps: int, pattern: FixedPattern
         else:
             damping.reject(here)
     # Where the path passed other branches a factor on it may be of no use.
-    factor = None if damping.indefinite else damping.hessian_factor
+    factor = damping.factor if damping.of_hessian and not damping.indefinite else None
     return NewtonEnd(here.state, status, step, damping.indefinite, factor)
 
 
@@ -108,12 +108,8 @@ class _Iterate(Generic[State]):
         return cls(state, energy, state.max_force if np.isfinite(energy) else np.inf)
 
     @cached_property
-    def stiffness(self) -> float:
-        return self.state.stiffness_scale
-
-    @cached_property
     def force_unit(self) -> float:
-        return self.stiffness * self.state.length_scale
+        return self.state.stiffness_scale * self.state.length_scale
 
     def improves_on(self, other: _Iterate[State]) -> bool:
         decreased = self.energy < other.energy * (1 - _ENERGY_ROUNDING)
@@ -134,13 +130,14 @@ class _Damping:
     """Selects the matrix of each step and keeps its factor.
 
     The Hessian itself, with a shift for floppy modes where it is singular; its convex part where it is indefinite.
+    `of_hessian` where the factor is of the Hessian without damping.
     """
 
     def __init__(self, pattern: FixedPattern):
         self._pattern = pattern
-        self._shift, self._floppy_shift = 0.0, 0.0
-        self._factor: Factor | None = None
-        self._of_hessian = False
+        self.shift, self._floppy_shift = 0.0, 0.0
+        self.factor: Factor | None = None
+        self.of_hessian = False
         # The convex part is used while the force is not below the first and the step before the second.
         self._convex_above, self._convex_until = np.inf, 0
         self.reuses_factor = False
@@ -150,22 +147,13 @@ class _Damping:
         """Whether the Hessian was indefinite at some step."""
         return self._convex_until > 0
 
-    @property
-    def hessian_factor(self) -> Factor | None:
-        """The last factor if it is of the Hessian without damping."""
-        return self._factor if self._of_hessian else None
-
-    def exhausted(self, here: _Iterate[State]) -> bool:
-        """Whether the shift exceeds its limit, so that no step will be accepted."""
-        return self._shift > _LARGEST_SHIFT * here.stiffness
-
     def solve(self, here: _Iterate[State], step: int) -> Array:
         """The displacement (n_free, d) of this step, by a new factor unless the last one is used again."""
         if not self.reuses_factor:
             self._factorize(here, step)
-        assert self._factor is not None
+        assert self.factor is not None
         forces = here.state.forces
-        return self._factor.solve(forces.ravel()).reshape(forces.shape)
+        return self.factor.solve(forces.ravel()).reshape(forces.shape)
 
     def _factorize(self, here: _Iterate[State], step: int) -> None:
         convex = here.force >= self._convex_above and step < self._convex_until
@@ -174,30 +162,30 @@ class _Damping:
             self._convex_above, self._convex_until = _RETRY_FORCE * here.force, step + _RETRY_STEPS
             self._floppy_shift = 0.0
         if convex:
-            self._shift = max(self._shift, _FIRST_SHIFT * here.stiffness)
-            self._factor = here.state.factorize_convex(self._pattern, self._shift)
-        self._of_hessian = not convex and self._shift == 0.0
+            self.shift = max(self.shift, _FIRST_SHIFT * here.state.stiffness_scale)
+            self.factor = here.state.factorize_convex(self._pattern, self.shift)
+        self.of_hessian = not convex and self.shift == 0.0
 
     def _factorize_hessian(self, here: _Iterate[State]) -> bool:
         """Factorise the Hessian; False where it is indefinite."""
-        self._factor = here.state.factorize(self._pattern, max(self._shift, self._floppy_shift))
-        if here.state.taut or not self._factor.indefinite:
+        self.factor = here.state.factorize(self._pattern, max(self.shift, self._floppy_shift))
+        if here.state.taut or not self.factor.indefinite:
             return True
         if self._floppy_shift == 0.0:
             # A part may be floppy only, as one of slack edges is.
-            self._floppy_shift = FLOPPY_SHIFT * here.stiffness
-            self._factor = here.state.factorize(self._pattern, max(self._shift, self._floppy_shift))
-        return not self._factor.indefinite
+            self._floppy_shift = FLOPPY_SHIFT * here.state.stiffness_scale
+            self.factor = here.state.factorize(self._pattern, max(self.shift, self._floppy_shift))
+        return not self.factor.indefinite
 
     def accept(self, before: _Iterate[State], after: _Iterate[State]) -> None:
         """Reduce the damping after an accepted step."""
         self.reuses_factor = after.force < _REUSE_AFTER * before.force
-        smallest = _FIRST_SHIFT * before.stiffness
-        self._shift = _DECAY * self._shift if self._shift > smallest else 0.0
+        smallest = _FIRST_SHIFT * before.state.stiffness_scale
+        self.shift = _DECAY * self.shift if self.shift > smallest else 0.0
 
     def reject(self, here: _Iterate[State]) -> None:
         """Increase the damping, or only discard a factor of an earlier state."""
         if self.reuses_factor:
             self.reuses_factor = False
         else:
-            self._shift = max(_GROWTH * self._shift, _FIRST_SHIFT * here.stiffness)
+            self.shift = max(_GROWTH * self.shift, _FIRST_SHIFT * here.state.stiffness_scale)

@@ -21,7 +21,7 @@ from critflow.linalg.factor import Factor, FixedPattern
 from critflow.linalg.matrices import block_laplacian, edge_blocks, pair_laplacian
 from critflow.linalg.products import product
 from critflow.linalg.tolerances import EPS
-from critflow.linalg.vectors import norms
+from critflow.linalg.vectors import dot, norms
 from critflow.networks.checks import edge_values
 from critflow.networks.network import Array, Network, validated_coordinates
 from critflow.precision.double_double import Extended, difference_of_squares, lengths
@@ -164,7 +164,7 @@ class SpringState(Record):
 
     # Units and roundings.
 
-    @property
+    @cached_property
     def stiffness_scale(self) -> float:
         """Mean stiffness times the largest factor of stiffening of a spring; times a length, the unit of force."""
         k, now = self.stiffness, self.spring_stiffness
@@ -209,7 +209,7 @@ class SpringState(Record):
         """Unbalanced forces −∂E/∂x on the free vertices, (n_free, d) (`Equilibrium`, `ForceBalance`)."""
         return -product(self.network.divergence, self.sigma[:, None] * self.bond_vectors)
 
-    @property
+    @cached_property
     def max_force(self) -> float:
         """Largest component of the unbalanced forces, in units of k times length."""
         return float(np.abs(self.forces).max(initial=0.0))
@@ -246,7 +246,7 @@ class SpringState(Record):
     def force_rates(self, rates: Array) -> Array:
         """−gᵀ(K ḣ L + σ L̇), (n_free, d): changes of the forces by changes L̇ (N_b, d) of the bond vectors."""
         L = self.bond_vectors
-        tension = self.resistance(np.einsum("ad,ad->a", L, rates))
+        tension = self.resistance(dot(L, rates))
         return -product(self.network.divergence, tension[:, None] * L + self.sigma[:, None] * rates)
 
     def exact_displacement(self, factor: Factor, regularised: bool = False) -> Displacement:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import math
 from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import replace
 from hashlib import sha256
@@ -44,14 +44,14 @@ class Assembly:
         self.selection, self.shards, self.failed = selection, shards, frozenset(failed)
         self.first = selection.study.axis_names[0]
         self.table = _Table(selection)
-        self.origins: list[tuple[str, str, str, str]] = []
+        self._begin_origins()
 
     def pieces(self) -> Iterator[tuple[slice, dict[str, np.ndarray]]]:
         """Rows of the first axis and the arrays of these rows; variables without this axis come with the last piece.
 
         Raises `IntegrityError` if inner sizes differ between cases, or values that cases share differ.
         """
-        self.origins.clear()
+        self._begin_origins()
         values, n = self.selection.axes[self.first], self._rows()
         for start in range(0, len(values), n):
             part = replace(self.selection, axes={**self.selection.axes, self.first: values[start : start + n]})
@@ -61,7 +61,9 @@ class Assembly:
                     self.table.add(case, {"status": np.asarray(int(Status.failed))})
                 elif shard := read_shard(self.shards, self.selection.study, case):
                     self.table.add(case, {**shard.arrays, "status": np.asarray(int(shard.status))})
-                    self.origins.append((case.id, shard.checksum, shard.code, shard.environment))
+                    self.codes[shard.code] += 1
+                    self.environments[shard.environment] += 1
+                    self.checksum += int.from_bytes(sha256(f"{case.id} {shard.checksum}\n".encode()).digest())
             last = start + n >= len(values)
             shared = [v.name for v in self.selection.study.variables if self.first not in v.dims]
             names = [name for name in self.table.variables if name not in shared] + shared * last
@@ -90,8 +92,21 @@ class Assembly:
         return dataset
 
     def origin_attributes(self) -> dict[str, str]:
-        """Attributes about the shards of the pieces, known after the last one."""
-        return {k: v for k, v in _origin_attributes(self.selection, self.origins).items() if v != ""}
+        """Checksum, code and environments of the shards of the pieces, known after the last one.
+
+        The code that computed the cases may be older than the code that wrote the dataset.
+        """
+        volatile = " shards_sha256" * any(v.volatile for v in self.selection.study.variables)
+        attributes = {
+            "cases_code": _counted(self.codes),
+            "cases_environment": _counted(self.environments),
+            "shards_sha256": f"{self.checksum % 2**256:064x}",
+            "volatile_attributes": f"history{volatile}",
+        }
+        return {name: value for name, value in attributes.items() if value != ""}
+
+    def _begin_origins(self) -> None:
+        self.codes, self.environments, self.checksum = Counter[str](), Counter[str](), 0
 
     def _rows(self) -> int:
         """Rows of a piece of about `_PIECE` bytes; the inner sizes are those of the first cases that have them."""
@@ -152,7 +167,10 @@ def opened_dataset(path: Path) -> Iterator[xr.Dataset]:
     try:
         verified_checksum(path)
         # All variables of a large dataset, read one after the other, may not fit in memory together.
-        dataset = xr.open_dataset(path, engine="netcdf4", cache=path.stat().st_size < SMALL)
+        small = path.stat().st_size < SMALL
+        dataset = xr.open_dataset(path, engine="netcdf4", cache=small)
+        if not small:
+            dataset = dataset.assign({k: v.chunk("auto") for k, v in dataset.data_vars.items() if v.nbytes > _PIECE})
     except IntegrityError as error:
         raise IntegrityError(f"{error}: {REWRITE}") from error
     except (OSError, RuntimeError, ValueError) as error:
@@ -228,23 +246,8 @@ class _Table:
         return self.arrays[name]
 
 
-def _origin_attributes(selection: Selection, origins: Sequence[tuple[str, str, str, str]]) -> dict[str, str]:
-    """Global attributes about the shards: their checksum, code and environments.
-
-    The code that computed the cases may be older than the code that wrote the dataset.
-    """
-    whole = sum(int.from_bytes(sha256(f"{case} {checksum}\n".encode()).digest()) for case, checksum, *_ in origins)
-    attributes = {
-        "cases_code": _counted(code for _, _, code, _ in origins),
-        "cases_environment": _counted(environment for *_, environment in origins),
-        "shards_sha256": f"{whole % 2**256:064x}",
-    }
-    volatile = " shards_sha256" * any(v.volatile for v in selection.study.variables)
-    return attributes | {"volatile_attributes": f"history{volatile}"}
-
-
-def _counted(texts: Iterable[str]) -> str:
-    return "; ".join(f"{text}: {count} cases" for text, count in sorted(Counter(texts).items()))
+def _counted(texts: Counter[str]) -> str:
+    return "; ".join(f"{text}: {count} cases" for text, count in sorted(texts.items()))
 
 
 def _coordinates(selection: Selection) -> dict[str, xr.Variable]:

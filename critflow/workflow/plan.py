@@ -59,9 +59,9 @@ class Case:
     values: Mapping[str, int | str]
     variables: tuple[str, ...] = ()  # stored variables; empty if all are stored
 
-    @cached_property
+    @property
     def identity(self) -> str:
-        """Everything that distinguishes the case from others, as JSON."""
+        """Everything that distinguishes the case from others, as JSON; not kept, as a run may have 10⁶ cases."""
         identity = [self.study, self.version, dict(self.parameters), dict(self.values)]
         if self.variables:  # shards with fewer variables never replace complete ones
             identity.append(self.variables)

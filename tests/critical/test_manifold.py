@@ -1,5 +1,7 @@
 """The map σ → configuration: formula, symmetries, derivatives and singular stresses."""
 
+import pickle
+
 import numpy as np
 import pytest
 from derivatives import assert_derivative
@@ -230,3 +232,12 @@ def test_edge_between_twins_has_no_length():
     for name in found.values:
         second = quantity(network, name).differential(best.value, np.ones(7), best.value.bond_vectors)
         assert np.isnan(second[1]).any()
+
+
+def test_a_configuration_keeps_its_manifold_and_a_copy_makes_one():
+    manifold = CriticalManifold(voronoi_network(20, seed=1))
+    critical = manifold.configuration(np.ones(manifold.network.n_edges))
+    assert critical.manifold is manifold
+    copied = pickle.dumps(critical)
+    assert len(copied) < 2 * len(pickle.dumps(manifold.network))
+    assert pickle.loads(copied).manifold.network.n_edges == manifold.network.n_edges

@@ -16,6 +16,22 @@ from critflow.solvers.minimize import LBFGS, minimise
 NETWORK = voronoi_network(100, seed=1)
 
 
+TWINS = Network([[0, 3], [1, 3], [2, 3], [0, 4], [1, 4], [2, 4], [3, 4]], pins={0: [0, 0], 1: [4, 0], 2: [1, 3]})
+
+
+def test_vertices_that_coincide_at_equal_stresses_part():
+    # Vertices 3 and 4 have the same neighbours: at σ = 1 the edge between them has neither length nor gradient.
+    def variance(theta):
+        length = np.linalg.norm(dense_bond_vectors(TWINS, np.exp(theta)), axis=1)
+        return np.var(length) / length.mean() ** 2
+
+    start = [0.5, 0, -0.5, -0.3, 0.4, 0.1, -1.0]
+    best = minimize(variance, start, method="L-BFGS-B", bounds=[(-30, 30)] * 7, options={"ftol": 1e-14}).fun
+    solution = optimize(TWINS, "length_variance", throw=False)
+    assert solution.status is Status.slack_edges
+    assert solution.objective == pytest.approx(best, abs=1e-7)
+
+
 def contracted(network: Network, collapsed: np.ndarray, centre: int) -> tuple[Network, np.ndarray]:
     """The network with edges of zero length around one vertex contracted, and +1 where an edge leaves such a leaf."""
     edges, offsets = network.edges.copy(), network.offsets.copy()

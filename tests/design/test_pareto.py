@@ -72,11 +72,24 @@ def test_an_end_that_is_not_attained_says_so():
     front = pareto(network, {"B_0": "largest", "C_B": "largest"}, 3, max_steps=100, throw=False)
     # C_B has no limit, so that the front has its two ends only.
     assert front.statuses == (Status.ok, Status.edge_collapse) and "within=" in front.note
-    assert "the largest C_B is not attained, edge" in front.note
+    assert "the end of the largest C_B is not attained, edge" in front.note
     lengths = front.value[1].lengths
     assert lengths.min() < 0.01 * lengths.mean()
     limited = pareto(network, {"B_0": "largest", "C_B": "largest"}, 3, within={"force_densities": (0.2, None)})
     assert limited.ok and len(limited.value) == 3
+
+
+def test_points_towards_which_edges_shrink_are_not_attained():
+    front = pareto(voronoi_network(12, seed=0), {"B_0": "smallest", "C_B": "smallest"}, 4, throw=False)
+    assert set(front.statuses) <= {Status.ok, Status.edge_collapse, Status.slack_edges}
+    assert front.statuses[0] is Status.edge_collapse and front.statuses[-1] is Status.ok
+    # The tension of a straight loop of five edges around the cell: W²/(4 V n), with V = W².
+    assert front.achieved[0, 0] == pytest.approx(1 / 20, rel=1e-6) and "not attained" in front.note
+
+
+def test_objectives_without_a_limit_need_limits_of_the_edges():
+    with pytest.raises(InputError, match=r"no limit.*within="):
+        pareto(voronoi_network(8, seed=2), {"G_0": "largest", "C_G": "largest"}, 3, max_steps=200)
 
 
 def test_bad_input_raises_one_sentence():

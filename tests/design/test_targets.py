@@ -14,6 +14,7 @@ from critflow import (
     lattice,
     optimize,
     pareto,
+    properties,
     stiffening,
     upper_bound,
     voronoi_network,
@@ -125,6 +126,7 @@ def test_several_self_stresses_are_refused():
         lambda: design(several, {"B_0": 0.2}),
         lambda: optimize(several, "G_0"),
         lambda: pareto(several, ["B_0", "V_L"]),
+        lambda: properties(CriticalManifold(several).configuration(np.ones(48)), ["C_B"]),
     ):
         with pytest.raises(InputError, match=r"self-stress.*at least 18: prune_towards\("):
             refused()

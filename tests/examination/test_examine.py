@@ -50,6 +50,17 @@ def test_a_critical_design_in_six_decimals_is_recognised(tmp_path):
     assert "6 decimals" in str(found)
 
 
+@pytest.mark.parametrize("seed", range(4))
+def test_a_mechanism_in_three_decimals_is_not_rigid(seed):
+    # Equal parallel bars carry a body on a circle; the edges are so short that three decimals could be those of a grid.
+    rng = np.random.default_rng(seed)
+    feet = 0.5 * rng.random((5, 2))
+    x = np.round(np.concatenate([feet, feet + np.array([0.1314, 0.3095])]), 3)
+    edges = [[i, 5 + i] for i in range(5)] + [[5 + i, 5 + j] for i in range(5) for j in range(i)]
+    network = Network(edges, pins={i: x[i] for i in range(5)}, positions=x)
+    assert examine(network, decimals=3, deformations=()).order in ("floppy", "undecided")
+
+
 def test_a_floppy_network_has_onsets_and_advice(floppy):
     assert floppy.order == "floppy" and floppy.tension == 0 and floppy.elasticity.value.bulk == 0
     onset = floppy.critical_strains["dilation"]
@@ -184,6 +195,7 @@ def test_rotations_about_fixed_vertices_are_no_floppy_modes():
     found = examine(Network(edges, pins={0: x[0]}, positions=x))
     assert (found.n_floppy_modes, found.title) == (0, "rigid, but free to rotate")
     assert "0 floppy modes, 1 rotation about the fixed vertices" in str(found)
+    assert found.advice == ("fix a vertex that is not in line with the fixed ones, and it cannot rotate",)
     # In space one fixed vertex leaves three rotations, two one, and three not in line none.
     corners = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1.0]])
     pairs = np.array([[0, 1], [0, 2], [0, 3], [1, 2], [1, 3], [2, 3]])
@@ -276,11 +288,16 @@ def test_commands(tmp_path, capsys):
         (["convert", "h.csv", "h.svg", "--cell", "wide"], "numbers"),
         (["convert", "h.csv", "nowhere/h.json"], "folder"),
         (["convert", ".", "h.json"], "folder"),
+        (["convert", "h.csv", "h.svg", "--cell", "1_0 1_0"], "1_0"),
+        (["convert", "h.csv", "h.json", "--volume", "1_0"], "a number or 'hull', not '1_0'"),
+        (["make", "h.csv", "--out", "m.csv", "--target", "B_0=0_1"], "0_1"),
+        (["make", "t.csv", "--out", "m.csv", "--target", "C_B=0"], "in Python, prune_towards("),
         (["convert", "h.csv", "h.svg", "--copies", "100000"], "fewer copies"),
     ],
 )
 def test_a_wrong_command_is_one_sentence(tmp_path, monkeypatch, capsys, words, word):
     write_network(lattice("honeycomb", 4, 4), tmp_path / "h.csv")
+    write_network(lattice("triangular", 4, 4), tmp_path / "t.csv")
     monkeypatch.chdir(tmp_path)
     assert main(words) == 2
     error = capsys.readouterr().err
@@ -302,9 +319,23 @@ def test_reports_of_the_command_spell_options(tmp_path, capsys):
     report = capsys.readouterr().out
     assert "--contract joins them" in report and "contract=" not in report
     # The next command takes the same options.
-    next_command = f"make {file} --pins hull --out"
+    next_command = f"make {file} --pins hull --objective nearest --out"
     assert next_command in report
     assert main([*next_command.split(), str(tmp_path / "made.json")]) in (0, 3)
+
+
+def test_the_command_makes_the_configuration_that_its_report_names(tmp_path, capsys):
+    file, out = tissue(tmp_path, 1e-5), tmp_path / "made.csv"
+    assert main(["examine", str(file), "--pins", "two_edges"]) == 0
+    report = capsys.readouterr().out
+    next_command = f"make {file} --pins two_edges --objective nearest --out"
+    assert next_command in report
+    assert main([*next_command.split(), str(out)]) == 0
+    made, given = network_from(out), network_from(file, pins="two_edges")
+    moved = np.sqrt(np.mean(np.sum((made.positions - given.positions) ** 2, axis=1)))
+    assert f"distance of the vertices {moved:.3e}" in report
+    assert f"distance {moved:.6g} (ok" in capsys.readouterr().out
+    assert critflow.rigidity(made.network, made.positions).value.n_self_stresses == 1
 
 
 def test_the_command_makes_a_network_with_targets(tmp_path, capsys):

@@ -371,7 +371,7 @@ def test_a_broken_graph_is_one_sentence(graph, given, word):
         ("x,y\n0,0\n1,0\n", "tail\n0\n", "tail and head"),
         ("a,b,c,d,e\n0,0,1,2,3\n", "tail,head\n0,1\n", "no columns x"),
         ("id,x,y\nA,0,0\nA,1,0\n", "tail,head\nA,A\n", "twice"),
-        ("id,x,y\nA,0,0\nB,1,0\n", "tail,head\nA,C\n", "lacks"),
+        ("id,x,y\nA,0,0\nB,1,0\n", "von,nach\nA,B\n", "'von', which the vertex table lacks.*columns tail"),
         ("x,y\n0,0\n1,0\n", "tail,head\nA,C\n", "column id"),
         ("p,q\nzero,0\none,0\n", "tail,head\n0,1\n", "no number"),
         ("x,y\n0,0\n1,0\n# cell 1 2 3\n", "tail,head\n0,1\n", "cell"),
@@ -395,10 +395,25 @@ def offset(value):
     return graph_text([{"id": 0, "pos": [0.5, 0.5]}], edges, directed=False, multigraph=True, **cell)
 
 
+LAMMPS = "\n0 8 xlo xhi\n0 9 ylo yhi\n-1 1 zlo zhi\n\nAtoms # bond\n\n1 1 1 1 1 0\n\nBonds\n\n1 1 1 1\n"
 NONSENSE = b"\x93not a network\x00\xff"
 DAMAGED = {
     **{f"broken.{ending}": (NONSENSE, "broken") for ending in ("graphml", "gml", "json", "data", "gsd", "vtu")},
     "broken_vertices.csv": (NONSENSE, "broken"),
+    "digits.data": (
+        "\n0 1_0 xlo xhi\n0 9 ylo yhi\n-1 1 zlo zhi\n\nAtoms # bond\n\n1 1 1 0 0 0\n\nBonds\n\n1 1 1 1\n",
+        "1_0",
+    ),
+    "script.data": (
+        "\n0 9 xlo xhi\n0 9 ylo yhi\n-1 1 zlo zhi\n\nAtoms # bond\n\n1 1 1 ٢ 0 0\n\nBonds\n\n1 1 1 1\n",
+        "٢",
+    ),
+    "empty.data": ("", "no Bonds section"),
+    "stiffness.json": (
+        graph_text([{"id": n, "pos": [n, 0]} for n in (0, 1)], [{"source": 0, "target": 1, "stiffness": "1_0"}]),
+        "neither a number",
+    ),
+    "one_edges.csv": ("tail,head\n0,1\n", "is one of two tables: give the other one after it"),
     "deep.json": ("[" * 100_000 + "]" * 100_000, "nested"),
     "deep.gml": ("graph [ " * 3000 + "]" * 3000, "nested"),
     "deep.graphml": ("<graphml>" * 20_000 + "</graphml>" * 20_000, "graphml"),

@@ -46,3 +46,12 @@ def test_large_numbers_of_few_digits_are_known_to_their_last_one():
     assert digits.effect(np.full(3, 1e10)) == pytest.approx(5e-4)
     # Named by the user, even coarse digits are no grid.
     assert digits.effect(np.full(3, 1e8), grids=False) == pytest.approx(0.05) and digits.effect(np.full(3, 1e8)) == 0
+
+
+@pytest.mark.parametrize("digits", [3, 5, 8])
+def test_a_few_largest_numbers_may_have_one_decimal_less(digits):
+    exact = np.random.default_rng(0).uniform(2e5, 9e5, (20, 2))
+    exact[0] = 1234567.891, 1098765.432
+    rounded = np.vectorize(lambda value: float(f"{value:.{digits}e}"))(exact)
+    assert np.abs(rounded - exact).max() <= digits_of(rounded).error == 0.5 * 10.0 ** (6 - digits)
+    assert digits_of(np.round(exact, 1)) == (1, 0.05)

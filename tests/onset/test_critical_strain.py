@@ -93,6 +93,24 @@ def test_a_free_shear_beside_a_free_side_changes_nothing(name):
     assert path.gradient(onset.strain)[0, 0] == pytest.approx(chain, rel=1e-10)
 
 
+@pytest.mark.parametrize("direction", [1, -1])
+def test_a_free_shear_undoes_a_shear_beside_a_free_side(direction):
+    # Neither is zero then, and the stress conjugate to both vanishes, S : E (1 + Σ q E)⁻¹ = 0.
+    network, path = voronoi_network(24, seed=0), Deformation.simple_shear(2).freeing("yy", "xy")
+    lengths = critical_from_lengths(network, np.ones(36)).ratio * np.random.default_rng(0).uniform(1.05, 1.1, 36)
+    onset = critical_strain(network, lengths, path, direction=direction)
+    check(onset, lengths)
+    strains = path.free_strains
+    stretch = np.linalg.inv(np.eye(2) + np.tensordot(onset.free, strains, 1))
+    np.testing.assert_allclose(np.einsum("ij,mik,kj->m", onset.stress, strains, stretch), 0, atol=1e-12)
+    # At one strain the least ratio over all free components is one cone program.
+    for part, floppy in ((1 - 1e-6, True), (1 + 1e-6, False)):
+        deformed = network.deformed(path.gradient(part * onset.strain))
+        b = deformed.boundary_vectors
+        rates = np.einsum("mij,aj->mai", strains, b)
+        assert (fit_lengths(deformed.free_incidence, b, lengths, 1e-11, rates).ratio < 1) == floppy
+
+
 @pytest.mark.parametrize("name", ["simple_shear", "pure_shear", "matrix"])
 def test_negative_strains_are_those_of_the_reversed_path(name):
     path = deformation_of(PATHS[name], 2)
@@ -304,8 +322,22 @@ def test_a_verdict_at_strain_zero_is_a_proof(excess, deformation):
     onset = critical_strain(network, (1 + excess) * critical, deformation, throw=False)
     status = Status.ok if excess > 0 else Status.rigid if excess else Status.undecided
     assert onset.status is status
+    assert ("transition" in onset.note) == (excess == 0)
     if excess > 0 and deformation == "dilation":
         assert onset.lower < (2 + excess) * excess < onset.upper < onset.lower + 1e-12
+
+
+def test_a_network_at_its_transition_names_the_change_that_decides():
+    # Straight chains in a lattice: nine self-stresses, whose rounding hides the verdict as built.
+    network = diluted(lattice("kagome", 8, 8), 3.8, seed=1)
+    built = np.linalg.norm(network.bond_vectors(network.positions), axis=1)
+    onset = critical_strain(network, built, throw=False)
+    assert onset.status is Status.undecided and "transition" in onset.note
+    change = 2 * float(onset.note.split("longer by ")[1].split()[0])
+    assert change < 1e-6
+    assert critical_strain(network, (1 - change) * built, throw=False).status is Status.rigid
+    longer = critical_strain(network, (1 + change) * built, throw=False)
+    assert longer.status in (Status.ok, Status.stalled) and longer.upper > 0
 
 
 def test_one_short_edge_does_not_widen_the_bounds():
@@ -316,3 +348,10 @@ def test_one_short_edge_does_not_widen_the_bounds():
     assert lengths.min() < 1e-5
     onset = critical_strain(network, lengths, "simple_shear")
     assert all(onset.proven) and onset.upper - onset.lower < 3e-11
+
+
+def test_a_ring_with_an_edge_of_no_length_has_no_warning():
+    edges, offsets = [[i, (i + 1) % 5] for i in range(5)], [[0, 0]] * 3 + [[1, 1], [0, 0]]
+    network = Network(edges, offsets, 1e4 * np.eye(2))
+    rest = 1e4 * np.array([*[2**0.5 / 4] * 4, 1e-13])
+    assert not critical_strain(network, rest, "uniaxial", throw=False).ok

@@ -97,6 +97,14 @@ def test_the_cone_program_is_solved_for_slack_edges_only(monkeypatch, n_vertices
     assert solution.status is (Status.slack_edges if tolerances else Status.ok)
 
 
+def test_an_edge_between_pins_that_is_taut_alone_is_named():
+    network = Network([[0, 3], [1, 3], [2, 3], [0, 1]], pins={0: [0, 0], 1: [4, 0], 2: [1, 3]})
+    solution = critical_from_lengths(network, np.ones(4), throw=False)
+    assert not solution.ok and "edge 3 joins two pins" in solution.note
+    lengthened = critical_from_lengths(network, [1, 1, 1, 2.0], throw=False)
+    assert lengthened.status is Status.slack_edges and lengthened.slack_edges.tolist() == [3]
+
+
 @pytest.mark.parametrize("shortest", [1e-9, 1e-12, 1e-20, 1e-100])
 @pytest.mark.parametrize("seed", [0, 1])
 def test_lengths_below_the_rounding_of_coordinates(shortest, seed):

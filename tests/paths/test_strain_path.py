@@ -32,6 +32,7 @@ from critflow import (
     critical_from_lengths,
     critical_strain,
     delaunay_network,
+    diluted,
     equilibrium,
     fibre_network,
     foam_network,
@@ -236,6 +237,35 @@ def test_cables_do_not_hold_free_sides_apart(network):
     for strain in strains[1:]:
         end = strain_path(onset, [strain - onset.strain], "uniaxial_free", throw=False)
         assert end.status is Status.floppy and np.isnan(end.value.bulk_modulus).all()
+
+
+def test_a_path_begins_at_springs_exactly_at_rest():
+    network = lattice("square", 4, 4)
+    state = spring_state(network, np.ones(32), network.positions)
+    assert not state.sigma.any()
+    solution = strain_path(state, [0.0, 1e-3], "uniaxial")
+    np.testing.assert_allclose(solution.value.energy, [0, 16 * 0.5 * 1e-6], rtol=1e-9)
+
+
+@pytest.mark.parametrize("kind, deformation", [("kagome", "uniaxial"), ("kagome", "dilation"), ("phantom", "dilation")])
+def test_straight_fibres_with_free_sides_keep_their_lengths(kind, deformation):
+    # Lengths grow as the square of deflections, which forces do not feel: their balance leaves stresses of 1e-12.
+    network = diluted(lattice("kagome", 6, 6), 3.5, 0) if kind == "kagome" else fibre_network("phantom", 8, 8, z=3.2)
+    critical = CriticalManifold(network).configuration(random_stress(network.n_edges, seed=0))
+    path = getattr(Deformation, deformation)(2).freeing("yy")
+    solution = strain_path(critical, [1e-3], path, throw=False)
+    assert solution.status is Status.floppy and "keep all lengths" in solution.note
+    # Gauss-Newton steps for |L| = ℓ in (x, q_yy).
+    g, b = network.free_incidence.toarray(), network.boundary_vectors @ path.gradient(1e-3).T
+    x, q = critical.coordinates[network.free], 0.0
+    for _ in range(20):
+        L = g @ x + b + q * b * [0, 1]
+        length = np.linalg.norm(L, axis=1)
+        n = L / length[:, None]
+        rates = np.hstack([n[:, :1] * g, n[:, 1:] * g, (n[:, 1] * b[:, 1])[:, None]])
+        step = np.linalg.lstsq(rates, critical.lengths - length, rcond=1e-10)[0]
+        x, q = x + step[:-1].reshape(2, -1).T, q + step[-1]
+    np.testing.assert_allclose(length, critical.lengths, rtol=1e-13)
 
 
 def test_cables_in_tension_pull_a_free_cell_flat():

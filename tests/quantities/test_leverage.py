@@ -8,9 +8,11 @@ from critflow import (
     CriticalConfiguration,
     CriticalManifold,
     InputError,
+    Network,
     Status,
     edge_leverage,
     foam_network,
+    lattice,
     optimize,
     properties,
     voronoi_network,
@@ -77,6 +79,31 @@ def test_stresses_over_many_decades(decades, seed):
         ratios.append(found.errors[edge] / max(error, 1e-17))
     assert min(ratios) >= 1 and np.median(ratios) < 1000
     assert (found.errors < 1e-4 * found.after).all()
+
+
+def errors_in_multiples(network, critical, edges, digits=60):
+    """Claimed over true errors of B_0 after the cuts of edges."""
+    found, ratios = edge_leverage(critical).value, []
+    for edge in edges:
+        cut = reference.configuration(network.without_edges(edge), np.delete(critical.sigma, edge), digits=digits)
+        exact = reference.transition_moduli(network.without_edges(edge), cut, digits=digits)[0]
+        ratios.append(found.errors[edge] / max(abs(float(found.after[edge] - exact)), 1e-18))
+    return np.array(ratios)
+
+
+@pytest.mark.parametrize(("seed", "edge"), [(0, 2), (9, 8), (28, 3), (46, 2), (48, 10)])
+def test_soft_edges_between_stiff_ones_have_the_rounding_of_their_forces(seed, edge):
+    network = lattice("honeycomb", 2, 2)
+    critical = CriticalManifold(network).configuration(10.0 ** (-11 * np.random.default_rng(seed).random(12)))
+    assert errors_in_multiples(network, critical, [edge]) >= 1
+
+
+def test_an_edge_to_its_own_image_moves_nothing():
+    network = Network([[0, 1], [1, 0], [0, 1], [0, 0]], [[0, 0], [1, 0], [0, 1], [1, 1]], np.eye(2))
+    critical = CriticalManifold(network).configuration([1.0, 2.0, 3.0, 0.5])
+    found = edge_leverage(critical).value
+    assert found.bypass[3] == 1 and found.bypass_errors[3] < 1e-13
+    assert errors_in_multiples(network, critical, range(4)).min() >= 1
 
 
 def test_cuts_that_rounding_hides_are_named():

@@ -13,6 +13,7 @@ from critflow import (
     certify,
     critical_from_lengths,
     elasticity,
+    isogonal_modes,
     lattice,
     nearest_critical,
     rigidity,
@@ -357,16 +358,29 @@ def test_the_rounding_of_a_file_is_reported_with_the_way_back(decimals):
 
 def test_small_matrices_are_decomposed_by_one_thread(monkeypatch):
     # On a busy machine two threads of BLAS that wait for each other take seconds for what one does in 0.05 s.
-    threads, svd = [], np.linalg.svd
+    threads = []
 
-    def watched(*arguments, **options):
-        threads.extend(library["num_threads"] for library in threadpool_info() if library["user_api"] == "blas")
-        return svd(*arguments, **options)
+    def watched(decomposition):
+        def call(*arguments, **options):
+            blas = [library["num_threads"] for library in threadpool_info() if library["user_api"] == "blas"]
+            threads.append(max(blas))
+            return decomposition(*arguments, **options)
 
-    monkeypatch.setattr(np.linalg, "svd", watched)
-    network = voronoi_network(24, seed=1)
-    contrast = network.with_stiffness(np.logspace(0, 9, 36))
-    with threadpool_limits(limits=2):
-        rigidity(network, network.positions)
-        elasticity(contrast, network.positions)
-    assert threads and set(threads) == {1}
+        return call
+
+    for name in ("svd", "qr"):
+        monkeypatch.setattr(np.linalg, name, watched(getattr(np.linalg, name)))
+    network, lattices = voronoi_network(24, seed=1), lattice("triangular", 12, 12)
+    critical = CriticalManifold(network).configuration(np.ones(36))
+    calls = (
+        lambda: rigidity(network, network.positions),
+        lambda: rigidity(lattices, lattices.positions),  # too large for one decomposition of all edges
+        lambda: elasticity(network.with_stiffness(np.logspace(0, 9, 36)), network.positions),
+        lambda: isogonal_modes(critical),
+    )
+    for call in calls:
+        threads.clear()
+        with threadpool_limits(limits=2):
+            call()
+            assert {library["num_threads"] for library in threadpool_info()} == {2}
+        assert threads and set(threads) == {1}

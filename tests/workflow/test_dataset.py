@@ -81,6 +81,9 @@ def test_the_variables_of_a_large_dataset_do_not_stay_in_memory(tmp_path, run, m
         monkeypatch.setattr(dataset_module, "SMALL", most)
         with dataset_module.opened_dataset(tmp_path / "tiny.nc") as ds:
             assert np.shares_memory(ds.sigma.values, ds.sigma.values) == kept
+    monkeypatch.setattr(dataset_module, "_PIECE", ds.status.nbytes)
+    with dataset_module.opened_dataset(tmp_path / "tiny.nc") as ds:
+        assert ds.sigma.chunks and not ds.status.chunks
 
 
 def test_volatile_variables_are_marked(tmp_path, run, source):

@@ -114,7 +114,7 @@ def moduli_of_parts(critical):
     except InputError:
         parts = (critical,)
     for part in parts:
-        require_one_self_stress(part.network, "study networks with one self-stress")
+        require_one_self_stress(part.network)
     return [elasticity_at_transition(part, critical.network.volume) for part in parts]
 
 
@@ -247,7 +247,7 @@ def table(planar):
 def verify(ds):
     """A line for each stored configuration that the numbers next to it contradict."""
     window = parameters_of(ds)["fit_window"]
-    return contradictions(ds, ("population", "seed"), lambda one: _checks(one, window))
+    return contradictions(ds, ("seed", "population"), lambda one: _checks(one, window))
 
 
 def _checks(one, window):

@@ -45,7 +45,7 @@ def check_own(network, *, planar_faces_needed=False):
     if network.cell is None or network.dimension != 2:
         raise StudyError("network: this study needs a periodic network in the plane, to deform its cell: give one")
     try:
-        require_one_self_stress(network, "remove edges, for example by diluted(...)")
+        require_one_self_stress(network)
     except CritflowError as error:
         raise StudyError(f"network: {error}") from error
     if planar_faces_needed and network.faces is None:
