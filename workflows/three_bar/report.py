@@ -100,7 +100,7 @@ def _singular(ds):
         f"L₁ = D |σ₂σ₃|/|det P| and so on, to {apart.max():.1g}; the longest stored edge has {np.nanmax(length):.3g} D",
         apart.max() < 1e-10, "lengths follow another law",
         f"at {lost} stresses elimination without pivoting stops though P is regular" if lost else "",
-        criterion="1e-10",
+        criterion="1e-10", kind="check",
     )  # fmt: skip
 
 
@@ -188,7 +188,7 @@ def _forms(ds):
         "2FF-sign", "(not in the paper) rigid sheets are elliptic, branch sheets are saddles", "—",
         f"K > 0 at {100 * both[rigid].mean():.4g} % of rigid and {100 * both[~rigid].mean():.4g} % of branch stresses",
         bool(both[rigid].all() and not both[~rigid].any()), "signs are mixed",
-        criterion="every stress",
+        criterion="every stress", kind="check",
     )  # fmt: skip
     size = np.abs(np.linalg.norm(normal, axis=-1) - 1).max()
     yield Claim.tested(

@@ -50,7 +50,7 @@ def overview_figure(ds):
         axes.set_ylabel(fill(TASKS[word].error, 34), fontsize=_TEXT)
         axes.set_title(title + "\n" * (lines - title.count("\n")), loc="left", fontsize=_TEXT)
         # The panels, not their legends, share the width of the page.
-        _legend(below, curves, default, styles, "upper left", left=-0.15).set_in_layout(False)
+        _legend(below, curves, default, styles, "upper left", left=-0.3).set_in_layout(False)
     sizes = " or ".join(f"{size:,}" for size in dict.fromkeys(size for size, _, _ in shown.values()))
     _explain(figure, ds, f"Error against time of every method, $N_v$ = {sizes}")
     return figure

@@ -84,8 +84,8 @@ def _limit(quotients: Array) -> float:
 TASKS = (
     Task(
         "coefficients",
-        "stiffening coefficients C_B and C_G",
-        "larger of the relative errors of C_B and C_G",
+        "stiffening coefficients $C_B$ and $C_G$",
+        "larger of the relative errors of $C_B$ and $C_G$",
         SIZES,
         ("exact", "Richardson", *_FITS),
         "exact",
