@@ -8,8 +8,8 @@ from critflow.explore.model import OPTIMA, POPULATIONS, SPREAD
 from critflow.explore.session import Session
 
 _IMPORTED = (
-    *("CriticalManifold", "critical_from_lengths", "network_from", "optimize", "pruned", "stiffening"),
-    *("strain_path", "elasticity", "voronoi_network"),
+    *("CriticalManifold", "critical_from_lengths", "nearest_critical", "network_from", "optimize"),
+    *("pruned", "stiffening", "strain_path", "elasticity", "voronoi_network"),
 )
 
 

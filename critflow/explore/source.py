@@ -9,13 +9,18 @@ from typing import Any, Protocol
 import numpy as np
 
 from critflow.critical.manifold import CriticalConfiguration, CriticalManifold
+from critflow.critical.nearest import nearest_critical
+from critflow.examination.report import RELAXED
 from critflow.exchange.convert import network_from
+from critflow.exchange.repair import ImportedNetwork
 from critflow.explore.model import Model
 from critflow.generators.random_networks import voronoi_network
-from critflow.result import InputError
+from critflow.result import CritflowError, InputError
 
 # Vertices beyond which a change takes seconds.
 LARGEST = 20_000
+# Steps towards the nearest critical configuration of a file: to one at its positions ten are enough.
+_FEW_STEPS = 20
 
 
 class Source(Protocol):
@@ -64,7 +69,7 @@ class Random:
 
 @dataclass(frozen=True)
 class File:
-    """The network of a file, or of two tables, at the force densities that it contains, or at equal stress.
+    """The network of a file, or of two tables, critical at its force densities or positions, or at equal stress.
 
     hints  options of `network_from`, such as pins and volume; with labels the file numbers the cells of a tissue
     """
@@ -78,18 +83,37 @@ class File:
         return " and ".join(path.name for path in (self.path, self.second) if path)
 
     def open(self) -> tuple[Model, CriticalConfiguration]:
+        imported = self._read()
+        check_size(imported.network.n_vertices)
+        known = imported.force_densities
+        return opened(Model(imported.network), _stress_at(imported) if known is None else known)
+
+    def _read(self) -> ImportedNetwork:
         hints = dict(self.hints)
         labels = hints.pop("labels", False)
         files = (self.path, self.second) if self.second else self.path
-        imported = network_from(labels=self.path, **hints) if labels else network_from(files, **hints)
-        check_size(imported.network.n_vertices)
-        return opened(Model(imported.network), imported.force_densities)
+        return network_from(labels=self.path, **hints) if labels else network_from(files, **hints)
 
     def lines(self, start: CriticalConfiguration) -> list[str]:
         names = (self.path.name, self.second.name) if self.second else self.path.name
         hints = "".join(f", {name}={value!r}" for name, value in self.hints.items() if name != "labels")
         first = f"labels={names!r}" if self.hints.get("labels") else repr(names)
-        return imported_lines(f"network_from({first}{hints})", start)
+        lines = imported_lines(f"network_from({first}{hints})", start)
+        if lines[-1].endswith("force_densities)") and self._read().force_densities is None:
+            lines[-1:] = [
+                f"near = nearest_critical(network, imported.positions, max_steps={_FEW_STEPS})",
+                "critical = manifold.configuration(near.value.sigma)",
+            ]
+        return lines
+
+
+def _stress_at(imported: ImportedNetwork) -> Any:
+    """σ of the critical configuration at the positions, as closely as other programs relax; None where none is."""
+    try:
+        near = nearest_critical(imported.network, imported.positions, max_steps=_FEW_STEPS, throw=False)
+    except CritflowError:
+        return None
+    return near.value.sigma if near.ok and near.distance < RELAXED * near.value.lengths.mean() else None
 
 
 def opened(model: Model, stress: Any = None) -> tuple[Model, CriticalConfiguration]:

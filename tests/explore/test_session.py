@@ -192,6 +192,24 @@ def test_a_file_opens_at_its_stress(tmp_path):
     assert opened.state.model.dual is not None
 
 
+def test_a_file_without_stress_opens_where_its_positions_are_critical(tmp_path, monkeypatch):
+    session = Session(SOURCE)
+    session.apply(("population", "random_stress"))
+    critical = session.state.critical
+    rng, path = np.random.default_rng(0), tmp_path / "patch.csv"
+    for noise, nearest in ((1e-5, True), (0.05, False)):
+        moved = critical.coordinates + noise * rng.standard_normal(critical.coordinates.shape)
+        critflow.write_network(critical.network, path, moved)
+        opened = Session(File(path)).state.critical
+        assert np.allclose(opened.sigma / opened.sigma.mean(), critical.sigma / critical.sigma.mean(), 0.05) is nearest
+        assert np.allclose(opened.sigma, opened.sigma[0]) is not nearest
+        # The lines of Python make it again to the last digit.
+        monkeypatch.chdir(tmp_path)
+        made = {}
+        exec(script(Session(File(path))), made)
+        np.testing.assert_array_equal(made["critical"].coordinates, opened.coordinates)
+
+
 def test_the_force_diagram_closes_around_every_vertex(session):
     session.apply(("population", "random_stress"))
     critical, dual = session.state.critical, session.state.model.dual
