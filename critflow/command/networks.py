@@ -233,8 +233,6 @@ def make(
 
     Many parameters: each is an option of the command.
     """
-    from critflow.critical.nearest import nearest_critical
-    from critflow.design.optimize import optimize
     from critflow.examination.certificate import certificate_text
     from critflow.exchange.convert import write_network
     from critflow.exchange.formats import writable_format
@@ -251,18 +249,8 @@ def make(
     imported = read(files, hints)
     print(in_shell(str(imported)))
     writable_format(out, imported.network.dimension)
-    solution: Solution[CriticalConfiguration]
     with running(f"making {out.name}"):
-        if target:
-            solution, title, lines = _designed(imported.network, target)
-        elif objective == "nearest":
-            fit = nearest_critical(imported.network, imported.positions, throw=False)
-            solution, title = fit, f"{fit.distance:.3g} from the positions"
-            lines = [f"root mean square distance {fit.distance:.6g} ({fit.status.name}: {fit.reason})"]
-        else:
-            optimum = optimize(imported.network, objective, throw=False)
-            solution, title = optimum, f"{objective} {optimum.objective:.6g}"
-            lines = [f"{objective} {optimum.objective:.10g} ({optimum.status.name}: {optimum.reason})"]
+        solution, title, lines = _made(imported, objective, target)
     critical = solution.value
     print("\n".join(f"  {line}" for line in lines))
     if not np.isfinite(critical.coordinates).all():
@@ -274,6 +262,24 @@ def make(
         saved(draw(critical, title=title).figure, picture)
         print(f"  drawn in {picture}")
     return 0 if solution.ok else 3
+
+
+def _made(
+    imported: ImportedNetwork, objective: str, target: Sequence[str]
+) -> tuple[Solution[CriticalConfiguration], str, list[str]]:
+    """The configuration with the targets, nearest to the positions or best, a title of it, and lines that report it."""
+    from critflow.critical.nearest import nearest_critical
+    from critflow.design.optimize import optimize
+
+    if target:
+        return _designed(imported.network, target)
+    if objective == "nearest":
+        fit = nearest_critical(imported.network, imported.positions, throw=False)
+        line = f"root mean square distance {fit.distance:.6g} ({fit.status.name}: {fit.reason})"
+        return fit, f"{fit.distance:.3g} from the positions", [line]
+    optimum = optimize(imported.network, objective, throw=False)
+    line = f"{objective} {optimum.objective:.10g} ({optimum.status.name}: {optimum.reason})"
+    return optimum, f"{objective} {optimum.objective:.6g}", [line]
 
 
 def _designed(network: Network, words: Sequence[str]) -> tuple[Design, str, list[str]]:
