@@ -27,6 +27,11 @@ Returned = TypeVar("Returned")
 
 _ARRAYS = {"ArrayLike", "Array", "IntArray", "Mask"}
 _NUMBERS = {"float": "a number", "int": "a whole number"}
+# What makes the objects that calls take most often.
+_MAKERS = {
+    "CriticalConfiguration": "CriticalManifold(network).configuration(sigma) or optimize(network, 'B_0') makes one",
+    "SpringState": "spring_state(network, coordinates) makes one",
+}
 
 
 def checked(function: Callable[Parameters, Returned]) -> Callable[Parameters, Returned]:
@@ -148,7 +153,9 @@ class _Kinds:
             return f": use numpy.random.default_rng({value})"
         if reason := getattr(value, "alone", ""):
             return f": {reason}"
-        return ": use its .value" if isinstance(value, Solution) else ""
+        if isinstance(value, Solution):
+            return ": use its .value"
+        return next((f": {_MAKERS[kind.__name__]}" for kind in self.classes if kind.__name__ in _MAKERS), "")
 
 
 def is_number(value: Any) -> bool:

@@ -107,6 +107,7 @@ MISTAKES = {  # words of the command, exit code, a word of the message
     "verify nothing": (["verify", "nowhere"], 2, "results folder"),
     "figures of nothing": (["figures", "nowhere"], 2, "results folder"),
     "figures in an unknown format": (["figures", "RESULTS", "--format", "gif"], 2, "svg"),
+    "--port too large": (["explore", "--port", "99999"], 2, "65535"),
     "show nothing": (["show", "nowhere.nc"], 2, "run the study"),
     "show a folder": (["show", "folder"], 2, "folder"),
     "show a text": (["show", "text.txt"], 4, "text.txt"),

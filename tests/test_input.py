@@ -271,6 +271,8 @@ CASES = {
     "unknown relaxation": (lambda: equilibrium(state(), "magic"), "newton"),
     "a path of no measure": (lambda: strain_path(CRITICAL, [0.01], measure="all"), "energy"),
     "no strains": (lambda: strain_path(CRITICAL, []), "at least"),
+    "strains in a table": (lambda: strain_path(CRITICAL, [[0.01, 0.02]]), r"shape \(1, 2\)"),
+    "no configuration": (lambda: strain_path(CRITICAL.network, [0.01]), r"CriticalManifold\(network\)"),
     "strains backwards": (lambda: strain_path(CRITICAL, [0.02, 0.01]), "increasing"),
     "strains of both signs": (lambda: strain_path(CRITICAL, [-0.01, 0.01]), "sign"),
     "a path that inverts the cell": (lambda: strain_path(CRITICAL, [-1.5], deformation="uniaxial"), "inverts"),

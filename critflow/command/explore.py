@@ -23,7 +23,7 @@ def explore(
     ] = None,
     n_vertices: Annotated[int, typer.Option(help="Vertices of a random network, without FILE.")] = 1000,
     seed: Annotated[int, typer.Option(help="Seed of a random network, without FILE.")] = 0,
-    port: Annotated[int, typer.Option(help="Port on this machine; a free one by default.")] = 0,
+    port: Annotated[int, typer.Option(min=0, max=65535, help="Port on this machine; a free one by default.")] = 0,
     browser: Annotated[bool, typer.Option(help="Open the page in a browser.")] = True,
 ) -> int:
     """Change critical configurations with the mouse on a page that only this machine can open."""

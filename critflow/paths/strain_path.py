@@ -83,7 +83,9 @@ def check_strains(strains: ArrayLike, signed: bool = False, zero: bool = False) 
     zero    the first one may be zero
     """
     gamma = np.atleast_1d(np.asarray(strains, dtype=float))
-    if gamma.ndim != 1 or len(gamma) == 0:
+    if gamma.ndim != 1:
+        raise InputError(f"strains must be a list of numbers, not an array of shape {gamma.shape}")
+    if len(gamma) == 0:
         raise InputError("the list of strains is empty: give at least one, such as 0.001")
     size = -gamma if signed and gamma[-1] < 0 else gamma
     if not (np.isfinite(size).all() and (size[0] > 0 or (zero and size[0] == 0)) and (np.diff(size) > 0).all()):

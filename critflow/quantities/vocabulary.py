@@ -88,7 +88,8 @@ def quantity(network: Network, name: str | Quantity) -> Quantity:
             return _DEFORMED[kind](network, index)
     listed = names(network)
     spellings = [*listed, *(alias for alias, symbol in ALIASES.items() if symbol in listed)]
-    nearest = get_close_matches(str(name), spellings, 1, 0.5)
+    same_letters = [spelling for spelling in spellings if spelling.casefold() == str(name).casefold()]
+    nearest = same_letters or get_close_matches(str(name), spellings, 1, 0.5)
     hint = f"did you mean {nearest[0]!r}? " if nearest else ""
     plainest = ", ".join(name for name in listed if len(name) < 6 and name[:2] not in ("S_", "C_")) + ", C_B, C_G"
     raise InputError(

@@ -178,6 +178,7 @@ def test_names_aliases_and_identities():
     [
         ("bulk_modulu", "did you mean 'bulk_modulus'"),
         ("B_1", "B_0"),
+        ("b_0", "did you mean 'B_0'"),
         ("colour", "V_tau"),
         ("length[60]", "counted from 0"),
         ("area[30]", "faces"),
