@@ -215,7 +215,7 @@ def test_an_error_across_the_strain_counts_by_its_square():
     # A straight chain along x does no work on ε_yy, and to first order none when its bonds turn by an error e.
     chain, e = Network([[0, 1], [1, 0]], [[0, 0], [1, 0]], np.eye(2)), 1e-2
     critical = replace(CriticalManifold(chain).configuration(np.ones(2)), bond_errors=np.full(2, e))
-    sigma, L = critical.sigma, critical.bond_vectors + [0, e]
+    sigma, L = critical.sigma, critical.bond_vectors + np.array([0, e])
     moved = np.sum(sigma * L[:, 1] ** 2) ** 2 / np.sum(sigma**2 * np.sum(L**2, axis=1))
     error = transition_modulus_error(np.diag([0.0, 1.0]), critical)
     assert moved < error < 4 * moved
