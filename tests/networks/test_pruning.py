@@ -1,9 +1,11 @@
 """Pruning: an edge is kept exactly when positive stresses give it a length."""
 
 import numpy as np
+import pytest
 from problems import pinned_grid, square_octagon
 
 from critflow import CriticalManifold, lattice, pruned
+from critflow.result import NetworkError
 
 
 def test_hanging_parts_are_removed():
@@ -51,3 +53,14 @@ def test_edges_of_a_mask_and_the_faces_of_the_part():
     # Two hexagons become one face of ten sides.
     assert sorted(network.faces.sizes) == [6] * 7 + [10]
     assert network.with_stiffness(2.0).note == network.note
+
+
+@pytest.mark.parametrize("image, carries", [(0, True), (-1, False)])
+def test_a_chain_between_pins_that_are_one_place_of_the_cell_carries_nothing(image, carries):
+    pins = {0: [0.2, 0.2], 1: [1.2, 0.2]}
+    chain = {"edges": [[0, 2], [2, 1]], "offsets": [[0, 0], [image, 0]], "cell": np.eye(2), "pins": pins}
+    if carries:
+        assert pruned(chain.pop("edges"), **chain).network.n_edges == 2
+    else:
+        with pytest.raises(NetworkError, match="no edge can carry"):
+            pruned(chain.pop("edges"), **chain)

@@ -24,6 +24,7 @@ from critflow import (
     Status,
     WormLike,
     equilibrium,
+    optimize,
     spring_state,
     voronoi_network,
 )
@@ -208,3 +209,12 @@ def test_condition_is_that_of_the_hessian():
         H = state.factorize(state.pattern()).multiply(np.eye(state.forces.size))
         assert solution.stats.condition == pytest.approx(np.linalg.cond(H), rel=4)
         assert solution.stats.condition > 0.3 * np.linalg.cond(H)
+
+
+def test_a_tolerance_below_rounding_ends_where_rounding_begins():
+    # A step that raises the energy by its rounding is no progress: 200 of them would be made.
+    critical = optimize(voronoi_network(40, seed=1), "bulk_modulus").value
+    state = spring_state(critical.network, 0.95 * critical.lengths, critical.coordinates)
+    end = equilibrium(state, tolerance=1e-25, throw=False)
+    assert end.status is Status.stalled and end.stats.steps < 20
+    assert end.stats.residual < 1e-14
