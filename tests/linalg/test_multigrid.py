@@ -96,7 +96,7 @@ def test_what_is_missing_is_said(monkeypatch):
         CriticalManifold(FOAM, "pyamg")
 
 
-def test_vertices_without_strong_connections_need_no_level():
+def test_vertices_without_strong_connections_join_no_aggregate():
     upper = sp.eye_array(3000, format="csc") - 1e-6 * sp.eye_array(3000, k=1, format="csc")
     right = np.arange(3000.0)
     x = multigrid.Multigrid(upper).solve(right)
