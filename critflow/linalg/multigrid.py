@@ -38,7 +38,6 @@ _DAMPING = np.float32(0.8)  # of Jacobi: from 0.7 to 0.9 the number of steps var
 # Of the prolongation: by the sums D of the rows, where a largest eigenvalue would be found from random numbers.
 _SMOOTHED = 4 / 3
 _COARSEST = 300  # vertices of a level that is solved by its dense inverse
-_LARGEST_INVERSE = 2000  # vertices, where aggregates do not become fewer
 
 Array = NDArray[np.float64]
 Single = NDArray[np.float32]
@@ -71,14 +70,12 @@ class Multigrid:
         # Smoothing and restriction of every level; the prolongation is the transpose of the restriction.
         self._levels: list[tuple[sp.csr_array, sp.csr_array, sp.csc_array]] = []
         with np.errstate(all="ignore"):
-            while A.shape[0] > _COARSEST and (coarser := _coarser(A, smooth)):
+            while A.shape[0] > _COARSEST:
                 smoothing = sp.csr_array((-_DAMPING * A.data.astype(np.float32), A.indices, A.indptr), A.shape)
-                R, A, smooth = coarser
+                R, A, smooth = _coarser(A, smooth)
                 R = R.astype(np.float32)
                 self._levels.append((smoothing, R, R.T))
-            self._inverse = sp.eye_array(A.shape[0], dtype=np.float32, format="csr")
-            if A.shape[0] <= _LARGEST_INVERSE:
-                self._inverse = np.linalg.pinv(A.toarray(), hermitian=True).astype(np.float32)
+            self._inverse = np.linalg.pinv(A.toarray(), hermitian=True).astype(np.float32)
 
     def _cycle(self, right: Single, level: int = 0) -> Single:
         """A rough x of A x = r at a level, (n,)."""
@@ -119,8 +116,8 @@ class Multigrid:
         return answer
 
 
-def _coarser(A: sp.csr_array, smooth: Array) -> tuple[sp.csr_array, sp.csr_array, Array] | None:
-    """The restriction to the next level, its matrix and its smooth vector; None where no vertices join.
+def _coarser(A: sp.csr_array, smooth: Array) -> tuple[sp.csr_array, sp.csr_array, Array]:
+    """The restriction to the next level, its matrix and its smooth vector.
 
     A       (n, n) with a unit diagonal
     smooth  the vector b of smooth errors, (n,)
@@ -130,8 +127,6 @@ def _coarser(A: sp.csr_array, smooth: Array) -> tuple[sp.csr_array, sp.csr_array
     connections = sp.csr_matrix((A.data[strong], A.indices[strong], counts[A.indptr]), A.shape)
     # 0.2 s, and only large networks in space need it.
     T = sp.csr_array(import_module("pyamg.aggregation.aggregate").standard_aggregation(connections)[0], dtype=float)
-    if T.shape[1] in (0, len(smooth)):
-        return None
     sizes = np.sqrt(T.T @ smooth**2)
     T = _scaled(T, smooth, 1 / sizes)
     weights = _SMOOTHED / np.add.reduceat(np.abs(A.data), A.indptr[:-1])

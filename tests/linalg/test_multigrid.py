@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+import scipy.sparse as sp
 from problems import random_stress
 
 from critflow import CriticalManifold, InputError, Status
@@ -93,3 +94,10 @@ def test_what_is_missing_is_said(monkeypatch):
     assert choose_backend("auto", 10**7, in_space=True, laplacian=True) != "pyamg"
     with pytest.raises(InputError, match=r"'pyamg' is installed: .* pip install 'critflow\[fast,multigrid\]'"):
         CriticalManifold(FOAM, "pyamg")
+
+
+def test_vertices_without_strong_connections_join_no_aggregate():
+    upper = sp.eye_array(3000, format="csc") - 1e-6 * sp.eye_array(3000, k=1, format="csc")
+    right = np.arange(3000.0)
+    x = multigrid.Multigrid(upper).solve(right)
+    np.testing.assert_allclose(upper @ x + upper.T @ x - x, right, rtol=0, atol=1e-8)
