@@ -270,7 +270,7 @@ def _rounding(state: SpringState, speed: Array, u: Array, tension: Array) -> tup
 
 def _accumulated_products(one: Array, other: Array) -> Array:
     """`accumulated_rounding` of all products of rows of two arrays (m, n) without negative entries, (m, m)."""
-    return np.asarray(3 * np.sqrt(one**2 @ (other**2).T) + 0.25 * one @ other.T)
+    return np.asarray(2 * np.sqrt(one**2 @ (other**2).T) + 0.25 * one @ other.T)
 
 
 def _sums(matrix: sp.csr_array, vectors: Array) -> Array:
@@ -285,10 +285,10 @@ def _largest(vectors: Array) -> Array:
 
 
 def accumulated_rounding(errors: Array) -> Any:
-    """Error (estimate) of sums whose terms have roundings of these magnitudes (..., n): 3‖e‖₂ + ¼ Σ e.
+    """Error (estimate) of sums whose terms have roundings up to these magnitudes (..., n): 2‖e‖₂ + ¼ Σ e.
 
-    Independent roundings of mean zero add up to ‖e‖₂ or less (one standard deviation), so 3‖e‖₂ is exceeded in less
-    than 1 % of sums.  On lattices symmetric edges round alike and their errors add coherently, of which ¼ Σ e allows
-    for a quarter.  The rigorous bound Σ e exceeds typical errors by √n.
+    Independent roundings between −e and e have standard deviations of e/√3 or less, so 2‖e‖₂ is 3.5 of those of their
+    sum, and exceeded in less than 0.1 % of sums.  On lattices symmetric edges round alike and their errors add
+    coherently, of which ¼ Σ e allows for a quarter.  The rigorous bound Σ e exceeds typical errors by √n.
     """
-    return 3 * np.linalg.norm(errors, axis=-1) + 0.25 * errors.sum(axis=-1)
+    return 2 * np.linalg.norm(errors, axis=-1) + 0.25 * errors.sum(axis=-1)
