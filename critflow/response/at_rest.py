@@ -121,12 +121,22 @@ class _Springs(NamedTuple):
 
 def _springs(network: Network, coordinates: Array, L: Array, length: Array, faces: FaceSprings | None) -> _Springs:
     extension = np.einsum("aei,ei->ea", L @ strain_basis(network.dimension)[1], L) / length[:, None]
-    reach = float(max(np.abs(coordinates).max(), np.abs(network.boundary_vectors).max()))
-    errors, directions = EPS * (2 + reach / length), spread_columns(network, L / length[:, None])
+    errors, directions = _row_errors(network, coordinates, length), spread_columns(network, L / length[:, None])
     if faces is None:
         return _Springs(directions, extension, network.stiffness, errors)
     A = faces.sides
     return _Springs(sp.csr_array(A @ directions), A @ extension, faces.stiffness, A @ errors)
+
+
+def _row_errors(network: Network, coordinates: Array, length: Array) -> Array:
+    """Relative rounding of the directions, (N_b,): of differences to the grounded vertex, of their differences g x, of
+    the sums g x + b, and of the direction.
+    """
+    g, b = network.free_incidence, network.boundary_vectors
+    x = coordinates if network.pins else coordinates - coordinates[0]
+    rounded = (abs(g) @ np.abs(x[network.free])) * (not network.pins and bool(coordinates[0].any()))
+    rounded += np.where(b != 0, np.abs(g @ x[network.free]), 0.0)
+    return EPS * (2 + 0.5 * np.linalg.norm(rounded, axis=1) / length)
 
 
 def _by_groups(springs: _Springs, mean: float) -> FormAtRest:
@@ -163,9 +173,11 @@ def _by_motions(network: Network, coordinates: Array, springs: _Springs) -> Form
             break
         u -= change
     rounding = (
-        springs.errors[:, None] * (abs(R) @ np.abs(u) + np.abs(extension)) + 8 * EPS * np.abs(tension) / k[:, None]
+        springs.errors[:, None] * (abs(R) @ np.abs(u) + np.abs(extension)) + 4 * EPS * np.abs(tension) / k[:, None]
     )
-    errors = 2 * accumulated_rounding(np.abs(tension).T[:, None] * rounding.T) + 2 * np.sqrt(np.outer(work, work))
+    # Tensions that vanish are rounding themselves, and squared.
+    errors = 2 * accumulated_rounding(np.abs(tension).T[:, None] * rounding.T) + (k[:, None] * rounding).T @ rounding
+    errors += 2 * np.sqrt(np.outer(work, work))
     # Sums over the last axis are pairwise, so that their rounding is that of their terms.
     form = np.sum(tension.T[:, None] * (tension / k[:, None]).T, axis=-1)
     return FormAtRest(form, errors, n_stresses, largest)
