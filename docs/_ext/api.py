@@ -5,7 +5,6 @@ after `>>>` code, and `names` links: to a public name, or to the page that expla
 label.  In the tables of the theory `layer: NAME` links to its entry.
 """
 
-import ast
 import inspect
 import re
 from enum import Enum
@@ -30,14 +29,7 @@ FUNCTION = re.compile(r"(\w+): (\w+(?:\.\w+)*)")  # of a layer, in the tables of
 CLASS = "   :members:\n   :member-order: bysource\n   :exclude-members: __init__, __new__\n"
 
 
-def exported() -> list[str]:
-    """The public names of `critflow`: those that it imports as themselves, and `draw`."""
-    lines = ast.parse(inspect.getsource(critflow)).body
-    names = [alias for line in lines if isinstance(line, ast.ImportFrom) for alias in line.names]
-    return ["draw", *(alias.name for alias in names if alias.asname == alias.name)]
-
-
-PUBLIC = exported()
+PUBLIC = critflow.__all__
 
 
 def public_names(layer: str) -> list[str]:

@@ -2,6 +2,7 @@
 
 import os
 import re
+from importlib import import_module
 
 import numpy as np
 import pytest
@@ -21,7 +22,6 @@ from critflow import (
     voronoi_network,
     write_network,
 )
-from critflow.command import networks
 from critflow.command.main import main
 from critflow.examination.page import write_page
 from critflow.exchange import packages
@@ -377,7 +377,12 @@ def test_what_cannot_be_written_is_refused_before_the_computation(tmp_path, monk
     write_network(critflow.lattice("diamond", 2, 2, 2), tmp_path / "d.csv")
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(packages, "import_module", lambda name: (_ for _ in ()).throw(ImportError(name)))
-    for name in ("optimize", "design", "examine"):
-        monkeypatch.setattr(networks, name, lambda *_, **__: pytest.fail("computed"))
+    for module, name in (
+        ("design.optimize", "optimize"),
+        ("design.targets", "design"),
+        ("examination.examine", "examine"),
+    ):
+        computing = import_module(f"critflow.{module}")
+        monkeypatch.setattr(computing, name, lambda *_, **__: pytest.fail("computed"))
     assert main(words) == code
     assert word in capsys.readouterr().err
