@@ -1,6 +1,6 @@
 """One thread of BLAS inside public calls, so that their digits and times do not depend on the other processes.
 
-Dense matrices of this library are small: threads of BLAS that wait for each other beside busy processes take seconds
+Dense matrices of this library are small: threads of BLAS that wait for each other while processes are busy take seconds
 for what one does in milliseconds.
 """
 

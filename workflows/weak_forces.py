@@ -201,7 +201,7 @@ def claims(ds):
 
 
 def _of_equations(ds):
-    """Tensions of both equations beside those of relaxed energies."""
+    """Tensions of both equations against those of relaxed energies."""
     kappas = np.array(parameters(ds)["kappas"])
     ok = (ds.tension_status == cf.Status.ok) & np.isfinite(ds.relaxed)
     ratio = (np.abs(ds.relaxed - ds.full) / ds.full_error_bound).where(ok)

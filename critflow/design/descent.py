@@ -25,7 +25,7 @@ FADED = 1e-12  # σ that tends to zero, where Σσ² = N_b: far below the stress
 MODERATE = 3.0
 # Change of log σ from a start at which an edge has no length, as one between vertices with the same neighbours has at
 # equal stresses: no gradient leads away from it.
-ASIDE = 0.3
+PERTURBATION = 0.3
 UNRESOLVED_STRESS = 1e-20  # least σ, where Σσ² = N_b, at which a descent ends without an optimum: far below FADED
 COLLAPSING = 1e-4  # length of an edge under tension that tends to zero, in units of the mean
 TENSE = 0.01  # tension of an edge that does not fall slack, in units of the mean
@@ -127,7 +127,7 @@ def _repeated(
         repeatable = end.status in (*_NOT_ATTAINED, Status.stalled, Status.singular) and left != 0
         moderate = objective.moderate(end.point.x, MODERATE) if repeatable and not monitor.ended else None
         if moderate is not None and not end.steps:
-            moderate = moderate + ASIDE * np.random.default_rng(0).standard_normal(len(moderate))
+            moderate = moderate + PERTURBATION * np.random.default_rng(0).standard_normal(len(moderate))
         if moderate is None or np.array_equal(moderate, end.point.x):
             break
         again = run(moderate, left)

@@ -20,7 +20,7 @@ from critflow.networks.network import Array, Network
 class BoundaryPath:
     """A network, a deformation and the sign of its strain γ = direction · s.
 
-    sheared  whether free shears beside free sides are not zero: the balance then determines the sides as well
+    sheared  whether free shears of a cell with free sides are not zero: the balance then determines the sides as well
     """
 
     manifold: CriticalManifold
@@ -66,7 +66,7 @@ class BoundaryPath:
 
     @cached_property
     def has_free_shears(self) -> bool:
-        """Whether a shear of the cell is free beside a normal component, but not both of its axes."""
+        """Whether a shear of the cell is free together with a normal component, but not both of its axes."""
         return 0 < len(self.determined) < self.n_free
 
     @cached_property

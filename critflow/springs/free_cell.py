@@ -107,7 +107,7 @@ class FreeCellState(SpringState):
         """A state near by without stress, where there is one, by Gauss-Newton steps to the rest lengths."""
         state = self
         for _ in range(_REST_STEPS):
-            # The stiffness without the softening of compressed edges, which is not small beside that of nearly floppy
+            # The stiffness without the softening of compressed edges, which is not small against that of nearly floppy
             # modes: a fibre that is not quite straight lengthens by the square of its deflection.
             slack = state.tension == 0
             bare = replace(state, rest_lengths=np.where(slack, state.rest_lengths, state.spring_lengths))
