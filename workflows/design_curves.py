@@ -14,7 +14,7 @@ from critflow.workflow import Claim, Study
 from .shared.checks import voronoi_check
 from .shared.figures import lettered, panels, signed
 from .shared.reports import MISSED, PAPER, parameters, series
-from .shared.tables import networks, numbers, outcomes
+from .shared.tables import bounded, networks, outcomes
 
 MODULUS = 0.25
 GROWTH = {"softens": -0.05, "keeps": 0.0, "stiffens": 0.3}
@@ -34,7 +34,9 @@ def case(parameters, *, seed):
     return {
         "status": cf.Status.ok,
         "bulk_modulus": [path.bulk_modulus for path in paths],
+        "bulk_modulus_error_bound": [path.bulk_modulus_error for path in paths],
         "shear_modulus": [path.shear_modulus for path in paths],
+        "shear_modulus_error_bound": [path.shear_modulus_error for path in paths],
         "kind_status": [one.status for one in made],
     }
 
@@ -88,7 +90,7 @@ study = Study(
     check=voronoi_check(),
     variables=(
         *outcomes(("seed", "kind"), kind_status="outcome of the design"),
-        *numbers(
+        *bounded(
             ("seed", "kind", "strain"),
             bulk_modulus="bulk modulus [k]",
             shear_modulus="shear modulus, energy convention [k]",

@@ -16,8 +16,9 @@ from critflow.workflow import Claim, Study
 
 from .shared.checks import check_network
 from .shared.figures import lettered, panels
+from .shared.measurements import coefficients
 from .shared.reports import PAPER, parameters, series
-from .shared.tables import networks, numbers, outcomes, padded, stacked
+from .shared.tables import bounded, networks, numbers, outcomes, padded, stacked
 
 FRONTS = {
     "stiff_stiffening": {"B_0": "largest", "C_B": "largest"},
@@ -33,24 +34,29 @@ def case(parameters, *, seed):
     """All fronts of one network, and random stresses."""
     network = cf.voronoi_network(parameters["sizes"][seed % len(parameters["sizes"])], seed)
     manifold = cf.CriticalManifold(network)
-    stiffest = cf.stiffening(manifold.configuration(network.stiffness)).value
+    (_, _, tip, _), errors = coefficients(manifold.configuration(network.stiffness))
     return {
         "status": cf.Status.ok,
         **stacked([front(manifold, parameters, name) for name in FRONTS]),
         **samples(manifold, parameters, seed),
         "largest_bulk": cf.upper_bound(manifold, "B_0"),
-        "tip": stiffest.C_B,
+        "tip": tip,
+        "tip_error_bound": errors[2],
     }
 
 
 def front(manifold, parameters, name):
     """The points of one front; undefined unless it is requested."""
     n, statuses = parameters["points"], ()
-    columns = dict.fromkeys(("bulk", "growth", "weight", "residual", "dominated"), ())
+    columns = dict.fromkeys(
+        ("bulk", "growth", "bulk_error_bound", "growth_error_bound", "weight", "residual", "dominated"), ()
+    )
     if name in parameters["fronts"]:
         within = {"force_densities": (parameters["least_stress"], None)}
         front = cf.pareto(manifold, FRONTS[name], n, within=within, throw=False)
-        values = (*front.achieved.T, front.weights[:, 0], front.residuals, front.dominated)
+        goals = [cf.quantity(manifold.network, one) for one in FRONTS[name]]
+        errors = np.array([[goal.error(one) for one in front.value] for goal in goals])
+        values = (*front.achieved.T, *errors, front.weights[:, 0], front.residuals, front.dominated)
         columns, statuses = dict(zip(columns, values, strict=True)), front.statuses
     columns = {name: padded(values, n) for name, values in columns.items()}
     return {**columns, "point_status": padded(statuses, n, int(cf.Status.missing))}
@@ -62,9 +68,13 @@ def samples(manifold, parameters, seed):
     for n in range(parameters["samples"]):
         spread = parameters["spreads"][n % len(parameters["spreads"])]
         sigma = np.exp(spread * rng.normal(size=manifold.network.n_edges))
-        value = cf.stiffening(manifold.configuration(sigma), throw=False).value
-        rows.append({"bulk": value.bulk_0, "shear": value.shear_0, "C_B": value.C_B, "C_G": value.C_G})
-    return {f"sampled_{name}": values for name, values in stacked(rows).items()}
+        rows.append(coefficients(manifold.configuration(sigma)))
+    columns = np.transpose(rows, (2, 1, 0))
+    return {
+        f"sampled_{name}{ending}": values
+        for name, pair in zip(("bulk", "shear", "C_B", "C_G"), columns, strict=True)
+        for ending, values in zip(("", "_error_bound"), pair, strict=True)
+    }
 
 
 def check(parameters, axes):
@@ -146,23 +156,27 @@ study = Study(
     case=case,
     check=check,
     variables=(
-        *numbers(
+        *bounded(
             ("seed", "front", "point"),
             bulk="bulk modulus B_0 on the front [k]",
             growth="C_B or C_G there [k]",
+        ),
+        *numbers(
+            ("seed", "front", "point"),
             weight="weight of B_0 in the first-order conditions",
             residual="residual of the first-order conditions",
             dominated="whether another point of the front is better in both",
         ),
         *outcomes(("seed", "front", "point"), point_status="outcome of each point"),
-        *numbers(
+        *bounded(
             ("seed", "sample"),
             sampled_bulk="B_0 of random stresses [k]",
             sampled_shear="G_0 of them [k]",
             sampled_C_B="C_B of them [k]",
             sampled_C_G="C_G of them, energy convention [k]",
         ),
-        *numbers(("seed",), largest_bulk="largest B_0 of the network [k]", tip="C_B there [k]"),
+        *numbers(("seed",), largest_bulk="largest B_0 of the network [k]"),
+        *bounded(("seed",), tip="C_B there [k]"),
         *outcomes(("seed",), status="outcome of the case"),
     ),
     figures={"fronts": figure},

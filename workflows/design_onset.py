@@ -15,7 +15,7 @@ from critflow.workflow import Claim, Study
 from .shared.checks import voronoi_check
 from .shared.figures import legend_below, lettered, panels, signed
 from .shared.reports import PAPER, parameters, series
-from .shared.tables import networks, numbers, outcomes, seconds, stacked, timed
+from .shared.tables import bounded, networks, numbers, outcomes, seconds, stacked, timed
 
 
 def case(parameters, *, seed):
@@ -39,6 +39,7 @@ def designed(network, lengths, target):
     return {
         "target": target,
         "achieved": again.strain,
+        "achieved_error_bound": again.stats.error_bound,
         "distance": made.distance,
         "target_status": made.status,
         "target_seconds": time,
@@ -49,7 +50,7 @@ def onset(manifold, longer, modulus):
     """Critical shear of the lengths of a design of B_0, lengthened alike."""
     critical = cf.design(manifold, {"B_0": modulus}, throw=False).value
     onset = cf.critical_strain(manifold.network, longer * critical.lengths, "simple_shear", throw=False)
-    return {"shear": onset.strain, "shear_status": onset.status}
+    return {"shear": onset.strain, "shear_error_bound": onset.stats.error_bound, "shear_status": onset.status}
 
 
 def figure(ds):
@@ -105,12 +106,12 @@ study = Study(
         *numbers(
             ("seed", "factor"),
             target="requested critical shear",
-            achieved="critical shear of the designed rest lengths, by critical_strain",
             distance="root mean square change of log rest length",
         ),
+        *bounded(("seed", "factor"), achieved="critical shear of the designed rest lengths, by critical_strain"),
         *outcomes(("seed", "factor"), target_status="outcome of the design"),
         *seconds(("seed", "factor"), target_seconds="processor time of the design [s]"),
-        *numbers(("seed", "modulus"), shear="critical shear of its lengths, lengthened alike"),
+        *bounded(("seed", "modulus"), shear="critical shear of its lengths, lengthened alike"),
         *outcomes(("seed", "modulus"), shear_status="outcome of its search"),
         *outcomes(("seed",), status="outcome of the case"),
     ),

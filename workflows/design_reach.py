@@ -20,7 +20,7 @@ from .shared.checks import voronoi_check
 from .shared.figures import legend_below, lettered, panels
 from .shared.reports import PAPER, finite, parameters, series
 from .shared.structure import scaled_stress
-from .shared.tables import networks, numbers, outcomes, stacked
+from .shared.tables import bounded, networks, numbers, outcomes, stacked
 
 # A = cos(angle)·1 + sin(angle)·diag(1, −1): the first component of s is tr S, the second S_xx − S_yy, halved.
 MEAN, DIFFERENCE = np.eye(2), np.diag([1.0, -1.0])
@@ -34,7 +34,8 @@ def case(parameters, *, seed):
         spread = 2.0 ** rng.uniform(-2, 1)
         sampled.append(response(manifold.configuration(np.exp(spread * rng.normal(size=manifold.network.n_edges)))))
     directions = [support(manifold, parameters, angle) for angle in angles(parameters["directions"])]
-    return {"status": cf.Status.ok, "sampled": sampled, **stacked(directions)}
+    values, errors = np.moveaxis(sampled, 1, 0)
+    return {"status": cf.Status.ok, "sampled": values, "sampled_error_bound": errors, **stacked(directions)}
 
 
 def angles(n):
@@ -50,21 +51,26 @@ def support(manifold, parameters, angle):
     try:
         signed = response(cf.optimize(manifold, objective, "closed_form", signs="any", throw=False).value)
     except cf.InputError:
-        signed = np.full(2, np.nan)
+        signed = np.full((2, 2), np.nan)
     limited = [PenalisedModulus(objective, threshold) for threshold in parameters["thresholds"]]
     steps = parameters["ascent"]
     ascents = [cf.optimize(manifold, one, "lbfgs", max_steps=steps, throw=False) for one in limited]
+    tensile = np.array([response(best.value) for best in ascents])
     return {
         "support": np.sqrt(cf.upper_bound(manifold, objective)),
-        "signed": signed if signed @ direction >= 0 else -signed,  # of both signs the one that works on the strain
-        "tensile": [response(best.value) for best in ascents],
+        # Of both signs the one that works on the strain.
+        "signed": signed[0] if signed[0] @ direction >= 0 else -signed[0],
+        "signed_error_bound": signed[1],
+        "tensile": tensile[:, 0],
+        "tensile_error_bound": tensile[:, 1],
     }
 
 
 def response(critical):
-    """(½(S_xx + S_yy), ½(S_xx − S_yy))/√(V D) of a configuration; NaN without one."""
+    """(½(S_xx + S_yy), ½(S_xx − S_yy))/√(V D) of a configuration, and bounds on its errors; NaN without one."""
     xx, yy, _ = scaled_stress(critical)
-    return 0.5 * np.array([xx + yy, xx - yy]) / np.sqrt(critical.network.volume)
+    errors = sum(cf.quantity(critical.network, name).error(critical) for name in ("S_xx", "S_yy"))
+    return 0.5 * np.array([[xx + yy, xx - yy], [errors, errors]]) / np.sqrt(critical.network.volume)
 
 
 def ratio_and_bulk(responses):
@@ -192,9 +198,9 @@ study = Study(
     check=check,
     variables=(
         *numbers(("seed", "direction"), support="largest S:A/√(V D) over all stresses, in closed form [√k]"),
-        *numbers(("seed", "direction", "axis"), signed="S/√(V D) there, mean and half the difference [√k]"),
-        *numbers(("seed", "direction", "threshold", "axis"), tensile="S/√(V D) of stresses above about r [√k]"),
-        *numbers(("seed", "sample", "axis"), sampled="S/√(V D) of random positive stresses [√k]"),
+        *bounded(("seed", "direction", "axis"), signed="S/√(V D) there, mean and half the difference [√k]"),
+        *bounded(("seed", "direction", "threshold", "axis"), tensile="S/√(V D) of stresses above about r [√k]"),
+        *bounded(("seed", "sample", "axis"), sampled="S/√(V D) of random positive stresses [√k]"),
         *outcomes(("seed",), status="outcome of the case"),
     ),
     figures={"reach": figure},

@@ -18,9 +18,9 @@ from critflow.workflow import Claim, Study
 
 from .shared.checks import voronoi_check
 from .shared.figures import draw_in_cell, heading, segments
-from .shared.measurements import known_moduli
+from .shared.measurements import moduli_with_bounds
 from .shared.reports import PAPER, finite, parameters, series, spread, status_counts
-from .shared.tables import networks, numbers, outcomes, padded, stacked
+from .shared.tables import bounded, networks, numbers, outcomes, padded, stacked
 
 LAWS = {"largest": "largest tension", "smallest": "smallest tension", "random": "at random"}
 PATHS = {"dilation": "dilation", "simple_shear": "simple shear"}
@@ -51,9 +51,9 @@ def case(parameters, *, seed):
 
 
 def sequence(critical, path, law, cuts, rng):
-    """Status, configuration and strain of the onset, before and after each cut until the network opens."""
+    """Status, configuration, and strain of the onset with its error, before and after each cut until it opens."""
     network, lengths = critical.network, critical.lengths
-    yield cf.Status.ok, critical, 0.0
+    yield cf.Status.ok, critical, (0.0, 0.0)
     for _ in range(cuts):
         kept = np.ones(network.n_edges, bool)
         kept[chosen(critical.tensions, law, rng)] = False
@@ -74,7 +74,7 @@ def sequence(critical, path, law, cuts, rng):
         except cf.InputError:  # rounding leaves an edge taut that no other one balances
             yield cf.Status.ill_conditioned, None, np.nan
             return
-        yield onset.status, critical, onset.strain
+        yield onset.status, critical, (onset.strain, onset.stats.error_bound)
 
 
 def chosen(tensions, law, rng):
@@ -93,15 +93,18 @@ def curves(steps, n_edges, n):
 
 
 def measures(critical, strain, n_edges):
-    """The stored numbers of one critical configuration."""
-    bulk, shear = known_moduli(critical)
+    """The stored numbers of one critical configuration; `strain` of its onset and the bound on its error."""
+    (bulk, shear), (bulk_error, shear_error) = moduli_with_bounds(critical)
     taut = critical.sigma > 0
     L = critical.bond_vectors[taut]
     double = (L[:, 0] + 1j * L[:, 1]) ** 2 / critical.lengths[taut]
     return {
-        "critical_strain": strain,
+        "critical_strain": strain[0],
+        "critical_strain_error_bound": strain[1],
         "bulk_modulus": bulk,
+        "bulk_modulus_error_bound": bulk_error,
         "shear_modulus": shear,
+        "shear_modulus_error_bound": shear_error,
         "alignment": abs(double.sum()) / critical.lengths[taut].sum(),
         "taut_fraction": taut.sum() / n_edges,
     }
@@ -247,11 +250,14 @@ study = Study(
     case=case,
     check=check,
     variables=(
-        *numbers(
+        *bounded(
             ("seed", "path", "law", "cut"),
             critical_strain="strain of the onset after each number of cuts",
             bulk_modulus="bulk modulus B_0 at the onset [k]",
             shear_modulus="shear modulus G_0 at the onset [k]",
+        ),
+        *numbers(
+            ("seed", "path", "law", "cut"),
             alignment="nematic order of the taut edges, weighted by length",
             taut_fraction="part of the initial edges that is under tension",
         ),

@@ -1,6 +1,7 @@
 """The parts that several studies share."""
 
 import ast
+import re
 from pathlib import Path
 
 import numpy as np
@@ -8,7 +9,7 @@ import pytest
 import xarray as xr
 
 from critflow import Status
-from critflow.workflow.load import load_study
+from critflow.workflow.load import load_study, named_studies
 from workflows.shared.populations import LABELS, PAPER_POPULATIONS, POPULATIONS
 from workflows.shared.reports import finite, series, spread, status_counts
 from workflows.shared.verification import contradictions
@@ -56,3 +57,17 @@ def test_a_contradiction_names_the_case_and_the_checks(status, lines):
     ds = xr.Dataset({"status": ("seed", [int(Status.ok), int(status)])}, {"seed": [3, 4]})
     problems = contradictions(ds, ("seed",), lambda one: [("length", int(one.seed) == 3), ("sigma", True)])
     assert problems == ["seed 4: length does not follow from the arrays"] * lines
+
+
+STORED = re.compile(
+    r"(sampled_|strained_|sheared_)?(coordinates|bulk|growth|tip|least|signed|tensile|sampled|achieved|critical_strain"
+    r"|(bulk|shear)_modulus(_0|_stress_corrected)?|C_[BG](_stress_corrected)?(_exact)?)"
+)
+
+
+@pytest.mark.parametrize("name", named_studies())
+def test_moduli_coefficients_and_coordinates_have_a_bound_on_their_errors(name):
+    """A fitted coefficient has its standard error instead; the steps of an ascent and their pictures are no results."""
+    names = {variable.name for variable in load_study(name).study.variables}
+    bare = {one for one in names if STORED.fullmatch(one) and not {f"{one}_error_bound", f"{one}_error"} & names}
+    assert bare == ({"shear_modulus", "coordinates"} if name == "shear" else set())

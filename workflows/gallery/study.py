@@ -20,7 +20,6 @@ from critflow import (
     CriticalManifold,
     Solution,
     critical_from_lengths,
-    elasticity,
     optimize,
     upper_bound,
     voronoi_network,
@@ -32,12 +31,12 @@ from critflow.result import StudyError
 from critflow.workflow import Axis, Study, stable_rng
 
 from ..shared.checks import check_network, check_positive
-from ..shared.measurements import stressed_fraction
+from ..shared.measurements import moduli_with_bounds, stressed_fraction
 from ..shared.own_network import check_own, own_manifold, own_network, with_digest
 from ..shared.populations import random_lengths
 from ..shared.reports import PAPER
 from ..shared.structure import relative_variance
-from ..shared.tables import NETWORK, numbers, outcomes
+from ..shared.tables import NETWORK, bounded, numbers, outcomes
 from .report import PANELS, claims, gallery
 from .verify import verify
 
@@ -119,7 +118,7 @@ def case(parameters, *, seed, panel):
     if not np.isfinite(found.value.coordinates).all():
         return shared
     critical = found.value
-    moduli = elasticity(critical).value
+    (bulk, shear), (bulk_error, shear_error) = moduli_with_bounds(critical)
     flat = (np.nan, np.nan, np.nan)
     if panel.startswith("bulk_modulus") and network.n_edges <= MOST_EDGES:
         zero = flat_directions(critical, tolerance=FLAT)
@@ -130,12 +129,15 @@ def case(parameters, *, seed, panel):
         "tension": critical.tensions / pressure(critical),
         "length": critical.lengths,
         "coordinates": critical.coordinates,
+        "coordinates_error_bound": critical.error_bound,
         "amplitude": amplitudes,
         "length_variance": relative_variance(critical.lengths),
         "tension_variance": relative_variance(critical.tensions),
-        "bulk_modulus_0": moduli.bulk,
+        "bulk_modulus_0": bulk,
+        "bulk_modulus_0_error_bound": bulk_error,
         "bulk_modulus_affine": affine_bulk_modulus(critical),
-        "shear_modulus_0": moduli.shear,
+        "shear_modulus_0": shear,
+        "shear_modulus_0_error_bound": shear_error,
         "stressed_fraction": stressed_fraction(critical.sigma),
         "flat_directions": float(flat[0]),
         "flat_largest": flat[1],
@@ -175,14 +177,18 @@ VARIABLES = (
         MEMBER,
         length_variance="variance of the lengths over their squared mean, V_L",
         tension_variance="variance of the tensions over their squared mean, V_τ",
-        bulk_modulus_0="bulk modulus at the transition, in units of k",
         bulk_modulus_affine="bulk modulus if the dilation stayed affine, in units of k",
-        shear_modulus_0="shear modulus at the transition, in units of k",
         stressed_fraction="part of the edges under tension",
         flat_directions="null directions of the Hessian of B_0 over the stresses, at its maxima",
         flat_largest="largest eigenvalue counted as null, over the largest of all",
         curved_smallest="smallest eigenvalue not counted as null, over the largest of all",
     ),
+    *bounded(
+        MEMBER,
+        bulk_modulus_0="bulk modulus at the transition, in units of k",
+        shear_modulus_0="shear modulus at the transition, in units of k",
+    ),
+    *numbers(MEMBER, coordinates_error_bound="bound on the error of coordinates"),
     *outcomes(MEMBER, status="outcome of finding the configuration"),
     *numbers(MEMBER, residual="largest unbalanced force over the mean tension"),
     *numbers(MEMBER, "i4", iterations="iterations of the method that found the configuration"),

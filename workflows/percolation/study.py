@@ -9,19 +9,20 @@ from __future__ import annotations
 
 import numpy as np
 
-from critflow import CriticalManifold, Status, critical_from_lengths, quantity, stiffening, upper_bound, voronoi_network
+from critflow import CriticalManifold, Status, critical_from_lengths, upper_bound, voronoi_network
 from critflow.generators.random_networks import check_voronoi
 from critflow.workflow import Axis, Coordinate, Study, Variable, stable_rng
 
 from ..shared.checks import check_network
-from ..shared.measurements import stressed_fraction
+from ..shared.measurements import coefficients, moduli_with_bounds, stressed_fraction
 from ..shared.populations import random_lengths
 from ..shared.reports import PAPER
 from ..shared.strain_protocol import critical_by_strain
-from ..shared.tables import numbers, outcomes
+from ..shared.tables import bounded, numbers, outcomes
 from .report import claims, percolation_figure, spread_figure
 
-NOT_COMPUTED = (Status.missing, np.nan, np.nan, np.nan)
+MEASURED = ("solve_status", "stressed_fraction", "bulk", "bulk_error_bound", "C_B", "C_B_error_bound")
+NOT_COMPUTED = (Status.missing, *[np.nan] * 5)
 
 
 def case(parameters, *, seed, n_vertices):
@@ -33,23 +34,21 @@ def case(parameters, *, seed, n_vertices):
         rows.append(measured(manifold, critical_from_lengths(manifold, lengths, throw=False)))
         protocol = seed < parameters["protocol_networks"]
         strained.append(measured(manifold, critical_by_strain(manifold, lengths)) if protocol else NOT_COMPUTED)
-    names = ("solve_status", "stressed_fraction", "bulk", "C_B")
     return {
         "status": Status.ok,
-        **{name: [row[n] for row in rows] for n, name in enumerate(names)},
-        **{f"strained_{name}": [row[n] for row in strained] for n, name in enumerate(names)},
+        **{name: [row[n] for row in rows] for n, name in enumerate(MEASURED)},
+        **{f"strained_{name}": [row[n] for row in strained] for n, name in enumerate(MEASURED)},
     }
 
 
 def measured(manifold, solution):
-    """Status, stressed part, B_0 over the largest possible, and C_B of the configuration of one set of rest lengths."""
+    """`MEASURED` of the configuration of one set of rest lengths."""
     if solution.status not in (Status.ok, Status.slack_edges):
-        return (solution.status, np.nan, np.nan, np.nan)
-    network, critical = manifold.network, solution.value
-    bulk = quantity(network, "B_0").evaluate(critical)[0] / upper_bound(manifold, "B_0")
-    coefficients = stiffening(critical, throw=False)
-    C_B = coefficients.value.C_B if coefficients.ok else np.nan
-    return solution.status, stressed_fraction(critical.sigma), bulk, C_B
+        return (solution.status, *NOT_COMPUTED[1:])
+    critical = solution.value
+    bulk = moduli_with_bounds(critical)[:, 0] / upper_bound(manifold, "B_0")
+    C_B = [values[2] for values in coefficients(critical)]
+    return solution.status, stressed_fraction(critical.sigma), *bulk, *C_B
 
 
 def check(parameters, axes):
@@ -80,9 +79,12 @@ study = Study(
         *numbers(
             SPREAD,
             stressed_fraction="part of the edges under tension",
+            strained_stressed_fraction="part of the edges under tension by the strain protocol",
+        ),
+        *bounded(
+            SPREAD,
             bulk="B_0 over the largest possible on the network",
             C_B="C_B of the stressed part [k]",
-            strained_stressed_fraction="part of the edges under tension by the strain protocol",
             strained_bulk="B_0 by the strain protocol, over the largest possible",
             strained_C_B="C_B by the strain protocol [k]",
         ),

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from critflow import InputError, Status, stiffening, strain_path, voronoi_network
+from critflow import CriticalManifold, InputError, Status, stiffening, strain_path, voronoi_network
 from critflow.critical.backbone import backbone
 from critflow.critical.manifold import require_one_self_stress
 from critflow.networks.deformation import deformation_of
@@ -101,21 +101,29 @@ def measured(manifold, found, parameters, wanted, undefined=1.0):
     return result
 
 
-def known_moduli(critical):
-    """B_0 and G_0 by the formula of one self-stress, even where edges are too short to count the self-stresses."""
-    parts = moduli_of_parts(critical)
-    return sum(each.bulk for each in parts), sum(each.shear for each in parts)
-
-
 def moduli_of_parts(critical):
-    """The moduli at the transition of each rigid part, which add up."""
+    """The moduli at the transition of each rigid part, which add up, even where edges are too short to count parts."""
     try:
         parts = backbone(critical).components
     except InputError:
         parts = (critical,)
     for part in parts:
         require_one_self_stress(part.network)
-    return [elasticity_at_transition(part, critical.network.volume) for part in parts]
+    # A configuration from elsewhere is solved again for its stress, which gives bounds on its errors.
+    known = [part if np.isfinite(part.bond_errors).all() else solved(part) for part in parts]
+    return [elasticity_at_transition(part, critical.network.volume) for part in known]
+
+
+def solved(critical):
+    """The configuration of the same stress with bounds on its errors; as it is where they are not found."""
+    found = CriticalManifold(critical.network).solve(critical.sigma)
+    return found.value if found.ok else critical
+
+
+def moduli_with_bounds(critical):
+    """B_0 and G_0 and the bounds on their errors, (2,) each, summed over the rigid parts."""
+    parts = moduli_of_parts(critical)
+    return np.sum([[(one.bulk, one.shear), (one.errors.bulk, one.errors.shear)] for one in parts], axis=0)
 
 
 def known_stiffening(manifold, critical, deformation):
@@ -126,6 +134,13 @@ def known_stiffening(manifold, critical, deformation):
         return NO_STIFFENING, NO_STIFFENING
     known = not isinstance(found.stats.error_bound, float)
     return found.value, found.stats.error_bound if known else NO_STIFFENING
+
+
+def coefficients(critical):
+    """B_0, G_0, C_B and C_G of one configuration and the bounds on their errors, (4,) each; NaN where not defined."""
+    found = stiffening(critical, throw=False)
+    errors = NO_STIFFENING if isinstance(found.stats.error_bound, float) else found.stats.error_bound
+    return [np.array([each.bulk_0, each.shear_0, each.C_B, each.C_G]) for each in (found.value, errors)]
 
 
 def stressed_fraction(sigma):

@@ -20,6 +20,15 @@ def numbers(dims, dtype="f8", /, **long_names):
     return [Variable(name, dims, dtype, long_name=text) for name, text in long_names.items()]
 
 
+def bounded(dims, /, **long_names):
+    """Variables with the same dimensions, each followed by the bound on its error, `NAME_error_bound`."""
+    return [
+        one
+        for name, text in long_names.items()
+        for one in numbers(dims, **{name: text, f"{name}_error_bound": f"bound on the error of {name}"})
+    ]
+
+
 def outcomes(dims, /, **long_names):
     """Variables with codes of `Status`."""
     return [Variable(name, dims, "i1", long_name=text, flags=Status) for name, text in long_names.items()]

@@ -66,6 +66,7 @@ def at_point(manifold, chart, sigma):
         "outcome": found.status,
         "length": critical.lengths,
         "coordinates": critical.coordinates,
+        "coordinates_error_bound": critical.error_bound,
     }
     if found.ok and not critical.lengths.min() > COLLAPSED * critical.lengths.mean():
         point["outcome"] = Status.edge_collapse
@@ -240,6 +241,7 @@ def table():
     yield at("outcome", (), "outcome at this stress", "i1", flags=Status)
     yield at("length", ("edge",), "edge length")
     yield at("coordinates", ("vertex", "axis"), "vertex coordinates, pins first and last")
+    yield at("coordinates_error_bound", (), "bound on the error of coordinates")
     yield at("tangents", ("edge", "chart_axis"), "tangents of the manifold of half squared lengths, dh/ds")
     yield at("metric", ("chart_axis", "chart_axis_"), "metric, products of the tangents")
     yield at("second_form", ("chart_axis", "chart_axis_"), "second fundamental form towards the stress")
