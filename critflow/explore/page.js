@@ -204,7 +204,7 @@ function numbers(header) {
       row.dataset.key = number.key;
       const head = document.createElement("th");
       head.scope = "row";
-      head.textContent = LABELS[number.key] || number.key;
+      symbols(head, LABELS[number.key] || number.key);
       head.title = MEANING[number.key];
       row.append(head, document.createElement("td"), document.createElement("td"));
       row.cells[1].append(digitsOf(number.key));
@@ -228,6 +228,18 @@ function numbers(header) {
   if (header.bound) put(header.bound);
   const due = new Set(header.due || []);
   for (const number of header.numbers || []) put(number, due.has(number.key));
+}
+// A single letter after an underscore stands below the line, as in C_B: each second part of the result.
+const subscripts = (words) => words.split(/_(\p{L})(?![\p{L}_])/u);
+function symbols(node, words) {
+  node.replaceChildren(
+    ...subscripts(words).map((part, n) => {
+      if (n % 2 === 0) return part;
+      const below = document.createElement("sub");
+      below.textContent = part;
+      return below;
+    }),
+  );
 }
 // The value of a number: four digits until all are asked for; a click copies all.
 function digitsOf(key) {

@@ -64,14 +64,26 @@ function axes(canvas, xs, ys, xlabel, ylabel) {
     c.stroke();
     c.fillText(v, l - 4, y(v) + 4);
   }
-  c.textAlign = "center";
-  c.fillText(xlabel, (l + width) / 2, height - 4);
+  title(c, xlabel, (l + width) / 2, height - 4);
   c.save();
   c.translate(11, (height - b) / 2);
   c.rotate(-Math.PI / 2);
-  c.fillText(ylabel, 0, 0);
+  title(c, ylabel, 0, 0);
   c.restore();
   return [c, x, y];
+}
+// A title of an axis with its subscripts, centred.
+function title(c, words, x, y) {
+  const fonts = ["12px system-ui, sans-serif", "9px system-ui, sans-serif"],
+    parts = subscripts(words).map((part, n) => [part, fonts[n % 2], 3 * (n % 2)]);
+  const widths = parts.map(([part, font]) => ((c.font = font), c.measureText(part).width));
+  c.textAlign = "left";
+  x -= widths.reduce((sum, width) => sum + width) / 2;
+  parts.forEach(([part, font, lower], n) => {
+    c.font = font;
+    c.fillText(part, x, y + lower);
+    x += widths[n];
+  });
 }
 function mark(c, kind, x, y, r) {
   c.beginPath();
@@ -108,7 +120,7 @@ function plots() {
   get("curvebox").hidden = !curve;
   get("plane").hidden = get("legend").hidden = !(series.length || own.length);
   get("noplane").hidden = !get("plane").hidden;
-  text(
+  symbols(
     get("noplane"),
     state.plane.own ? "B₀ or C_B of this network has no value." : "No case of the dataset is shown.",
   );
@@ -148,7 +160,7 @@ function plots() {
     get("plane").places = [];
   }
   if (!curve) return;
-  get("curvename").textContent = `${curve.name} against γ${curve.line ? "; the line is B₀ + C_B γ" : ""}`;
+  symbols(get("curvename"), `${curve.name} against γ${curve.line ? "; the line is B₀ + C_B γ" : ""}`);
   const line = curve.line || [[], []],
     [c, x, y] = axes(get("curve"), [...curve.x, ...line[0]], [...curve.y, ...line[1]], "γ", curve.name);
   c.beginPath();
