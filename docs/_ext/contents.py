@@ -62,6 +62,7 @@ def all_claims() -> str:
         title, _, table = file.read_text(encoding="utf-8").partition("\n")
         table = re.sub(r"^\| ([\w+-]+) \|", lambda row: f"| {printed(row[1])} |", table, flags=re.M)
         table = re.sub(r"(\*\*|`)([\w+-]+)(?=\1)", lambda key: f"{key[1]}{printed(key[2])}", table)
+        table = re.sub(r"^## ", "### ", table, flags=re.M)
         parts.append(f"## {study}\n\n{title.lstrip('# ')}.\n{table}")
     return "\n".join(parts)
 
@@ -69,11 +70,22 @@ def all_claims() -> str:
 APPENDED = {"results": all_studies, "claims": all_claims}
 
 
+def unbroken(text: str) -> str:
+    """Numbers in tables with their units, ranges and exponents in one line."""
+
+    def row(line: re.Match[str]) -> str:
+        cells = re.sub(r"(?<=\d) (?=(ms|s|×)\b|×)", "\N{NO-BREAK SPACE}", line[0])
+        cells = re.sub(r"(?<=\de)-(?=\d)", "\N{MINUS SIGN}", cells)
+        return re.sub(r"\(\S+ to \S+\)", lambda span: span[0].replace(" ", "\N{NO-BREAK SPACE}"), cells)
+
+    return re.sub(r"^\|.*\|$", row, text, flags=re.M)
+
+
 def read(app, name, source):
     page = ROOT / "docs" / f"{name}.md"
     if name in APPENDED:
         source[0] += "\n" + APPENDED[name]()
-    source[0] = relocated(source[0], page)
+    source[0] = unbroken(relocated(source[0], page))
     if page.name == "index.md":
         source[0] = with_contents(source[0], page.parent)
 
