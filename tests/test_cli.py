@@ -181,18 +181,6 @@ def test_list_names_studies_and_those_that_do_not_load(here, capsys):
     assert "peer needs a_missing_package: pip install" in err
 
 
-def test_list_begins_with_the_study_of_the_readme_and_ends_with_benchmarks(here, capsys):
-    for folder, name in (("benchmarks/early", "early"), ("later", "later")):
-        (here / "workflows" / folder).mkdir(parents=True)
-        source = Path(TINY).read_text().replace('name="tiny"', f'name="{name}"')
-        (here / "workflows" / folder / "study.py").write_text(source)
-    (here / "workflows" / "ensemble.py").write_text(Path(TINY).read_text().replace('name="tiny"', 'name="ensemble"'))
-    assert main(["list"]) == 0
-    names = [line.split(":")[0] for line in capsys.readouterr().out.splitlines()]
-    own = [name for name in names if name in ("tiny", "early", "later", "ensemble")]
-    assert own == ["ensemble", "later", "tiny", "early"]
-
-
 def test_list_prints_the_settings_of_a_study(here, capsys):
     assert main(["list", "tiny"]) == 0
     lines = capsys.readouterr().out.splitlines()

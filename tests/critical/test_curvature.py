@@ -10,7 +10,6 @@ from derivatives import assert_derivative
 from problems import random_stress
 
 from critflow import CriticalManifold, InputError, Network, SolveError, Status, three_bar_linkage, voronoi_network
-from critflow.critical import curvature
 from critflow.critical.curvature import (
     StereographicChart,
     dense,
@@ -249,10 +248,3 @@ def test_bad_charts_raise():
             surface_geometry(manifold, chart, s)
     with pytest.raises(InputError, match="between"):
         principal_curvatures(manifold, np.ones(3), k=2)
-
-
-def test_residuals_are_relative_to_every_value_but_zero():
-    # |A w − value w|/|value| of the diagonal A = (1, 2, 0), with parts of 1/8 of another vector in two.
-    vectors = np.array([[1.0, 0.125, 0.0], [0.0, 1.0, 0.0], [0.125, 0.0, 1.0]])
-    found = curvature._residuals(np.diag([1.0, 2.0, 0.0]), vectors, np.array([1.0, 2.0, 0.0]))
-    np.testing.assert_array_equal(found, [0.125, 0.0, np.inf])

@@ -2,7 +2,6 @@
 
 import asyncio
 
-import numpy as np
 import pytest
 
 from critflow import strain_path, upper_bound
@@ -221,48 +220,6 @@ def test_two_fingers_zoom_and_move_and_cut_nothing(browser):
     browser(check())
 
 
-def test_edges_and_symbols_say_what_they_are(browser):
-    async def check():
-        tab = await browser.tab()
-        page = await browser.page_of(tab)
-        for quantity in ("tension", "length"):
-            await choose(tab, "colour", quantity)
-            drawing = page.view.drawings["network"]
-            segment = int(np.argmax(np.linalg.norm(drawing.segments[:, 1] - drawing.segments[:, 0], axis=1)))
-            edge, (u, v) = int(drawing.edges[segment]), drawing.segments[segment].mean(axis=0)
-            x, y = await tab.run(
-                "(() => { const r = get('network').getBoundingClientRect(), w = panels.network.view;"
-                f" return [r.left + w.x({u}), r.top + w.y({v})]; }})()"
-            )
-            await tab.send("Input.dispatchMouseEvent", type="mouseMoved", x=x, y=y)
-            critical = page.session.state.critical
-            value = {"tension": critical.tensions / critical.tensions.mean(), "length": critical.lengths}[quantity][
-                edge
-            ]
-            words = await tab.until("get('network').title")
-            assert words.startswith(f"edge {edge}: {quantity}") and words.endswith(f": {value:#.4g}")
-        await slide(tab, "gamma", 0.02)
-        assert await tab.run(f"{ROWS}.length > 11 && {ROWS}.every(row => row.cells[0].title.length > 10)")
-        symbols = "[...document.querySelectorAll('label[for], #scalename, #plane')].every(e => e.title.length > 10)"
-        assert await tab.run(symbols) and tab.problems == []
-
-    browser(check())
-
-
-def test_an_edge_that_does_not_exist_is_refused_and_arrows_go_round(browser):
-    async def check():
-        tab = await browser.tab()
-        await tab.run("(() => { get('edge').value = 99999; get('edge').onchange(); })()")
-        await tab.until("get('sentence').textContent.includes('no edge 99999')")
-        await tab.run("send({do: 'select', edge: 95})")
-        await tab.until(SETTLED)
-        await tab.run("get('network').focus()")
-        await tab.send("Input.dispatchKeyEvent", type="keyDown", key="ArrowRight")
-        await tab.until(f"{SETTLED} && state.edge.number === 0")
-
-    browser(check())
-
-
 def test_the_redirect_file_opens_the_page(browser):
     async def check():
         tab = await browser.chromium.tab(browser.explorer.redirect_file(browser.address).as_uri())
@@ -298,20 +255,6 @@ def test_a_reload_keeps_the_state_and_another_tab_has_its_own(browser):
         await tab.send("Page.reload")
         await tab.until(f"!window.old && {SETTLED}")
         assert await texts(tab) == shown and not await tab.run("get('undo').disabled")
-
-    browser(check())
-
-
-def test_a_broken_file_is_a_sentence(browser, tmp_path):
-    (tmp_path / "broken.json").write_text("{")
-
-    async def check():
-        tab = await browser.tab()
-        root = await tab.send("DOM.getDocument")
-        found = await tab.send("DOM.querySelector", nodeId=root["root"]["nodeId"], selector="#file")
-        await tab.send("DOM.setFileInputFiles", files=[str(tmp_path / "broken.json")], nodeId=found["nodeId"])
-        await tab.until("get('sentence').className === 'error' && get('sentence').textContent.includes('broken.json')")
-        assert await tab.run("document.querySelectorAll('#numbers tr').length") > 5
 
     browser(check())
 
@@ -401,21 +344,6 @@ def test_the_theme_follows_the_browser_until_one_is_chosen(browser):
         for least, words in contrast.values():
             assert least >= 4.5, words
         assert tab.problems == []
-
-    browser(check())
-
-
-def test_the_menu_colours_edges_by_length_and_stress(browser):
-    async def check():
-        tab = await browser.tab()
-        seen = {await pixels(tab)}
-        for quantity in ("length", "stress", "tension"):
-            await choose(tab, "colour", quantity)
-            seen.add(await pixels(tab))
-            shown = await tab.run("['low', 'high', 'scalename'].map(id => get(id).textContent)")
-            scale = (await browser.page_of(tab)).show().header["scale"]
-            assert shown == [scale["low"], scale["high"], scale["name"]] and scale["colour"] == quantity
-        assert len(seen) == 3
 
     browser(check())
 

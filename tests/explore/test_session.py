@@ -7,7 +7,7 @@ import critflow
 from critflow import CritflowError, certify, elasticity, stiffening, upper_bound
 from critflow.explore import numbers
 from critflow.explore.model import POPULATIONS
-from critflow.explore.picture import PALETTES, QUANTITIES, edge_values, face_outlines, network_drawing, shades_of
+from critflow.explore.picture import PALETTES, face_outlines, network_drawing, shades_of
 from critflow.explore.script import script
 from critflow.explore.session import Session
 from critflow.explore.source import File, Random
@@ -162,16 +162,6 @@ def test_a_change_that_fails_leaves_the_state(session, change, word):
     assert session.state is before
 
 
-def test_sources_refuse_what_they_cannot_show(tmp_path):
-    for given in ({"n_vertices": 10**7}, {"n_vertices": 2.5}, {"seed": "x"}):
-        with pytest.raises(CritflowError):
-            Random(**given)
-    for name, content in (("a.json", "{"), ("b.graphml", "<graph"), ("c.xyz", "1"), ("d.csv", "1,2")):
-        (tmp_path / name).write_text(content)
-        with pytest.raises(CritflowError):
-            File(tmp_path / name).open()
-
-
 def test_a_network_in_space_is_referred_to_its_picture(tmp_path):
     network = critflow.lattice("cubic", 2, 2, 2)
     critflow.write_network(network, tmp_path / "cube.json", network.positions)
@@ -245,15 +235,6 @@ def test_lengths_are_coloured_from_the_shortest_and_equal_ones_alike():
     assert shades.numbers[[0, 50, 100]].tolist() == [0, 16, 31] and (np.diff(shades.numbers.astype(int)) >= 0).all()
     # Rounding is no difference.
     assert set(shades_of(ones + 1e-15 * lengths, ones, from_zero=False).numbers) == {31}
-
-
-@pytest.mark.parametrize("quantity", QUANTITIES)
-def test_values_of_edges_are_over_their_mean(session, quantity):
-    critical = session.state.critical
-    values = edge_values(quantity, critical.sigma, critical.lengths)
-    expected = {"tension": critical.tensions, "length": critical.lengths, "stress": critical.sigma}[quantity]
-    scale = 1.0 if quantity == "length" else np.mean(expected)
-    assert np.allclose(values, expected / scale, rtol=1e-14, atol=0)
 
 
 @pytest.mark.parametrize(("theme", "direction"), [("light", -1), ("dark", 1)])

@@ -4,7 +4,6 @@ import ast
 import importlib
 import json
 import re
-import shutil
 import subprocess
 from pathlib import Path
 
@@ -96,17 +95,6 @@ def test_every_folder_of_reference_results_is_listed():
 
 def test_the_page_is_up_to_date():
     assert PAGE.read_text(encoding="utf-8") == rendered(), "write it again: python -m workflows.pages.results"
-
-
-def test_a_run_of_unknown_duration_has_an_empty_cell(tmp_path):
-    shutil.copytree(REFERENCE, tmp_path / "reference", ignore=shutil.ignore_patterns("*.gif"))
-    runs = json.loads((REFERENCE / "runs.json").read_text(encoding="utf-8"))
-    runs |= {"onset": runs["onset"] | {"seconds": None}}
-    del runs["boundary"]
-    (tmp_path / "reference" / "runs.json").write_text(json.dumps(runs))
-    text = rendered(tmp_path / "reference")
-    assert "`critflow run onset` |  |" in text and "`critflow run boundary` |  |" in text
-    assert "`critflow run ensemble` |  |" not in text
 
 
 def test_what_is_kept_replaces_what_was_kept(tmp_path):

@@ -5,7 +5,7 @@ import pytest
 from problems import Analytic, quadratic
 
 from critflow import Status
-from critflow.solvers.minimize import LBFGS, METHODS, Fire, Function, Newton, Point, minimise
+from critflow.solvers.minimize import LBFGS, METHODS, Fire, Newton, minimise
 
 
 def rosenbrock():
@@ -140,16 +140,6 @@ def test_moves_are_limited():
     # After a step against the force FIRE also reverses half a step.
     assert fire <= 1.5 * 0.02 * (1 + 1e-9)
     assert np.abs(np.diff(function.evaluated, axis=0)).max() <= 0.03 * (1 + 1e-9)
-
-
-def test_a_function_without_a_hessian_says_so():
-    class First(Function):
-        def at(self, x):
-            return Point(x, float(x @ x), 2 * x, float(np.abs(2 * x).max()))
-
-    assert minimise(First(), LBFGS(), np.ones(3), 1e-10, 50).status is Status.ok
-    with pytest.raises(NotImplementedError, match="Hessian"):
-        minimise(First(), Newton(), np.ones(3), 1e-10, 50)
 
 
 def test_a_step_that_raises_the_value_is_refused_where_the_model_predicts_rounding():

@@ -72,14 +72,6 @@ def test_functions_are_successive_derivatives(law):
             assert (np.abs(derivative(e, REST, K) - difference) <= 1e-9 * scale + 1e-15).all()
 
 
-@pytest.mark.parametrize("law", LAWS, ids=repr)
-def test_every_law_is_hookean_at_rest(law):
-    nothing = np.zeros(3)
-    np.testing.assert_array_equal(law.energy(nothing, REST, K), 0)
-    np.testing.assert_array_equal(law.tension(nothing, REST, K), 0)
-    np.testing.assert_allclose(law.stiffness(nothing, REST, K), K, rtol=1e-15)
-
-
 def test_worm_like_chains_diverge_at_the_contour_length():
     law = WormLike(0.2)
     # (1 − u)² E' → ⅙ k m ℓ, the strength of the divergence.

@@ -5,13 +5,12 @@ from itertools import combinations
 
 import numpy as np
 import pytest
-from matplotlib.path import Path
 
 from critflow import Network, upper_bound, voronoi_network
 from critflow.critical.transition import pure_shear, transition_modulus
 from critflow.result import Status
 from workflows.shared.power_laws import exponent
-from workflows.shear.figures import allowed_region, expected_best
+from workflows.shear.figures import expected_best
 
 STUDY = "shear"
 
@@ -83,18 +82,3 @@ def test_the_expected_best_of_some_starts_by_enumeration():
     for picked in (1, 2, 3, 4):
         expected = [np.mean([max(some) for some in combinations(row, picked)]) / row.max() for row in values]
         np.testing.assert_allclose(expected_best(values)[:, picked - 1], expected, rtol=1e-13)
-
-
-@pytest.mark.parametrize("r", [0.0, 0.3, 0.7])
-def test_the_allowed_stresses_are_those_above_the_threshold(r):
-    """Random stresses of three edges with mean square one lie inside the boundary where all are above r."""
-    boundary = allowed_region(r, n=400)
-    np.testing.assert_allclose(np.sum(boundary**2, axis=1), 3, rtol=1e-14)
-    np.testing.assert_allclose(boundary.min(axis=1), r, rtol=0, atol=1e-14)
-    across = np.array([[-1, 1, 0], [-1, -1, 2]]) / np.sqrt([[2], [6]])
-    sigma = np.random.default_rng(1).standard_normal((4000, 3))
-    sigma *= np.sqrt(3) / np.linalg.norm(sigma, axis=1, keepdims=True)
-    sigma = sigma[(sigma.sum(axis=1) > 0) & (np.abs(sigma.min(axis=1) - r) > 1e-4)]  # the side that is seen
-    inside = Path((across @ boundary.T).T).contains_points((across @ sigma.T).T)
-    np.testing.assert_array_equal(inside, sigma.min(axis=1) > r)
-    assert 0 < inside.sum() < len(sigma)

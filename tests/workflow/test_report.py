@@ -67,16 +67,6 @@ def test_a_claim_without_a_sample_was_measured_on_the_values_of_the_first_axis(t
         assert {claim["sample"] for claim in json.loads((tmp_path / sample / "claims.json").read_text())} == {sample}
 
 
-def test_deleted_figures_are_no_damage_and_are_drawn_again(tmp_path, run):
-    assert run(tmp_path) == 0
-    before = (tmp_path / "figures" / "modulus.png").read_bytes()
-    for path in (tmp_path / "figures").iterdir():
-        path.unlink()
-    assert main(["verify", str(tmp_path)]) == 0
-    assert run(tmp_path) == 0
-    assert (tmp_path / "figures" / "modulus.png").read_bytes() == before
-
-
 def test_verify_recomputes_the_physics_of_the_study(tmp_path, run, source, capsys):
     good = source("claims=claims,", "claims=claims, verify=lambda ds: [],")
     assert run(tmp_path / "out", "seeds=0", study=good) == 0
