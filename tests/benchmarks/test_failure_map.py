@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from critflow import InputError, Status, voronoi_network
+from critflow import InputError, Status
 from critflow.command.main import main
 from critflow.workflow.load import load_study
 from workflows.benchmarks.failure_map import problems, quantities, report
@@ -217,17 +217,3 @@ def test_slack_edges_are_tied_to_a_critical_network():
     np.testing.assert_array_equal(critical.bond_vectors[:n], taut.bond_vectors)
     assert problem.stressed is problem.taut.network
     assert quantities.finding("transition_moduli", problem).violation == 0
-
-
-def test_a_skew_cell_has_the_same_lattice():
-    network = problems.DIFFICULTIES["skew_cell"].problem(1000, 0, 12).network
-    plain = voronoi_network(12, 0)
-    np.testing.assert_allclose(network.boundary_vectors, plain.boundary_vectors, atol=1e-10)
-    assert np.abs(network.offsets).max() >= 1000
-
-
-@pytest.mark.parametrize("name, strength, length", [("anisotropic_cell", 1e4, 1e2), ("sheared_cell", 100.0, 100.0)])
-def test_cells_are_as_long_as_their_strength(name, strength, length):
-    network = problems.DIFFICULTIES[name].problem(strength, 0, 12).network
-    assert network.volume == pytest.approx(12)
-    assert np.linalg.norm(network.cell, axis=1).max() == pytest.approx(np.sqrt(12) * length, rel=1e-3)

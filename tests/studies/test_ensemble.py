@@ -100,21 +100,6 @@ def test_show_prints_a_certificate(folder, tmp_path, capsys, assert_picture):
     assert_picture(picture)
 
 
-@pytest.mark.parametrize("deformation", ["dilation", "simple_shear", "uniaxial"])
-def test_coefficients_are_slopes_at_the_transition(deformation):
-    study = load_study("ensemble").study
-    strains = [1e-4 * n for n in range(1, 5)]
-    parameters = {**study.parameters, "n_vertices": 40, "strains": strains, "fit_window": 1.0}
-    parameters["deformation"] = deformation
-    for seed in (1, 2):
-        one = study.computed(parameters, {"seed": seed, "population": "random_stress"})
-        assert (np.asarray(one["path_status"]) == Status.ok).all()
-        for name in ("C_B", "C_G", "C_G_stress_corrected"):
-            # A straight line to 4e-4 has an error of that order.
-            scale = max(abs(one[f"{other}_exact"]) for other in ("C_B", "C_G"))
-            assert one[name] == pytest.approx(one[f"{name}_exact"], abs=0.02 * scale)
-
-
 def test_stored_numbers_are_within_their_error_bounds(dataset):
     """Against double-double arithmetic; the bounds are a few roundings, and ancillary variables after CF."""
     for name in BOUNDED:

@@ -1,37 +1,17 @@
 """The shear study end to end, small: recorded ascents, parts of the bound, sizes, thresholds and starts."""
 
-import json
 from itertools import combinations
 
 import numpy as np
 import pytest
 
-from critflow import Network, upper_bound, voronoi_network
+from critflow import upper_bound, voronoi_network
 from critflow.critical.transition import pure_shear, transition_modulus
 from critflow.result import Status
 from workflows.shared.power_laws import exponent
 from workflows.shear.figures import expected_best
 
 STUDY = "shear"
-
-
-def test_ascents_climb_towards_their_bound(dataset):
-    for seed in dataset.seed.values:
-        one = dataset.sel(seed=seed)
-        network = Network(one.edges.values, one.offsets.values, one.cell.values)
-        expected = upper_bound(network, transition_modulus(network, pure_shear(2)))
-        assert float(one.ascent_bound) == pytest.approx(expected, rel=1e-12)
-    assert (dataset.shear_modulus.diff("step") > 0).all()
-    assert (dataset.shear_modulus <= dataset.ascent_bound).all()
-    assert set(np.unique(dataset.ascent_status)) == {Status.step_limit}
-
-
-def test_its_figures_and_animation_are_drawn(folder, assert_picture):
-    for name in ("ascent", "compression", "scaling"):
-        assert_picture(folder / "figures" / f"{name}.png", 20_000)
-    assert (folder / "figures" / "ascent.gif").read_bytes().startswith(b"GIF89a")
-    claims = {claim["key"]: claim for claim in json.loads((folder / "claims.json").read_text())}
-    assert claims["ShearModulusSteepestDescent-bound"]["verdict"] == "holds"
 
 
 def test_parts_of_the_bound_are_met_in_order(dataset):
