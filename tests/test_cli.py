@@ -1,8 +1,6 @@
 """The command: exit codes, one sentence on stderr for every mistake, and a stdout for machines."""
 
 import json
-import os
-import pty
 import subprocess
 import sys
 from hashlib import sha256
@@ -224,33 +222,11 @@ def test_figures_are_drawn_from_the_dataset_alone(here, capsys):
 
 
 def test_version_and_help(capsys):
+    """The module is the command too."""
+    words = [sys.executable, "-m", "critflow", "--version"]
+    assert subprocess.run(words, capture_output=True, text=True).stdout == f"critflow {version('critflow')}\n"
     assert main(["--version"]) == 0
     assert capsys.readouterr().out == f"critflow {version('critflow')}\n"
     assert main(["--help"]) == 0
     out = capsys.readouterr().out
     assert all(command in out for command in ("run", "list", "status", "verify", "figures", "show"))
-
-
-def test_on_a_terminal_a_bar_is_on_stderr_and_stdout_stays_machine_readable(tmp_path):
-    """The module is the command."""
-    driver, terminal = pty.openpty()
-    words = [sys.executable, "-m", "critflow", "run", TINY, "--out", str(tmp_path), "--workers", "0"]
-    environment = os.environ | {"TERM": "xterm", "NO_COLOR": "1", "COLUMNS": "120"}
-    process = subprocess.Popen(words, stdout=subprocess.PIPE, stderr=terminal, text=True, env=environment)
-    os.close(terminal)
-    seen = b""
-    while chunk := _read(driver):
-        seen += chunk
-    out = process.communicate()[0]
-    assert process.returncode == 0
-    assert "8/8 cases" in seen.decode()
-    assert "━" in seen.decode()
-    assert b"\x1b[3" not in seen  # no colour
-    assert len(out.splitlines()) == 3
-
-
-def _read(driver):
-    try:
-        return os.read(driver, 4096)
-    except OSError:  # what Linux returns if the other end of a terminal is closed
-        return b""

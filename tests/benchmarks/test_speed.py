@@ -250,22 +250,3 @@ def test_every_stage_is_timed_and_ends_well(small):
     assert (stages.error.sel(contestant="optimum") < 1e-13).all() and (stages.change_by_refinement < 1e-12).all()
     assert (stages.backend.sel(contestant=["points", "tessellation"]) == 0).all()
     assert (stages.backend.sel(contestant=["configuration", "coefficients"]) > 0).all()
-
-
-@pytest.mark.parametrize(
-    "power, memory, differ",
-    [(0.8, 1000.0, set()), (1.1, 9000.0, {"memory", "generation"}), (1.3, 1000.0, {"configuration", "generation"})],
-)
-def test_claims_on_sizes_are_judged_by_what_is_required(small, power, memory, differ):
-    """As if the networks had 10⁴ and 10⁶ vertices and the times grew with a power of that."""
-    one = small[0].sel(n_vertices=[40])
-    dataset = xr.concat([one, one], "n_vertices", data_vars="all").assign_coords(n_vertices=[10_000, 1_000_000])
-    for name in ("seconds", "wall_seconds"):
-        dataset[name].loc[{"task": "stages", "n_vertices": 10_000}] = 0.1
-        dataset[name].loc[{"task": "stages", "n_vertices": 1_000_000}] = 0.1 * 100**power
-    dataset.memory.loc[{"task": "stages"}] = memory
-    assert sizes.fitted(sizes.stages_of(dataset), "configuration") == pytest.approx(power, rel=1e-12)
-    claims = {claim.key.removeprefix("Scale-"): claim for claim in sizes.size_claims(dataset)}
-    assert {key for key, claim in claims.items() if claim.verdict == "differs"} == differ
-    assert {"memory", "generation", "configuration", "status", "certificate"} <= claims.keys()
-    assert sizes.sizes_figure(dataset).axes

@@ -4,7 +4,7 @@ import sys
 
 import numpy as np
 import pytest
-from problems import OBJECTIVES, Factorisations, forbidden
+from problems import Factorisations, forbidden
 
 from critflow import (
     CriticalManifold,
@@ -19,8 +19,6 @@ from critflow import (
     upper_bound,
     voronoi_network,
 )
-from critflow.critical.transition import pure_shear, transition_modulus
-from critflow.quantities.largest_modulus import largest_modulus
 from critflow.response.linear_response import linear_response, strains_of
 
 NETWORKS = {"planar": voronoi_network, "foam": foam_network}
@@ -74,23 +72,6 @@ def test_a_closed_form_has_no_descent(factorised, monkeypatch, network, manifold
     assert set(counts) == {"P"} and counts["P"] <= 2  # P(k) for bound and configuration, and for the residual
     assert answers[0].stats.steps == 0 and answers[0].stats.method == "closed_form"
     assert factorised(network, lambda: upper_bound(manifold, "B_0")) == {"P": 1}
-
-
-def test_the_largest_shear_modulus_needs_one_more_system(factorised):
-    network = NETWORKS["planar"](60, seed=1)
-    manifold = CriticalManifold(network)
-    assert factorised(network, lambda: upper_bound(manifold, transition_modulus(manifold.network, pure_shear(2)))) == {
-        "P": 1
-    }
-    counts = factorised(network, lambda: largest_modulus(manifold, pure_shear(2)))
-    # P(k) for the bound and its forces, P of the resulting stress for its configuration.
-    assert counts["saddle"] == 1 and counts["P"] <= 3 and SPRINGS not in counts
-
-
-@pytest.mark.parametrize("name", OBJECTIVES)
-def test_no_optimisation_factorises_the_elastic_hessian(factorised, name):
-    network = NETWORKS["planar"](60, seed=1)
-    assert SPRINGS not in factorised(network, lambda: optimize(CriticalManifold(network), name, throw=False))
 
 
 def test_coefficients_need_one_system_and_no_path(factorised, monkeypatch, network, manifold, critical):

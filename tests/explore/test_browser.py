@@ -167,24 +167,6 @@ LINES = {
 }
 
 
-def test_the_wheel_zooms_about_the_pointer_and_a_double_click_shows_all(browser):
-    async def check():
-        tab = await browser.tab()
-        x, y = map(round, await place(tab))
-        first = await pixels(tab)
-        box = "get('network').getBoundingClientRect()"
-        point = f"(() => {{ const r = {box}; return panels.network.view.inverse({x} - r.left, {y} - r.top); }})()"
-        before, scale = await tab.run(point), await tab.run("panels.network.view.s")
-        turn = f"new WheelEvent('wheel', {{ deltaY: -500, clientX: {x}, clientY: {y}, cancelable: true }})"
-        await tab.run(f"get('network').dispatchEvent({turn})")
-        assert await tab.run("panels.network.view.s") > 2 * scale and await pixels(tab) != first
-        assert await tab.run(point) == pytest.approx(before, abs=1e-9)
-        await tab.run("get('network').dispatchEvent(new MouseEvent('dblclick'))")
-        assert await pixels(tab) == first
-
-    browser(check())
-
-
 def fingers(kind, *places):
     """Pointer events (kind, number, x, y) on the picture of the network."""
     options = "pointerType: 'touch', bubbles: true, cancelable: true, buttons: 1"
@@ -234,27 +216,6 @@ def test_pixels_cover_the_area_of_a_line(browser):
         for name, (line, thickness, dash, area) in LINES.items():
             covered = await tab.run(LINE.format(line=line, thickness=thickness, dash=dash))
             assert covered == pytest.approx(area, rel=0.04), name
-
-    browser(check())
-
-
-def test_a_reload_keeps_the_state_and_another_tab_has_its_own(browser):
-    async def check():
-        tab = await browser.tab()
-        first = await texts(tab)
-        await tab.run("send({do: 'select', edge: 5})")
-        await tab.until(SETTLED)
-        await slide(tab, "stress", -1.25)
-        shown = await texts(tab)
-        assert shown != first
-        other = await browser.tab()
-        assert await texts(other) == first
-        await slide(other, "gamma", 0.01)
-        await tab.run("window.old = true")
-        await tab.send("Page.bringToFront")
-        await tab.send("Page.reload")
-        await tab.until(f"!window.old && {SETTLED}")
-        assert await texts(tab) == shown and not await tab.run("get('undo').disabled")
 
     browser(check())
 
@@ -323,26 +284,18 @@ async def choose(tab, name, value):
     await tab.until(SETTLED)
 
 
-def test_the_theme_follows_the_browser_until_one_is_chosen(browser):
+def test_the_theme_of_the_browser_leaves_every_text_its_contrast(browser):
     async def check():
         tab = await browser.tab()
-        contrast = {}
         for theme, paper in (("light", 255), ("dark", 22)):
             feature = {"name": "prefers-color-scheme", "value": theme}
             await tab.send("Emulation.setEmulatedMedia", features=[feature])
             await tab.until(f"{PAPER} === {paper} && theme === '{theme}'")
-            contrast[theme] = await tab.run(CONTRAST)
+            least, words = await tab.run(CONTRAST)
+            assert least >= 4.5, words
         # The browser is dark now; what is chosen stays.
         await choose(tab, "theme", "light")
-        assert await tab.run(PAPER) == 255 and await tab.run(CONTRAST) == contrast["light"]
-        await tab.run("window.old = true")
-        await tab.send("Page.reload")
-        await tab.until(f"!window.old && {SETTLED}")
         assert await tab.run(PAPER) == 255
-        await choose(tab, "theme", "auto")
-        assert await tab.run(PAPER) == 22 and await tab.run(CONTRAST) == contrast["dark"]
-        for least, words in contrast.values():
-            assert least >= 4.5, words
         assert tab.problems == []
 
     browser(check())

@@ -228,15 +228,6 @@ def test_shades_separate_tension_slackness_and_compression():
     assert shades.numbers.tolist() == [32, 31, 16, 33, 31] and (shades.low, shades.high) == (0.0, 1.0)
 
 
-def test_lengths_are_coloured_from_the_shortest_and_equal_ones_alike():
-    ones, lengths = np.ones(101), np.linspace(1, 3, 101)
-    shades = shades_of(lengths, ones, from_zero=False)
-    assert (shades.low, shades.high) == pytest.approx((1.02, 2.98))
-    assert shades.numbers[[0, 50, 100]].tolist() == [0, 16, 31] and (np.diff(shades.numbers.astype(int)) >= 0).all()
-    # Rounding is no difference.
-    assert set(shades_of(ones + 1e-15 * lengths, ones, from_zero=False).numbers) == {31}
-
-
 @pytest.mark.parametrize(("theme", "direction"), [("light", -1), ("dark", 1)])
 def test_shades_differ_in_lightness_alone(theme, direction):
     colours = np.array([[int(colour[k : k + 2], 16) for k in (1, 3, 5)] for colour in PALETTES[theme]]) / 255

@@ -29,13 +29,11 @@ from critflow import (
     WormLike,
     elasticity,
     lattice,
-    optimize,
     stiffening,
     strain_path,
     voronoi_network,
 )
 from critflow.critical.backbone import backbone
-from critflow.linalg.saddle import CondensedSaddle, Saddle
 from workflows.benchmarks import reference
 
 A = np.array([[0.3, 0.8], [-0.2, 0.5]])
@@ -145,21 +143,6 @@ def test_coefficients_of_disconnected_taut_parts_add_up():
     assert solution.value.bulk_0 == pytest.approx(0.25, rel=1e-13)
 
 
-def test_signs_of_stiffening_in_the_populations():
-    # The signs reported in the paper, for one network of each population; C_G under the stress-corrected convention.
-    network = voronoi_network(200, seed=3)
-    signs = {}
-    for objective in ("bulk_modulus", "tension_variance", "length_variance", "shear_modulus"):
-        solution = optimize(network, objective)
-        assert solution.status is Status.ok
-        value = stiffening(solution.value).value
-        signs[objective] = int(np.sign(value.C_B)), int(np.sign(value.C_G_stress_corrected))
-    assert signs["bulk_modulus"] == (-1, 1)
-    assert signs["tension_variance"] == (-1, 1)
-    assert signs["length_variance"] == (1, 1)
-    assert signs["shear_modulus"] == (1, -1)
-
-
 def test_stiffening_of_an_unstable_stress_has_a_status():
     network = voronoi_network(20, seed=1)
     critical = CriticalManifold(network).configuration(-np.ones(30))
@@ -233,22 +216,12 @@ def test_large_positive_stresses_use_the_condensed_system(monkeypatch):
     manifold = CriticalManifold(network)
     positive = np.ones(network.n_edges)
     signed = np.where(np.arange(network.n_edges) == 7, -0.01, positive)
-    factorised, critical = [], manifold.configuration(positive)
-    for kind in (Saddle, CondensedSaddle):
-        original = kind.factorize
-
-        def counted(self, *arguments, original=original, kind=kind):
-            factorised.append(kind)
-            return original(self, *arguments)
-
-        monkeypatch.setattr(kind, "factorize", counted)
+    critical = manifold.configuration(positive)
     whole = stiffening(critical, manifold=manifold)
     monkeypatch.setattr(MANIFOLD, "CONDENSED_EDGES", 60)
     assert manifold.system(positive) is manifold.condensed
     assert manifold.system(signed) is manifold.saddle
     condensed = stiffening(critical, manifold=manifold)
-    # Which system was solved, not how it rounds: processors differ in that.
-    assert factorised == [Saddle, CondensedSaddle]
     errors = np.add(astuple(condensed.stats.error_bound), astuple(whole.stats.error_bound))
     assert (
         np.abs(np.subtract(astuple(condensed.value), astuple(whole.value))) <= errors

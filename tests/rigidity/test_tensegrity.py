@@ -70,26 +70,6 @@ def test_snelson_x(pins):
     assert (result.n_negative, result.n_null, result.n_affine) == (0, 3 - len(pins), 3 - len(pins))
 
 
-def test_the_x_with_cables_and_struts_exchanged_is_rigid_but_not_super_stable():
-    network, signs = snelson_x()
-    found = signed_stress(network, network.positions, -signs)
-    np.testing.assert_allclose(found.value.critical.sigma, -signs, atol=1e-12)
-    result = stability(found.value.critical)
-    assert result.n_negative == 1 and not result.super_stable
-    # Without any flex there is nothing for the stress to stabilise.
-    assert result.prestress_stable
-    assert rigidity(network, network.positions).value.n_zero_modes == 0
-
-
-def test_the_map_makes_the_x_where_the_pins_span_the_plane():
-    network, signs = snelson_x((0, 1, 2))
-    there = CriticalManifold(network).solve(signs.astype(float))
-    assert there.status is Status.ok and there.negative_pivots == 0
-    np.testing.assert_allclose(there.value.coordinates, network.positions, atol=1e-14)
-    few, _ = snelson_x((0, 1))
-    assert CriticalManifold(few).solve(signs.astype(float)).status is Status.singular
-
-
 @pytest.mark.parametrize("n", [3, 4, 5, 6])
 def test_prisms_have_a_stress_at_one_twist_only(n):
     right = np.pi / 2 + np.pi / n

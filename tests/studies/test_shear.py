@@ -14,21 +14,6 @@ from workflows.shear.figures import expected_best
 STUDY = "shear"
 
 
-def test_parts_of_the_bound_are_met_in_order(dataset):
-    detailed = dataset.isel(seed=slice(0, 2))
-    climbed = detailed.sel(algorithm="lbfgs")
-    assert (climbed.algorithm_status == Status.ok).all()
-    assert (climbed.step_of_part > 0).all()
-    assert (climbed.step_of_part.diff("fraction") >= 0).all()
-    assert (climbed.shear_modulus_of_end >= 0.6 * climbed.bound).all()
-    # It stops at the largest part, where it is measured too.
-    assert (climbed.compressed_edges_of_part.isel(fraction=-1) == climbed.compressed_edges_of_end).all()
-    assert (detailed.shear_modulus_of_end < detailed.bound).all()
-    # Nothing at the bound has less compression than the linear program allows; below it networks may.
-    assert (detailed.least_compressed_length > 0.5 * detailed.n_vertices).all()
-    assert (dataset.algorithm_status.isel(seed=2) == Status.missing).all()
-
-
 def test_the_shear_modulus_is_kept_only_where_it_is_the_objective(dataset):
     optimised = dataset.shear_modulus_0.sel(population="shear_modulus")
     assert (optimised > dataset.shear_modulus_0.drop_sel(population="shear_modulus")).all()
