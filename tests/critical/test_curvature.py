@@ -10,12 +10,7 @@ from derivatives import assert_derivative
 from problems import random_stress
 
 from critflow import CriticalManifold, InputError, Network, SolveError, Status, three_bar_linkage, voronoi_network
-from critflow.critical.curvature import (
-    StereographicChart,
-    dense,
-    principal_curvatures,
-    surface_geometry,
-)
+from critflow.critical.curvature import StereographicChart, dense, principal_curvatures, surface_geometry
 
 
 def half_squares(manifold, sigma):

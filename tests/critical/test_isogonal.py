@@ -4,16 +4,7 @@ from functools import cache
 
 import numpy as np
 import pytest
-from problems import (
-    NETWORKS,
-    dense_free,
-    oblique,
-    pinned_grid,
-    random_stress,
-    sheared,
-    square_octagon,
-    voronoi_3d,
-)
+from problems import NETWORKS, dense_free, oblique, pinned_grid, random_stress, sheared, square_octagon, voronoi_3d
 from scipy.optimize import nnls
 
 from critflow import (

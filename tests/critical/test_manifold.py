@@ -80,14 +80,6 @@ def test_residual_detects_imbalance():
     assert moved.residual == pytest.approx(expected, rel=1e-6)
 
 
-def test_three_bar_linkage_closed_form():
-    for sigma in ([1.0, 1.0, 1.0], [0.3, 2.0, 5.0], [1.0, 2.0, -1.0], [-1.0, 1.0, 1.0]):
-        sigma = np.array(sigma)
-        L = CriticalManifold(three_bar_linkage()).configuration(sigma).bond_vectors
-        np.testing.assert_allclose(L[:, 0], 3 / sigma / np.sum(1 / sigma), rtol=1e-14)
-        np.testing.assert_array_equal(L[:, 1], 0)
-
-
 @pytest.mark.parametrize("shape", [None, [[1.2, 0.7], [-0.3, 0.8]]], ids=["square", "oblique"])
 @pytest.mark.parametrize("s, t_x, t_y", [(1.0, 1.0, 1.0), (0.4, 2.0, 0.9), (3.0, 0.2, 1.7)])
 def test_square_octagon_closed_form(s, t_x, t_y, shape):

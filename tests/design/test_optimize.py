@@ -2,15 +2,7 @@
 
 import numpy as np
 import pytest
-from problems import (
-    NETWORKS,
-    at,
-    dense_bond_vectors,
-    modulus_by_formula,
-    random_start,
-    random_stress,
-    voronoi_3d,
-)
+from problems import NETWORKS, at, dense_bond_vectors, modulus_by_formula, random_start, random_stress, voronoi_3d
 
 from critflow import (
     CriticalManifold,

@@ -2,15 +2,7 @@
 
 import numpy as np
 import pytest
-from problems import (
-    OBJECTIVES,
-    ORDER,
-    PERIODIC_KINDS,
-    at,
-    dense_bond_vectors,
-    random_stress,
-    taylor_orders,
-)
+from problems import OBJECTIVES, ORDER, PERIODIC_KINDS, at, dense_bond_vectors, random_stress, taylor_orders
 
 from critflow import CriticalManifold, InputError, Quantity, Status, optimize, voronoi_network
 from critflow.critical.transition import pure_shear, transition_modulus

@@ -202,14 +202,6 @@ def test_two_fingers_zoom_and_move_and_cut_nothing(browser):
     browser(check())
 
 
-def test_the_redirect_file_opens_the_page(browser):
-    async def check():
-        tab = await browser.chromium.tab(browser.explorer.redirect_file(browser.address).as_uri())
-        await tab.until(SETTLED)
-
-    browser(check())
-
-
 def test_pixels_cover_the_area_of_a_line(browser):
     async def check():
         tab = await browser.tab()
@@ -229,22 +221,6 @@ def test_a_narrow_window_and_names_of_all_controls(browser):
             "!(e.labels && e.labels.length) && !e.ariaLabel && !e.textContent.trim()).map(e => e.id)"
         )
         assert await tab.run(unnamed) == []
-
-    browser(check())
-
-
-def test_a_stopped_server_is_reported(browser):
-    async def check():
-        explorer = Explorer(Random(36, 3))
-        server, address = listening(explorer)
-        tab = await browser.chromium.tab(address)
-        await tab.until(SETTLED)
-        server.stop()
-        for connection in list(explorer.open_tabs.values()):
-            connection.close()
-        await tab.until("get('sentence').textContent.includes('stopped')")
-        assert await tab.run("document.body.dataset.connected") == "no"
-        explorer.close()
 
     browser(check())
 

@@ -9,15 +9,7 @@ from matplotlib.figure import Figure
 from problems import oblique, random_stress, sheared, slack_lattice
 from scipy.spatial import cKDTree
 
-from critflow import (
-    CriticalManifold,
-    Network,
-    critical_from_perimeters,
-    draw,
-    foam_network,
-    lattice,
-    voronoi_network,
-)
+from critflow import CriticalManifold, Network, critical_from_perimeters, draw, foam_network, lattice, voronoi_network
 from critflow.figures.plot import (
     draw_in_depth,
     draw_network,

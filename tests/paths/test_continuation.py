@@ -2,12 +2,7 @@
 
 import numpy as np
 import pytest
-from problems import (
-    critical_of,
-    partly_compressed,
-    relaxed_directly,
-    stiff_lattice,
-)
+from problems import critical_of, partly_compressed, relaxed_directly, stiff_lattice
 
 from critflow import CriticalManifold, SolveError, Status, WormLike, critical_from_lengths, strain_path
 from critflow import voronoi_network as voronoi

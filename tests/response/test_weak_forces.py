@@ -5,14 +5,7 @@ import pytest
 import scipy.interpolate
 import scipy.linalg
 import scipy.sparse as sp
-from problems import (
-    dense_incidence,
-    hung_ring,
-    partly_compressed,
-    random_stress,
-    slack_lattice,
-    with_random_stiffness,
-)
+from problems import dense_incidence, hung_ring, partly_compressed, random_stress, slack_lattice, with_random_stiffness
 
 from critflow import (
     AngleSprings,

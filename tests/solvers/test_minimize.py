@@ -112,23 +112,6 @@ def test_newton_converges_superlinearly():
     assert (errors[small + 2] < 10 * errors[small] ** 2).all()
 
 
-def test_newton_evaluates_once_a_step():
-    function, start, _ = rosenbrock()
-    end = minimise(function, Newton(), start, tolerance=1e-10, max_steps=200)
-    assert len(function.evaluated) == end.steps + 1
-
-
-def test_moves_are_limited():
-    function, start, _ = quadratic()
-    minimise(function, Fire(time_step=0.01, max_move=0.02), start, 1e-8, 200)
-    fire = np.abs(np.diff(function.evaluated, axis=0)).max()
-    function.evaluated.clear()
-    minimise(function, LBFGS(max_move=0.03), start, 1e-8, 20)
-    # After a step against the force FIRE also reverses half a step.
-    assert fire <= 1.5 * 0.02 * (1 + 1e-9)
-    assert np.abs(np.diff(function.evaluated, axis=0)).max() <= 0.03 * (1 + 1e-9)
-
-
 def test_a_step_that_raises_the_value_is_refused_where_the_model_predicts_rounding():
     # A flat start, from which the model leads to a plateau that is higher by one: a gain of 5e-10 was predicted.
     function = Analytic(

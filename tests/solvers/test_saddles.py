@@ -56,11 +56,6 @@ def test_the_known_diagonal_does_not_hide_a_direction():
     assert direction @ H @ direction < 0
 
 
-def test_no_lower_point_is_none():
-    function, _, minimum = quadratic()
-    assert step_off_saddle(function, function.at(minimum), np.eye(8)[0]) is None
-
-
 def descent(function):
     return lambda x, limit: minimise(function, LBFGS(), x, 1e-10, 500 if limit is None else limit)
 

@@ -4,14 +4,7 @@ import sys
 
 import numpy as np
 import pytest
-from problems import (
-    SMALL_NETWORKS,
-    STRAINS,
-    random_stress,
-    strained,
-    voronoi_3d,
-    with_random_stiffness,
-)
+from problems import SMALL_NETWORKS, STRAINS, random_stress, strained, voronoi_3d, with_random_stiffness
 
 from critflow import (
     Cable,

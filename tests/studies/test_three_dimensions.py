@@ -2,12 +2,7 @@
 
 import numpy as np
 
-from critflow import (
-    Network,
-    Status,
-    foam_network,
-    upper_bound,
-)
+from critflow import Network, Status, foam_network, upper_bound
 
 STUDY = "three_dimensions"
 
