@@ -5,7 +5,9 @@ import pytest
 from problems import random_stress
 
 from critflow import CriticalManifold, Deformation, Network, critical_from_lengths, voronoi_network
+from critflow.linalg.saddle import Saddle
 from critflow.onset.boundary_path import BoundaryPath
+from critflow.onset.from_lengths import newton_error
 from critflow.onset.taut_edges import OnsetState, newton_taut
 from critflow.onset.taut_set import polish_taut
 from critflow.solvers.cone import fit_lengths
@@ -38,6 +40,17 @@ def test_newton_converges_quadratically_from_a_cone_program(n_vertices, spread, 
     exact = critical_from_lengths(network, target)
     apart = np.abs(end.bond_vectors(path) / (1 + end.strain) - exact.value.bond_vectors).max()
     assert apart < 10 * np.finfo(float).eps * np.abs(end.coordinates).max() + exact.stats.error_bound
+
+
+@pytest.mark.parametrize("size", [1e-6, 1e-9])
+def test_the_newton_error_is_the_distance_from_the_solution(size):
+    target = 1 + 0.1 * np.random.default_rng(4).standard_normal(60)
+    exact = critical_from_lengths(NETWORK, target).value
+    moved = exact.coordinates.copy()
+    moved[1:] += size * np.random.default_rng(2).standard_normal((39, 2))
+    error = newton_error(Saddle(NETWORK), NETWORK, target, moved, exact.sigma)
+    # One step of Newton's method is exact to first order in the displacement.
+    assert error == pytest.approx(np.abs(moved - exact.coordinates).max(), rel=1e3 * size + 1e-5)
 
 
 @pytest.mark.parametrize("edge", [3, 20])
