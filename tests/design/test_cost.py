@@ -19,7 +19,7 @@ from critflow import (
     upper_bound,
     voronoi_network,
 )
-from critflow.response.linear_response import linear_response, strains_of
+from critflow.response.linear_response import linear_response
 
 NETWORKS = {"planar": voronoi_network, "foam": foam_network}
 SPRINGS, STRAIN = "Hessian", [0.001, 0.002, 0.003]
@@ -55,11 +55,6 @@ def test_the_counter_counts_factorisations_of_springs(factorised, network, criti
     assert factorised(network, lambda: strain_path(critical, STRAIN))[SPRINGS] >= len(STRAIN)
 
 
-def test_a_configuration_is_one_factorisation(factorised, network, manifold):
-    sigma = np.arange(1.0, 1.0 + network.n_edges)
-    assert factorised(network, lambda: manifold.configuration(sigma)) == {"P": 1}
-
-
 def test_moduli_at_the_transition_factorise_nothing(factorised, network, critical):
     assert factorised(network, lambda: elasticity(critical).value.errors.tensor) == {}
 
@@ -87,16 +82,6 @@ def test_a_path_without_moduli_has_no_linear_response(factorised, monkeypatch, n
     monkeypatch.setattr(PATH, "linear_response", forbidden)
     without = factorised(network, lambda: strain_path(critical, STRAIN, measure="energy"))
     assert set(without) == {SPRINGS}
-
-
-@pytest.mark.parametrize("deformation, solved", [("dilation", 2), ("simple_shear", 2), ("uniaxial", 3)])
-def test_a_path_without_tensors_solves_for_its_strains_alone(monkeypatch, deformation, solved):
-    network = NETWORKS["planar"](60, seed=1)
-    critical, rows = CriticalManifold(network).configuration(np.ones(network.n_edges)), []
-    monkeypatch.setattr(PATH, "strains_of", lambda rates: rows.append(strains_of(rates)) or rows[-1])
-    for strain in (0.001, -0.001):  # one of them tightens
-        strain_path(critical, [strain], deformation=deformation, measure="moduli", throw=False)
-    assert {len(row) for row in rows} == {solved}
 
 
 def test_lengths_determine_the_transition_without_springs(factorised):

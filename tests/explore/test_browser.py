@@ -167,41 +167,6 @@ LINES = {
 }
 
 
-def fingers(kind, *places):
-    """Pointer events (kind, number, x, y) on the picture of the network."""
-    options = "pointerType: 'touch', bubbles: true, cancelable: true, buttons: 1"
-    events = [
-        f"new PointerEvent('{kind}', {{ pointerId: {n}, clientX: {x}, clientY: {y}, {options} }})" for n, x, y in places
-    ]
-    return "get('network').setPointerCapture = () => {}; " + "; ".join(
-        f"get('network').dispatchEvent({e})" for e in events
-    )
-
-
-def test_two_fingers_zoom_and_move_and_cut_nothing(browser):
-    async def check():
-        tab = await browser.tab()
-        x, y = map(round, await place(tab))
-        await tab.run("document.querySelector('input[value=cut]').click()")
-        box = "get('network').getBoundingClientRect()"
-        point = f"(() => {{ const r = {box}; return panels.network.view.inverse(%s - r.left, %s - r.top); }})()"
-        before, scale = await tab.run(point % (x, y)), await tab.run("panels.network.view.s")
-        await tab.run(fingers("pointerdown", (1, x - 20, y), (2, x + 20, y)))
-        await tab.run(fingers("pointermove", (1, x - 50, y + 30), (2, x + 70, y + 30)))
-        assert await tab.run("panels.network.view.s") == pytest.approx(3 * scale)
-        # What lay between the fingers stays there.
-        assert await tab.run(point % (x + 10, y + 30)) == pytest.approx(before, abs=1e-9)
-        await tab.run(fingers("pointerup", (1, x - 50, y + 30), (2, x + 70, y + 30)))
-        await tab.until(SETTLED)
-        page = await browser.page_of(tab)
-        assert page.session.state.model.network.n_edges == 96
-        await tab.run(fingers("pointerdown", (3, x, y)) + "; " + fingers("pointerup", (3, x, y)))
-        await tab.until(SETTLED)
-        assert page.session.state.model.network.n_edges == 95 and tab.problems == []
-
-    browser(check())
-
-
 def test_pixels_cover_the_area_of_a_line(browser):
     async def check():
         tab = await browser.tab()

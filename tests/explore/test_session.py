@@ -252,22 +252,3 @@ SHORT = {
 @pytest.mark.parametrize(("number", "short", "text"), SHORT.values(), ids=SHORT)
 def test_a_number_is_shown_with_four_digits_unless_its_error_leaves_fewer(number, short, text):
     assert (number.short, number.text) == (short, text)
-
-
-def test_strains_of_one_configuration_are_computed_once(session, monkeypatch):
-    computed = []
-    monkeypatch.setattr(
-        "critflow.explore.session.strain_path", lambda *a, **k: computed.append(a[1]) or critflow.strain_path(*a, **k)
-    )
-    for gamma in (0.01, 0.02, 0.01, 0.02):
-        session.apply(("strain", "dilation", gamma))
-    assert computed == [[0.01], [0.02]]
-    session.apply(("strain", "simple_shear", -0.01))
-    replay(session, [("edge", 3, 0.4), ("strain", "dilation", 0.01)])
-    assert computed == [[0.01], [0.02], [-0.01], [0.01]]
-    again = session.state.path(moduli=False).value.states[-1]
-    assert np.array_equal(session.state.springs.coordinates, again.coordinates)
-    monkeypatch.setattr("critflow.explore.session._STRAINED", 2 * 64)
-    for gamma in (0.02, 0.03, 0.04, 0.01):
-        session.apply(("strain", "dilation", gamma))
-    assert computed[-4:] == [[0.02], [0.03], [0.04], [0.01]]

@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 from problems import oblique, random_stress, sheared, slack_lattice
 from scipy.spatial import cKDTree
 
-from critflow import CriticalManifold, Network, critical_from_perimeters, draw, foam_network, lattice, voronoi_network
+from critflow import CriticalManifold, critical_from_perimeters, draw, foam_network, lattice, voronoi_network
 from critflow.figures.plot import (
     draw_in_depth,
     draw_network,
@@ -19,7 +19,6 @@ from critflow.figures.plot import (
     shade_faces,
     unit_pressure_tensions,
 )
-from critflow.networks.faces import planar_faces
 
 matplotlib.use("Agg")
 
@@ -188,15 +187,6 @@ def test_faces_have_the_colours_of_their_pressures_and_tensions():
         assert (redness[expected > 0.02] > 0.05).all() and (redness[expected < -0.02] < -0.05).all()
         assert (np.diff(redness[np.argsort(expected)]) > -0.01).all()
         plt.close("all")
-    # A patch with fixed vertices has no images.
-    pins = {vertex: place for vertex, place in enumerate(np.array([[0, 0], [2, 0], [2, 2], [0, 2]], dtype=float))}
-    edges = np.array([[0, 1], [1, 2], [2, 3], [3, 0], [4, 0], [4, 1], [4, 2], [4, 3]])
-    x = np.array([*pins.values(), [1.0, 1.0]])
-    patch = Network(edges, pins=pins, positions=x, faces=planar_faces(edges, x[edges[:, 1]] - x[edges[:, 0]], 5))
-    pressed = CriticalManifold(patch).configuration(np.ones(8), np.arange(patch.faces.n_faces, dtype=float) / 10)
-    shading = next(each for each in draw(pressed).collections if isinstance(each, PolyCollection))
-    assert len(shading.get_paths()) == patch.faces.n_faces == len(np.unique(shading.get_facecolors(), axis=0))
-    plt.close("all")
 
 
 def test_slack_edges_are_drawn_grey_below_the_taut_part():

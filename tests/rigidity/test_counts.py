@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 from problems import NETWORKS, dense_rigidity, random_stress, triangular_lattice, voronoi_3d
 from refusals import refused
-from threadpoolctl import threadpool_info, threadpool_limits
 
 from critflow import (
     CriticalManifold,
@@ -15,8 +14,6 @@ from critflow import (
     Status,
     certify,
     critical_from_lengths,
-    elasticity,
-    isogonal_modes,
     lattice,
     nearest_critical,
     rigidity,
@@ -320,33 +317,3 @@ def test_the_rounding_of_a_file_is_reported_with_the_way_back(decimals):
     # The same network out of balance by more than its digits is floppy for another reason.
     displaced = np.round(network.positions + 0.1 * np.random.default_rng(0).standard_normal((100, 2)), decimals)
     assert "decimals" not in rigidity(network, displaced).reason
-
-
-def test_small_matrices_are_decomposed_by_one_thread(monkeypatch):
-    # On a busy machine two threads of BLAS that wait for each other take seconds for what one does in 0.05 s.
-    threads = []
-
-    def watched(decomposition):
-        def call(*arguments, **options):
-            blas = [library["num_threads"] for library in threadpool_info() if library["user_api"] == "blas"]
-            threads.append(max(blas))
-            return decomposition(*arguments, **options)
-
-        return call
-
-    for name in ("svd", "qr"):
-        monkeypatch.setattr(np.linalg, name, watched(getattr(np.linalg, name)))
-    network, lattices = voronoi_network(24, seed=1), lattice("triangular", 12, 12)
-    critical = CriticalManifold(network).configuration(np.ones(36))
-    calls = (
-        lambda: rigidity(network, network.positions),
-        lambda: rigidity(lattices, lattices.positions),  # too large for one decomposition of all edges
-        lambda: elasticity(network.with_stiffness(np.logspace(0, 9, 36)), network.positions),
-        lambda: isogonal_modes(critical),
-    )
-    for call in calls:
-        threads.clear()
-        with threadpool_limits(limits=2):
-            call()
-            assert {library["num_threads"] for library in threadpool_info()} == {2}
-        assert threads and set(threads) == {1}

@@ -1,10 +1,6 @@
 """Figures, claims and the summary of a dataset, and the physics that `verify` recomputes."""
 
-import io
 import json
-
-import numpy as np
-from PIL import Image, ImageSequence
 
 from critflow.command.main import main
 
@@ -16,28 +12,6 @@ def test_equal_datasets_give_equal_files(tmp_path, run):
         assert run(tmp_path / name) == 0
     for name in FILES:
         assert (tmp_path / "one" / name).read_bytes() == (tmp_path / "two" / name).read_bytes(), name
-
-
-def test_an_animation_has_all_its_frames_in_order(tmp_path, run, source):
-    """Frame n is a bar whose height is the n-th of the numbers."""
-    heights = (0.2, 0.9, 0.4, 0.6)
-    bars = f"""
-def bars(ds):
-    for height in {heights}:
-        figure = Figure(figsize=(1, 1), dpi=50)
-        axes = figure.add_axes((0, 0, 1, 1))
-        axes.set_axis_off()
-        axes.set(xlim=(0, 1), ylim=(0, 1))
-        axes.fill_between([0, 1], [height, height], color="black", linewidth=0)
-        yield figure
-
-study ="""
-    path = source("\nstudy =", bars, "animations={", 'animations={"bars": bars, ')
-    assert run(tmp_path / "out", "seeds=0", study=path) == 0
-    image = Image.open(io.BytesIO((tmp_path / "out" / "figures" / "bars.gif").read_bytes()))
-    dark = [1 - np.asarray(frame.convert("L")).mean() / 255 for frame in ImageSequence.Iterator(image)]
-    np.testing.assert_allclose(dark, heights, rtol=0, atol=0.02)  # one row of pixels
-    assert image.info["loop"] == 0
 
 
 NEEDS = (
