@@ -96,6 +96,8 @@ MISTAKES = {  # words of the command, exit code, a word of the message
     "--time-limit without workers": (["run", TINY, "--workers=0", "--time-limit", "5"], 2, "--workers"),
     "--memory-limit negative": (["run", TINY, "--workers=1", "--memory-limit=-1"], 2, "--memory-limit"),
     "--memory-limit with a cluster": (["run", TINY, "--memory-limit=5", "--cluster", "slurm"], 2, "--memory-limit"),
+    "--part of none": (["run", TINY, "--part", "3/2"], 2, "--part"),
+    "--part of words": (["run", TINY, "--part", "a/b"], 2, "--part"),
     "--set unknown": (["run", TINY, "--set", "sedes=3"], 2, "'seeds'"),
     "--set as an option of nothing": (["run", "--set", "seeds=1"], 2, "Missing"),
     "list an unknown study": (["list", "plane"], 2, "no study"),
