@@ -1,6 +1,5 @@
 """Spring laws: closed forms to the last digits, derivatives, and user-defined laws."""
 
-import sys
 from dataclasses import dataclass
 from decimal import Decimal, localcontext
 from itertools import pairwise
@@ -143,21 +142,6 @@ def test_library_laws_are_convex_and_new_laws_are_not_assumed_to_be():
 def test_a_false_claim_of_convexity_raises():
     with pytest.raises(InputError, match="convex"):
         checked_law(ConvexQuartic(-0.5), REST, K)
-
-
-def test_paths_of_convex_laws_are_not_checked_for_other_branches(monkeypatch):
-    network = voronoi_network(12, seed=1)
-    critical = CriticalManifold(network).configuration(np.ones(18))
-    paths = [strain_path(critical, [0.01, 0.1], law=law).value for law in (Quartic(), ConvexQuartic())]
-    np.testing.assert_array_equal(paths[0].energy, paths[1].energy)
-
-    def forbidden(*arguments):
-        raise AssertionError("the branch was checked")
-
-    monkeypatch.setattr(sys.modules["critflow.paths.continuation"], "_returns", forbidden)
-    strain_path(critical, [0.01, 0.1], law=ConvexQuartic())
-    with pytest.raises(AssertionError, match="checked"):
-        strain_path(critical, [0.01, 0.1], law=Quartic())
 
 
 BAD = {
