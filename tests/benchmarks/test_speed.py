@@ -20,7 +20,7 @@ from workflows.benchmarks.speed.lengths import error_of_stress
 from workflows.benchmarks.speed.references import stress_of_lengths
 from workflows.benchmarks.speed.stages import STAGES
 from workflows.benchmarks.speed.tasks import TASKS
-from workflows.benchmarks.timing import Answer, Method, benchmark, installed
+from workflows.benchmarks.timing import Answer, Method, benchmark
 
 study = load_study("speed").study
 
@@ -220,26 +220,6 @@ def test_every_point_has_its_time_error_and_outcome(small):
     assert dataset.iterations.sel(contestant="newton", task="tension_variance").diff("level").min() > 0
 
 
-def test_who_takes_part_and_who_is_missing(small):
-    dataset = small[0]
-    parts = dataset.sel(n_vertices=40)
-    assert (parts.presence.sel(contestant="auto", task=["configuration", "bulk_modulus"]) == 1).all()
-    assert parts.presence.sel(contestant="dense Cholesky", task="configuration") == 2
-    assert parts.presence.sel(contestant="dense Cholesky", task="bulk_modulus") == 0
-    for name, word, package in (("pyamg CG", "gradient", "pyamg"), ("jax_fdm", "length_variance_pinned", "jax-fdm")):
-        version = installed(package)
-        part = parts.sel(contestant=name, task=word)
-        assert int(part.presence) == (2 if version else 3)
-        assert (part.outcome != Status.missing).any() == bool(version)
-        known = [claim["key"] for claim in json.loads((small[1] / "claims.json").read_text())]
-        assert (f"speed-accuracy-missing-{name.replace(' ', '-')}" in known) == (not version)
-    # Beyond the sizes of a task nothing is run, and nothing takes time.
-    beyond = dataset.sel(n_vertices=2_000_000)
-    assert (beyond.status == Status.ok).all()
-    assert (beyond.outcome == Status.missing).all()
-    assert (beyond.presence == 0).all()
-
-
 def test_it_has_its_charts_claims_and_fronts(small, assert_picture):
     dataset, folder = small
     for name in ("speed", "sizes", *dataset.drop_sel(task="stages").task.values):
@@ -270,34 +250,3 @@ def test_every_stage_is_timed_and_ends_well(small):
     assert (stages.error.sel(contestant="optimum") < 1e-13).all() and (stages.change_by_refinement < 1e-12).all()
     assert (stages.backend.sel(contestant=["points", "tessellation"]) == 0).all()
     assert (stages.backend.sel(contestant=["configuration", "coefficients"]) > 0).all()
-
-
-@pytest.mark.parametrize(
-    "power, memory, differ",
-    [(0.8, 1000.0, set()), (1.1, 9000.0, {"memory", "generation"}), (1.3, 1000.0, {"configuration", "generation"})],
-)
-def test_claims_on_sizes_are_judged_by_what_is_required(small, power, memory, differ):
-    """As if the networks had 10⁴ and 10⁶ vertices and the times grew with a power of that."""
-    one = small[0].sel(n_vertices=[40])
-    dataset = xr.concat([one, one], "n_vertices", data_vars="all").assign_coords(n_vertices=[10_000, 1_000_000])
-    for name in ("seconds", "wall_seconds"):
-        dataset[name].loc[{"task": "stages", "n_vertices": 10_000}] = 0.1
-        dataset[name].loc[{"task": "stages", "n_vertices": 1_000_000}] = 0.1 * 100**power
-    dataset.memory.loc[{"task": "stages"}] = memory
-    assert sizes.fitted(sizes.stages_of(dataset), "configuration") == pytest.approx(power, rel=1e-12)
-    claims = {claim.key.removeprefix("Scale-"): claim for claim in sizes.size_claims(dataset)}
-    assert {key for key, claim in claims.items() if claim.verdict == "differs"} == differ
-    assert {"memory", "generation", "configuration", "status", "certificate"} <= claims.keys()
-    assert sizes.sizes_figure(dataset).axes
-
-
-def test_small_runs_say_nothing_of_a_million_vertices(small):
-    claims = {claim["key"] for claim in json.loads((small[1] / "claims.json").read_text())}
-    assert {"Scale-memory", "Scale-certificate", "Scale-status"} <= claims
-    assert not {"Scale-generation", "Scale-configuration"} & claims
-    assert sum(sizes.share(sizes.stages_of(small[0]), 0).values()) == pytest.approx(1.0, rel=1e-12)
-
-
-def test_it_runs_with_one_worker_at_most(tmp_path, capsys):
-    assert main(["run", "speed", "--workers", "2", "--out", str(tmp_path / "out")]) == 2
-    assert "give at most 1" in capsys.readouterr().err

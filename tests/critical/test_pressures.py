@@ -138,16 +138,6 @@ def test_design_reaches_areas_and_tensions_by_pressures():
     assert np.var(found.value.tensions) / np.mean(found.value.tensions) ** 2 < 1e-3 + 1e-9
 
 
-def test_equal_tensions_of_a_foam_meet_at_120_degrees():
-    network = lattice("honeycomb", 3, 3)
-    found = CriticalManifold(network).configuration(np.ones(network.n_edges), np.full(network.faces.n_faces, 0.3))
-    unit = found.bond_vectors / found.lengths[:, None]
-    for vertex in range(network.n_vertices):
-        signs = (network.edges == vertex) @ np.array([1, -1])
-        around = (signs[:, None] * unit)[signs != 0]
-        assert around @ around.T == pytest.approx(1.5 * np.eye(3) - 0.5, abs=1e-12)
-
-
 def test_what_pressures_cannot_serve_is_refused():
     network, sigma, pressures = loaded()
     value = CriticalManifold(network).configuration(sigma, pressures)

@@ -4,7 +4,7 @@ import sys
 
 import numpy as np
 import pytest
-from problems import OBJECTIVES, Factorisations, forbidden
+from problems import Factorisations, forbidden
 
 from critflow import (
     CriticalManifold,
@@ -19,9 +19,7 @@ from critflow import (
     upper_bound,
     voronoi_network,
 )
-from critflow.critical.transition import pure_shear, transition_modulus
-from critflow.quantities.largest_modulus import largest_modulus
-from critflow.response.linear_response import linear_response, strains_of
+from critflow.response.linear_response import linear_response
 
 NETWORKS = {"planar": voronoi_network, "foam": foam_network}
 SPRINGS, STRAIN = "Hessian", [0.001, 0.002, 0.003]
@@ -57,11 +55,6 @@ def test_the_counter_counts_factorisations_of_springs(factorised, network, criti
     assert factorised(network, lambda: strain_path(critical, STRAIN))[SPRINGS] >= len(STRAIN)
 
 
-def test_a_configuration_is_one_factorisation(factorised, network, manifold):
-    sigma = np.arange(1.0, 1.0 + network.n_edges)
-    assert factorised(network, lambda: manifold.configuration(sigma)) == {"P": 1}
-
-
 def test_moduli_at_the_transition_factorise_nothing(factorised, network, critical):
     assert factorised(network, lambda: elasticity(critical).value.errors.tensor) == {}
 
@@ -74,23 +67,6 @@ def test_a_closed_form_has_no_descent(factorised, monkeypatch, network, manifold
     assert set(counts) == {"P"} and counts["P"] <= 2  # P(k) for bound and configuration, and for the residual
     assert answers[0].stats.steps == 0 and answers[0].stats.method == "closed_form"
     assert factorised(network, lambda: upper_bound(manifold, "B_0")) == {"P": 1}
-
-
-def test_the_largest_shear_modulus_needs_one_more_system(factorised):
-    network = NETWORKS["planar"](60, seed=1)
-    manifold = CriticalManifold(network)
-    assert factorised(network, lambda: upper_bound(manifold, transition_modulus(manifold.network, pure_shear(2)))) == {
-        "P": 1
-    }
-    counts = factorised(network, lambda: largest_modulus(manifold, pure_shear(2)))
-    # P(k) for the bound and its forces, P of the resulting stress for its configuration.
-    assert counts["saddle"] == 1 and counts["P"] <= 3 and SPRINGS not in counts
-
-
-@pytest.mark.parametrize("name", OBJECTIVES)
-def test_no_optimisation_factorises_the_elastic_hessian(factorised, name):
-    network = NETWORKS["planar"](60, seed=1)
-    assert SPRINGS not in factorised(network, lambda: optimize(CriticalManifold(network), name, throw=False))
 
 
 def test_coefficients_need_one_system_and_no_path(factorised, monkeypatch, network, manifold, critical):
@@ -106,16 +82,6 @@ def test_a_path_without_moduli_has_no_linear_response(factorised, monkeypatch, n
     monkeypatch.setattr(PATH, "linear_response", forbidden)
     without = factorised(network, lambda: strain_path(critical, STRAIN, measure="energy"))
     assert set(without) == {SPRINGS}
-
-
-@pytest.mark.parametrize("deformation, solved", [("dilation", 2), ("simple_shear", 2), ("uniaxial", 3)])
-def test_a_path_without_tensors_solves_for_its_strains_alone(monkeypatch, deformation, solved):
-    network = NETWORKS["planar"](60, seed=1)
-    critical, rows = CriticalManifold(network).configuration(np.ones(network.n_edges)), []
-    monkeypatch.setattr(PATH, "strains_of", lambda rates: rows.append(strains_of(rates)) or rows[-1])
-    for strain in (0.001, -0.001):  # one of them tightens
-        strain_path(critical, [strain], deformation=deformation, measure="moduli", throw=False)
-    assert {len(row) for row in rows} == {solved}
 
 
 def test_lengths_determine_the_transition_without_springs(factorised):

@@ -65,17 +65,6 @@ def test_a_target_is_reached_or_the_distance_reported(seed):
     np.testing.assert_array_equal(again.cuts, found.cuts)
 
 
-@pytest.mark.parametrize("part", [0.8, 0.6, 0.5])
-@pytest.mark.parametrize("seed", [None, 1])
-def test_cuts_beyond_a_target_are_taken_back(part, seed):
-    network = voronoi_network(100, seed=0)
-    start = CriticalManifold(network).configuration(network.stiffness)
-    target = part * elasticity(start).value.bulk
-    found = prune_towards(start, {"B_0": target}, seed=seed)
-    assert found.ok and abs(elasticity(found.value).value.bulk / target - 1) < 1e-3
-    assert len(found.values) == len(found.cuts) + 1 and (np.diff(found.values) < 0).all()
-
-
 @pytest.mark.parametrize("seed", [None, 5])
 def test_small_networks_reach_nearly_every_target(seed):
     reached = 0
@@ -87,6 +76,7 @@ def test_small_networks_reach_nearly_every_target(seed):
             found = prune_towards(start, {"B_0": target}, seed=seed, throw=False)
             error = abs(elasticity(found.value).value.bulk / target - 1)
             assert found.ok == (error <= 1e-3)
+            assert len(found.values) == len(found.cuts) + 1 and (np.diff(found.values) < 0).all()
             reached += found.ok
     assert reached == 25
 

@@ -13,12 +13,9 @@ from critflow import (
     InputError,
     Network,
     critical_from_lengths,
-    draw,
-    equilibrium,
     examine,
     lattice,
     network_from,
-    spring_state,
     voronoi_network,
     write_network,
 )
@@ -184,11 +181,6 @@ def test_a_rigid_network_with_a_loose_chain_is_not_called_floppy():
     assert "2 vertices can move without resistance" in str(found) and found.elasticity.value.bulk > 0.8
 
 
-def test_motions_are_computed_only_where_they_decide(monkeypatch):
-    monkeypatch.setattr("critflow.examination.report.zero_modes", lambda *_: pytest.fail("computed"))
-    assert examine(lattice("honeycomb", 4, 4)).title == "critical"
-
-
 def test_rotations_about_fixed_vertices_are_no_floppy_modes():
     x = [[0, 0], [1, 0], [0.5, 0.8], [1.5, 0.8]]
     edges = [[0, 1], [1, 2], [2, 0], [2, 3], [3, 1]]
@@ -251,19 +243,6 @@ def test_pages_have_the_report_and_the_picture(floppy, tmp_path):
         write_page(floppy, tmp_path / "page.docx")
 
 
-def test_anything_can_be_drawn():
-    critical = critical_from_lengths(VORONOI, np.ones(60))
-    state = equilibrium(spring_state(VORONOI, 0.9 * critical.value.lengths, critical.value.coordinates))
-    for thing in (VORONOI, critical, critical.value, state, critflow.lattice("diamond", 2, 2, 2)):
-        axes = draw(thing)
-        assert axes.collections
-        axes.figure.clear()
-    with pytest.raises(InputError, match="drawn"):
-        draw(3)
-    with pytest.raises(InputError, match="color"):
-        draw(VORONOI, color=[1, 2])
-
-
 def test_commands(tmp_path, capsys):
     write_network(lattice("honeycomb", 4, 4), tmp_path / "h.csv")
     assert main(["convert", str(tmp_path / "h.csv"), str(tmp_path / "h.svg"), "--size", "40"]) == 0
@@ -311,17 +290,6 @@ def test_a_pipe_is_not_waited_for(tmp_path, capsys, pipe, name):
     for words in (["examine", file], ["convert", file, out], ["make", file, "--out", out]):
         assert main(words) == 2
         assert "regular" in capsys.readouterr().err
-
-
-def test_reports_of_the_command_spell_options(tmp_path, capsys):
-    file = tissue(tmp_path, 1e-6)
-    assert main(["examine", str(file), "--pins", "hull"]) == 0
-    report = capsys.readouterr().out
-    assert "--contract joins them" in report and "contract=" not in report
-    # The next command takes the same options.
-    next_command = f"make {file} --pins hull --objective nearest --out"
-    assert next_command in report
-    assert main([*next_command.split(), str(tmp_path / "made.json")]) in (0, 3)
 
 
 def test_the_command_makes_the_configuration_that_its_report_names(tmp_path, capsys):

@@ -92,15 +92,6 @@ def test_long_edges_have_ambiguous_images():
     assert network_from(**source, nearest=True).ok
 
 
-def test_offsets_that_contradict_positions_are_refused():
-    network = voronoi_network(n_vertices=64, seed=3)
-    wrong = network.offsets.copy()
-    crossing = np.flatnonzero(wrong.any(axis=1))
-    wrong[crossing[:4]] += [3, 0]
-    with pytest.raises(InputError, match="contradict"):
-        network_from(edges=network.edges, positions=network.positions, offsets=wrong, cell=network.cell)
-
-
 @pytest.mark.parametrize("make", [lambda: voronoi_network(n_vertices=64, seed=3), lambda: lattice("honeycomb", 2, 2)])
 def test_a_few_edges_longer_than_the_cell_are_kept_with_a_sentence(tmp_path, make):
     network = make()

@@ -149,13 +149,6 @@ def test_tables_open_with_fixed_vertices_and_a_volume(page, tmp_path):
     assert network.volume == 6 and "pins=['A', 'B', 'C'], volume=6.0)" in page.script()
 
 
-def test_a_broken_file_is_a_sentence(page, tmp_path):
-    page.uploads["broken.nc"] = tmp_path / "broken.nc"
-    page.uploads["broken.nc"].write_bytes(b"no dataset")
-    found = header(page, do="file", name="broken.nc")
-    assert found["error"] and "broken.nc" in found["sentence"]
-
-
 def test_a_dataset_shows_its_cases(data, dataset):
     stored = xr.open_dataset(dataset)
     for case in (0, 3):

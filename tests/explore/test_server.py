@@ -2,7 +2,6 @@
 
 import asyncio
 import json
-import os
 import socket
 from pathlib import Path
 from urllib.parse import unquote, urlsplit
@@ -124,24 +123,6 @@ def test_the_token_is_in_a_private_file_and_not_in_the_arguments_of_the_browser(
 
     monkeypatch.setattr("critflow.explore.server.serve", look)
     assert main(["explore", "--n-vertices", "36"]) == 0 and len(opened) == 1
-
-
-def test_the_command_takes_fixed_vertices_and_a_volume(tmp_path, monkeypatch):
-    (tmp_path / "t_edges.csv").write_text("tail,head\n0,3\n1,3\n2,3\n")
-    (tmp_path / "t_vertices.csv").write_text("x,y\n0,0\n4,0\n0,3\n1,1\n")
-    sources = []
-    monkeypatch.setattr("critflow.explore.server.serve", lambda explorer, port, announce: sources.append(explorer))
-    assert main(["explore", str(tmp_path / "t.csv"), "--pins", "two_edges", "--volume", "hull"]) == 0
-    network = sources[0].source.open()[0].network
-    assert len(network.pins) == 3 and network.volume == pytest.approx(6)
-    sources[0].close()
-
-
-def test_a_file_that_cannot_be_shown_is_one_sentence(tmp_path, capsys):
-    os.mkfifo(tmp_path / "pipe.json")
-    for name in ("pipe.json", "missing.csv", "missing.nc"):
-        assert main(["explore", str(tmp_path / name)]) == 2
-        assert name.split(".")[0] in capsys.readouterr().err
 
 
 def test_exports_are_the_state(tmp_path):

@@ -7,7 +7,7 @@ import critflow
 from critflow import CritflowError, certify, elasticity, stiffening, upper_bound
 from critflow.explore import numbers
 from critflow.explore.model import POPULATIONS
-from critflow.explore.picture import PALETTES, QUANTITIES, edge_values, face_outlines, network_drawing, shades_of
+from critflow.explore.picture import PALETTES, face_outlines, network_drawing, shades_of
 from critflow.explore.script import script
 from critflow.explore.session import Session
 from critflow.explore.source import File, Random
@@ -162,16 +162,6 @@ def test_a_change_that_fails_leaves_the_state(session, change, word):
     assert session.state is before
 
 
-def test_sources_refuse_what_they_cannot_show(tmp_path):
-    for given in ({"n_vertices": 10**7}, {"n_vertices": 2.5}, {"seed": "x"}):
-        with pytest.raises(CritflowError):
-            Random(**given)
-    for name, content in (("a.json", "{"), ("b.graphml", "<graph"), ("c.xyz", "1"), ("d.csv", "1,2")):
-        (tmp_path / name).write_text(content)
-        with pytest.raises(CritflowError):
-            File(tmp_path / name).open()
-
-
 def test_a_network_in_space_is_referred_to_its_picture(tmp_path):
     network = critflow.lattice("cubic", 2, 2, 2)
     critflow.write_network(network, tmp_path / "cube.json", network.positions)
@@ -238,24 +228,6 @@ def test_shades_separate_tension_slackness_and_compression():
     assert shades.numbers.tolist() == [32, 31, 16, 33, 31] and (shades.low, shades.high) == (0.0, 1.0)
 
 
-def test_lengths_are_coloured_from_the_shortest_and_equal_ones_alike():
-    ones, lengths = np.ones(101), np.linspace(1, 3, 101)
-    shades = shades_of(lengths, ones, from_zero=False)
-    assert (shades.low, shades.high) == pytest.approx((1.02, 2.98))
-    assert shades.numbers[[0, 50, 100]].tolist() == [0, 16, 31] and (np.diff(shades.numbers.astype(int)) >= 0).all()
-    # Rounding is no difference.
-    assert set(shades_of(ones + 1e-15 * lengths, ones, from_zero=False).numbers) == {31}
-
-
-@pytest.mark.parametrize("quantity", QUANTITIES)
-def test_values_of_edges_are_over_their_mean(session, quantity):
-    critical = session.state.critical
-    values = edge_values(quantity, critical.sigma, critical.lengths)
-    expected = {"tension": critical.tensions, "length": critical.lengths, "stress": critical.sigma}[quantity]
-    scale = 1.0 if quantity == "length" else np.mean(expected)
-    assert np.allclose(values, expected / scale, rtol=1e-14, atol=0)
-
-
 @pytest.mark.parametrize(("theme", "direction"), [("light", -1), ("dark", 1)])
 def test_shades_differ_in_lightness_alone(theme, direction):
     colours = np.array([[int(colour[k : k + 2], 16) for k in (1, 3, 5)] for colour in PALETTES[theme]]) / 255
@@ -280,22 +252,3 @@ SHORT = {
 @pytest.mark.parametrize(("number", "short", "text"), SHORT.values(), ids=SHORT)
 def test_a_number_is_shown_with_four_digits_unless_its_error_leaves_fewer(number, short, text):
     assert (number.short, number.text) == (short, text)
-
-
-def test_strains_of_one_configuration_are_computed_once(session, monkeypatch):
-    computed = []
-    monkeypatch.setattr(
-        "critflow.explore.session.strain_path", lambda *a, **k: computed.append(a[1]) or critflow.strain_path(*a, **k)
-    )
-    for gamma in (0.01, 0.02, 0.01, 0.02):
-        session.apply(("strain", "dilation", gamma))
-    assert computed == [[0.01], [0.02]]
-    session.apply(("strain", "simple_shear", -0.01))
-    replay(session, [("edge", 3, 0.4), ("strain", "dilation", 0.01)])
-    assert computed == [[0.01], [0.02], [-0.01], [0.01]]
-    again = session.state.path(moduli=False).value.states[-1]
-    assert np.array_equal(session.state.springs.coordinates, again.coordinates)
-    monkeypatch.setattr("critflow.explore.session._STRAINED", 2 * 64)
-    for gamma in (0.02, 0.03, 0.04, 0.01):
-        session.apply(("strain", "dilation", gamma))
-    assert computed[-4:] == [[0.02], [0.03], [0.04], [0.01]]

@@ -9,15 +9,7 @@ from matplotlib.figure import Figure
 from problems import oblique, random_stress, sheared, slack_lattice
 from scipy.spatial import cKDTree
 
-from critflow import (
-    CriticalManifold,
-    Network,
-    critical_from_perimeters,
-    draw,
-    foam_network,
-    lattice,
-    voronoi_network,
-)
+from critflow import CriticalManifold, critical_from_perimeters, draw, foam_network, lattice, voronoi_network
 from critflow.figures.plot import (
     draw_in_depth,
     draw_network,
@@ -27,8 +19,6 @@ from critflow.figures.plot import (
     shade_faces,
     unit_pressure_tensions,
 )
-from critflow.networks.faces import planar_faces
-from workflows.shared.violins import violins
 
 matplotlib.use("Agg")
 
@@ -118,40 +108,6 @@ def test_colours_follow_tensions_and_mark_compression():
     np.testing.assert_allclose(ends[1] - ends[0], strongest, rtol=0, atol=1e-12)
 
 
-@pytest.mark.parametrize("name", CASES)
-def test_figures_build_and_show_the_whole_cell(name, tmp_path):
-    critical = configuration(name)
-    network = critical.network
-    sigma = critical.sigma.copy()
-    sigma[5] *= -1
-    figure = network_figure(*of_network(network), critical.coordinates, sigma, critical.lengths, "title")
-    axes, bar = figure.axes
-    assert axes.get_title() == "title"
-    assert [text.get_text() for text in axes.get_legend().get_texts()] == ["compressed"]
-    assert "unit pressure" in bar.get_ylabel()
-    corners = np.array([[0, 0], [1, 0], [1, 1], [0, 1]]) @ network.cell
-    assert axes.get_xlim()[0] <= corners[:, 0].min() and axes.get_xlim()[1] >= corners[:, 0].max()
-    assert axes.get_ylim()[0] <= corners[:, 1].min() and axes.get_ylim()[1] >= corners[:, 1].max()
-    assert axes.get_aspect() == 1
-    figure.savefig(tmp_path / "network.png")
-    assert (tmp_path / "network.png").stat().st_size > 1000
-
-
-def test_violins_show_medians_of_finite_values_and_count_the_others():
-    rng = np.random.default_rng(1)
-    axes = Figure().add_subplot()
-    groups = [rng.standard_normal(50) + 3, np.full(6, 2.0), np.array([1.0, np.nan, 5.0]), np.array([np.nan])]
-    violins(axes, groups, ["a", "b", "c", "d"])
-    assert axes.get_xticklabels()[0].get_text() == "a"
-    assert "1" in axes.get_xticklabels()[2].get_text()
-    medians = [line.get_ydata()[0] for line in axes.lines if len(line.get_xdata()) == 2 and line.get_linewidth() == 2]
-    np.testing.assert_allclose(medians, [np.median(groups[0]), 2.0, 3.0], rtol=1e-14)
-    assert [text.get_text() for text in axes.texts] == ["none"]
-    axes = Figure().add_subplot()
-    violins(axes, [10.0 ** np.arange(-9, 0)], ["a"], log=True)
-    assert axes.lines[0].get_ydata()[0] == pytest.approx(-5, abs=1e-12)
-
-
 def test_three_dimensional_networks_are_drawn_by_depth():
     network = foam_network(60, seed=1)
     sigma = random_stress(network.n_edges, 2)
@@ -231,15 +187,6 @@ def test_faces_have_the_colours_of_their_pressures_and_tensions():
         assert (redness[expected > 0.02] > 0.05).all() and (redness[expected < -0.02] < -0.05).all()
         assert (np.diff(redness[np.argsort(expected)]) > -0.01).all()
         plt.close("all")
-    # A patch with fixed vertices has no images.
-    pins = {vertex: place for vertex, place in enumerate(np.array([[0, 0], [2, 0], [2, 2], [0, 2]], dtype=float))}
-    edges = np.array([[0, 1], [1, 2], [2, 3], [3, 0], [4, 0], [4, 1], [4, 2], [4, 3]])
-    x = np.array([*pins.values(), [1.0, 1.0]])
-    patch = Network(edges, pins=pins, positions=x, faces=planar_faces(edges, x[edges[:, 1]] - x[edges[:, 0]], 5))
-    pressed = CriticalManifold(patch).configuration(np.ones(8), np.arange(patch.faces.n_faces, dtype=float) / 10)
-    shading = next(each for each in draw(pressed).collections if isinstance(each, PolyCollection))
-    assert len(shading.get_paths()) == patch.faces.n_faces == len(np.unique(shading.get_facecolors(), axis=0))
-    plt.close("all")
 
 
 def test_slack_edges_are_drawn_grey_below_the_taut_part():

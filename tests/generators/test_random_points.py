@@ -16,17 +16,6 @@ def periodic_distances(points: np.ndarray) -> np.ndarray:
     return distance
 
 
-def plain_addition(n_points: int, distance: float, rng: np.random.Generator) -> np.ndarray:
-    """Random sequential addition by its definition: trials uniform in the square, rejected within the distance."""
-    points: list[np.ndarray] = []
-    while len(points) < n_points:
-        trial = rng.random(2)
-        step = np.array(points).reshape(-1, 2) - trial
-        if not len(points) or np.min(np.sum((step - np.round(step)) ** 2, axis=1)) >= distance**2:
-            points.append(trial)
-    return np.array(points)
-
-
 @pytest.mark.parametrize("seed", range(4))
 @pytest.mark.parametrize("n_points, distance, dimension", [(200, STANDARD_HARD_CORE / 200**0.5, 2), (100, 0.15, 3)])
 def test_points_satisfy_the_minimum_distance(n_points, distance, dimension, seed):
@@ -34,23 +23,6 @@ def test_points_satisfy_the_minimum_distance(n_points, distance, dimension, seed
     assert points.shape == (n_points, dimension)
     assert points.min() >= 0 and points.max() < 1
     assert periodic_distances(points).min() >= distance
-
-
-@pytest.mark.parametrize("hard_core", [0.5, 0.75])
-def test_fast_addition_has_the_statistics_of_plain_addition(hard_core):
-    # Mean nearest-neighbour distance over independent packings of each kind; four standard errors of the difference.
-    n_points, n_packings = 40, 60
-    distance = hard_core / np.sqrt(n_points)
-    samples = {}
-    for seed, make in enumerate((random_sequential_addition, plain_addition)):
-        rng = np.random.default_rng(seed)
-        packings = [make(n_points, distance, rng) for _ in range(n_packings)]
-        nearest = np.array([periodic_distances(p).min(axis=1) for p in packings])
-        pairs = np.array([(periodic_distances(p) < 1.5 * distance).sum() / n_points for p in packings])
-        samples[make] = nearest.mean(axis=1), nearest.std(axis=1), pairs
-    for fast, plain in zip(samples[random_sequential_addition], samples[plain_addition], strict=True):
-        error = np.sqrt((fast.var(ddof=1) + plain.var(ddof=1)) / n_packings)
-        assert abs(fast.mean() - plain.mean()) < 4 * error
 
 
 @pytest.mark.parametrize(

@@ -73,18 +73,6 @@ def counting(pattern, monkeypatch):
 
 
 @pytest.mark.parametrize("backend", eliminating_backends())
-def test_the_newest_factor_costs_one_elimination_and_no_second_solver(backend, monkeypatch):
-    pattern = laplacian(NETWORK, backend)
-    order = counting(pattern, monkeypatch)
-    factor = None
-    for sigma in stresses(5):
-        factor = pattern.factorize(sigma)
-        factor.solve(RIGHT)
-        _ = factor.pivots, factor.multiply(RIGHT)
-    assert len(order) == 5 and set(order) == {pattern._solvers[0]} == set(pattern._solvers)
-
-
-@pytest.mark.parametrize("backend", eliminating_backends())
 def test_two_factors_in_use_do_not_displace_each_other(backend, monkeypatch):
     pattern = laplacian(NETWORK, backend)
     order = counting(pattern, monkeypatch)

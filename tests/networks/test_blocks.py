@@ -68,20 +68,6 @@ def test_a_large_network_collapses_nowhere_and_a_long_branch_does():
     assert not opened_edges(*blocks(doubled, np.zeros_like(doubled), CELL, {}, n)).any()
 
 
-@pytest.mark.parametrize(
-    "edges, offsets, pins",
-    [
-        ([[0, 1]] * 3, [[1, 0]] * 3, None),
-        ([[0, 1]] * 3, [[0, 0]] * 3, None),
-        ([[0, 1], [1, 2], [2, 4], [1, 3], [3, 5], [5, 6], [6, 3]], None, {0: [0.0, 0.0], 4: [1.0, 0.0]}),
-    ],
-    ids=["three parallel edges", "a small ring", "a bridge"],
-)
-def test_networks_that_collapse_are_refused(edges, offsets, pins):
-    with pytest.raises(NetworkError, match="no length"):
-        Network(edges, offsets, None if pins else 0.1 * CELL, pins=pins)
-
-
 @pytest.mark.parametrize("pins", [{0: [0.0, 0.0]}, {0: [0.5, 0.5], 1: [0.5, 0.5]}], ids=["one pin", "one place"])
 def test_a_free_body_is_a_network_but_no_positive_stress_opens_it(pins):
     square = Network([[1, 2], [2, 3], [3, 0], [0, 2], [1, 3]], pins=pins)

@@ -1,10 +1,8 @@
 """The network: boundary vectors, copies, parts and faces."""
 
-import pickle
-
 import numpy as np
 import pytest
-from problems import NETWORKS, PERIODIC, dense_incidence, oblique, pinned_grid, random_stress, square_octagon
+from problems import NETWORKS, PERIODIC, dense_incidence, oblique, pinned_grid, random_stress
 
 from critflow import CriticalManifold, Network, lattice, three_bar_linkage, voronoi_network
 from critflow.networks.faces import planar_faces
@@ -50,13 +48,6 @@ def test_networks_are_frozen_and_do_not_share_memory_with_their_input():
             array[0] = 2
     with pytest.raises(AttributeError):
         network.cell = np.eye(2)
-
-
-def test_stiffness_is_scalar_or_per_edge():
-    network = square_octagon()
-    np.testing.assert_array_equal(network.stiffness, np.ones(6))
-    np.testing.assert_array_equal(network.with_stiffness(3).stiffness, np.full(6, 3.0))
-    np.testing.assert_array_equal(network.with_stiffness(np.arange(1, 7)).stiffness, np.arange(1, 7))
 
 
 def test_part_keeps_its_bond_vectors():
@@ -105,20 +96,6 @@ def test_faces_are_closed_left_handed_and_fill_the_cell(network, sizes):
         np.testing.assert_array_equal(np.sort(faces.edges[faces.signs == sign]), np.arange(network.n_edges))
 
 
-def test_faces_are_computed_lazily():
-    faces = voronoi_network(60, seed=3).faces
-    assert "edges" not in vars(faces)
-    again = pickle.loads(pickle.dumps(faces))
-    network = voronoi_network(60, seed=3)
-    expected = planar_faces(network.edges, network.bond_vectors(network.positions), 60)
-    for found in (faces, again):
-        for name in ("edges", "signs", "starts"):
-            np.testing.assert_array_equal(getattr(found, name), getattr(expected, name))
-    assert "edges" in vars(faces)
-    with pytest.raises(AttributeError, match="corners"):
-        _ = faces.corners
-
-
 def test_positions_that_contradict_the_offsets_are_refused():
     network = voronoi_network(100, seed=4)
     crossing = np.flatnonzero(network.offsets.any(axis=1))
@@ -145,11 +122,6 @@ def test_positions_in_other_images_or_sheared_cells_are_accepted(name):
         tail, head = network.edges.T
         offsets = network.offsets - moved[head] + moved[tail]
         Network(network.edges, offsets, deformed.cell, positions=x @ F.T + moved @ deformed.cell)
-
-
-def test_a_network_prints_its_sizes():
-    assert repr(voronoi_network(1000, seed=1)) == "Network(1,000 vertices, 1,500 edges, 2 dimensions, periodic, z = 3)"
-    assert "2 pins" in repr(three_bar_linkage())
 
 
 def test_a_mistyped_number_of_vertices_allocates_nothing():

@@ -8,14 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from problems import NETWORKS, dense_free, voronoi_3d
 
-from critflow import (
-    CriticalManifold,
-    Network,
-    SolveError,
-    Status,
-    critical_from_lengths,
-    voronoi_network,
-)
+from critflow import CriticalManifold, Network, SolveError, Status, critical_from_lengths, voronoi_network
 from critflow.solvers.cone import fit_lengths
 from critflow.workflow import stable_rng
 

@@ -4,16 +4,14 @@ import ast
 import importlib
 import json
 import re
-import shutil
 import subprocess
 from pathlib import Path
 
 import pytest
-from PIL import Image
 
 from critflow.workflow.load import load_study, named_studies
 from workflows.pages.paper import EQUATIONS, FIGURES, printed
-from workflows.pages.results import KEPT, PAGE, REFERENCE, keep, rendered, studies
+from workflows.pages.results import PAGE, REFERENCE, rendered, studies
 
 ROOT = Path(__file__).parents[2]
 
@@ -96,42 +94,6 @@ def test_every_folder_of_reference_results_is_listed():
 
 def test_the_page_is_up_to_date():
     assert PAGE.read_text(encoding="utf-8") == rendered(), "write it again: python -m workflows.pages.results"
-
-
-def test_a_run_of_unknown_duration_has_an_empty_cell(tmp_path):
-    shutil.copytree(REFERENCE, tmp_path / "reference", ignore=shutil.ignore_patterns("*.gif"))
-    runs = json.loads((REFERENCE / "runs.json").read_text(encoding="utf-8"))
-    runs |= {"onset": runs["onset"] | {"seconds": None}}
-    del runs["boundary"]
-    (tmp_path / "reference" / "runs.json").write_text(json.dumps(runs))
-    text = rendered(tmp_path / "reference")
-    assert "`critflow run onset` |  |" in text and "`critflow run boundary` |  |" in text
-    assert "`critflow run ensemble` |  |" not in text
-
-
-def test_what_is_kept_replaces_what_was_kept(tmp_path):
-    made, kept = tmp_path / "made", tmp_path / "kept"
-    for folder, word in ((made, "new"), (kept, "old")):
-        (folder / "figures").mkdir(parents=True)
-        picture = Image.new("RGB", (90, 60), "white")
-        picture.paste((0, 114, 178), (10, 10, 50, 40))
-        picture.save(folder / "figures" / f"{word}.png")
-        turned = [picture.rotate(angle) for angle in (0, 90, 180)]
-        turned[0].save(
-            folder / "figures" / f"{word}.gif", save_all=True, append_images=turned[1:], duration=[10, 20, 50]
-        )
-        (folder / "claims.md").write_text(word)
-        (folder / f"{word}.nc").write_text(word)
-    (kept / "summary.json").write_text("of a study that had one")
-    keep(made, kept)
-    names = {str(path.relative_to(kept)) for path in kept.rglob("*") if path.is_file()}
-    assert names == {"figures/new.png", "figures/new.gif", "claims.md", "old.nc"}
-    assert (kept / "claims.md").read_text() == "new" and "claims.md" in KEPT
-    for name in ("new.png", "new.gif"):
-        with Image.open(made / "figures" / name) as one, Image.open(kept / "figures" / name) as other:
-            assert other.mode == "P" and one.convert("RGB").tobytes() == other.convert("RGB").tobytes()
-            assert getattr(other, "n_frames", 1) == getattr(one, "n_frames", 1)
-            assert other.info.get("duration") == one.info.get("duration")
 
 
 def git(*words, code=0):

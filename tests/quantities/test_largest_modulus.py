@@ -3,14 +3,7 @@
 import numpy as np
 import pytest
 import scipy.linalg
-from problems import (
-    dense_bond_vectors,
-    modulus_by_formula,
-    oblique,
-    square_octagon,
-    voronoi_3d,
-    with_random_stiffness,
-)
+from problems import dense_bond_vectors, modulus_by_formula, oblique, square_octagon, voronoi_3d, with_random_stiffness
 from scipy.optimize import linprog, minimize_scalar
 
 from critflow import (

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from derivatives import assert_derivative
 from problems import dense_incidence, random_stress, slack_lattice, with_random_stiffness
+from refusals import refused
 
 from critflow import (
     AngleSprings,
@@ -97,11 +98,12 @@ def test_a_chain_under_tension_vibrates_as_a_string():
     assert found.least_frequency == pytest.approx(2 * np.sin(np.pi / (2 * n)), rel=1e-12)
 
 
-def test_bad_input():
-    for critical, word in (
-        (CriticalManifold(lattice("triangular", 4, 4)).configuration(np.ones(48)), "one self-stress"),
-        (slack_lattice()[2], "are slack"),
-        (optimize(voronoi_network(4000, seed=1), "B_0", "closed_form").value, "too large"),
-    ):
-        with pytest.raises(InputError, match=word):
-            soft_spectrum(critical)
+BAD = {
+    "several self-stresses": (
+        lambda: soft_spectrum(CriticalManifold(lattice("triangular", 4, 4)).configuration(np.ones(48))),
+        "one self-stress",
+    ),
+    "slack edges": (lambda: soft_spectrum(slack_lattice()[2]), "are slack"),
+    "large": (lambda: soft_spectrum(optimize(voronoi_network(4000, 1), "B_0", "closed_form").value), "too large"),
+}
+test_bad_input_raises_one_sentence = refused(BAD)

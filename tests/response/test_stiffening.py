@@ -8,15 +8,13 @@ import pytest
 from problems import (
     HONEYCOMB_BULK_MODULUS,
     SMALL_NETWORKS,
+    UNPINNED,
     bounds_over_errors,
     critical_of,
-    oblique,
     random_stress,
     reordered,
     slack_lattice,
     taut_rows,
-    voronoi_3d,
-    with_random_stiffness,
 )
 
 from critflow import (
@@ -29,27 +27,18 @@ from critflow import (
     WormLike,
     elasticity,
     lattice,
-    optimize,
     stiffening,
     strain_path,
     voronoi_network,
 )
 from critflow.critical.backbone import backbone
-from critflow.linalg.saddle import CondensedSaddle, Saddle
 from workflows.benchmarks import reference
 
 A = np.array([[0.3, 0.8], [-0.2, 0.5]])
 LAWS = {"cubic": PowerLaw(3), "power 4.5": PowerLaw(4.5), "worm-like": WormLike(0.4)}
-CASES = {
-    "2D": lambda: voronoi_network(40, seed=1),
-    "2D, random stiffness": lambda: with_random_stiffness(voronoi_network(40, seed=2), 3),
-    "2D, oblique": lambda: oblique(voronoi_network(40, seed=3)),
-    "3D": voronoi_3d,
-    "3D, random stiffness": lambda: with_random_stiffness(voronoi_3d(), 4),
-}
 # A network, its law and its path.
 GROWTHS = {
-    **{name: (name, Hookean(), "dilation") for name in CASES},
+    **{name: (name, Hookean(), "dilation") for name in UNPINNED},
     **{f"{law}, {name}": (name, LAWS[law], "dilation") for law in LAWS for name in ("2D, random stiffness", "3D")},
     "simple shear": ("2D, oblique", Hookean(), "simple_shear"),
     "uniaxial": ("2D, random stiffness", Hookean(), "uniaxial"),
@@ -68,7 +57,7 @@ GROWTHS = {
 @pytest.mark.parametrize("name", GROWTHS)
 def test_exact_stiffening_is_the_limit_of_paths(name):
     case, law, deformation = GROWTHS[name]
-    critical = critical_of(CASES[case](), 2)
+    critical = critical_of(UNPINNED[case](), 2)
     solution, moduli = stiffening(critical, law=law, deformation=deformation), elasticity(critical).value
     assert solution.status is Status.ok
     exact = solution.value
@@ -88,41 +77,6 @@ def test_exact_stiffening_is_the_limit_of_paths(name):
         for order in (1, 2, 3):
             table = (2**order * table[:-1] - table[1:]) / (2**order - 1)
         assert table[0] == pytest.approx(C, abs=1e-7 * max(abs(C), 1.0))
-
-
-def test_dilation_by_another_measure_of_strain_in_closed_form():
-    # F = 1 + γ/2: the volumetric strain is γ + γ²/4, so that C = C_B − ½ B_0; for (1 + γ)^{1/2} it is C_B − 2 B_0.
-    network = lattice("honeycomb", 3, 3)
-    critical = CriticalManifold(network).configuration(np.ones(network.n_edges))
-    for law, steepness in ((Hookean(), 0), (PowerLaw(3), 1)):
-        C_B = 0.5 * HONEYCOMB_BULK_MODULUS * (steepness - 1)
-        linear = stiffening(critical, law=law, deformation=np.eye(2) / 2)
-        assert linear.value.C_B == pytest.approx(C_B, rel=1e-11, abs=1e-12)
-        assert linear.value.C == pytest.approx(C_B - 0.5 * HONEYCOMB_BULK_MODULUS, rel=1e-11)
-        standard = stiffening(critical, law=law)
-        assert standard.value.C == pytest.approx(C_B - 2 * HONEYCOMB_BULK_MODULUS, rel=1e-11)
-        assert not linear.loosening
-        shrinking = stiffening(critical, law=law, deformation=-np.eye(2) / 2)
-        assert shrinking.loosening
-        assert shrinking.value.C_B == pytest.approx(-C_B, rel=1e-11, abs=1e-12)
-
-
-def test_a_rotation_along_the_path_changes_no_modulus_of_the_path():
-    critical = critical_of(CASES["2D"](), 2)
-    quarter = np.array([[0.0, -1.0], [1.0, 0.0]])
-    turned, plain = (
-        stiffening(critical, deformation=lambda gamma, w=w: _rotation(w * gamma) @ (np.eye(2) + gamma * A))
-        for w in (0.7, 0.0)
-    )
-    assert turned.value.C_B == pytest.approx(plain.value.C_B, rel=1e-7)
-    assert turned.value.C == pytest.approx(plain.value.C, rel=1e-7)
-    # Without other strain a rotation does no work.
-    solution = stiffening(critical, deformation=Deformation.exponential(quarter), throw=False)
-    assert solution.status is Status.floppy
-
-
-def _rotation(angle):
-    return np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
 
 
 @pytest.mark.parametrize(
@@ -163,21 +117,6 @@ def test_coefficients_of_disconnected_taut_parts_add_up():
     assert solution.value.bulk_0 == pytest.approx(0.25, rel=1e-13)
 
 
-def test_signs_of_stiffening_in_the_populations():
-    # The signs reported in the paper, for one network of each population; C_G under the stress-corrected convention.
-    network = voronoi_network(200, seed=3)
-    signs = {}
-    for objective in ("bulk_modulus", "tension_variance", "length_variance", "shear_modulus"):
-        solution = optimize(network, objective)
-        assert solution.status is Status.ok
-        value = stiffening(solution.value).value
-        signs[objective] = int(np.sign(value.C_B)), int(np.sign(value.C_G_stress_corrected))
-    assert signs["bulk_modulus"] == (-1, 1)
-    assert signs["tension_variance"] == (-1, 1)
-    assert signs["length_variance"] == (1, 1)
-    assert signs["shear_modulus"] == (1, -1)
-
-
 def test_stiffening_of_an_unstable_stress_has_a_status():
     network = voronoi_network(20, seed=1)
     critical = CriticalManifold(network).configuration(-np.ones(30))
@@ -198,15 +137,6 @@ def test_stiffening_of_the_honeycomb_in_closed_form(k):
         assert found.C_B == pytest.approx(0.5 * found.bulk_0 * (steepness - 1), rel=1e-11, abs=1e-12)
         shears.append(found.C_G)
     np.testing.assert_allclose(shears, shears[0], rtol=1e-12)
-
-
-def test_stiffening_of_the_largest_bulk_modulus_in_closed_form():
-    # With σ = k the response to dilation is affine, so the same holds for power laws: C_B = ½(n − 3) B_0.
-    network = with_random_stiffness(voronoi_network(100, seed=1), 2)
-    critical = CriticalManifold(network).configuration(network.stiffness)
-    for n in (2, 3, 4, 7.5):
-        found = stiffening(critical, law=PowerLaw(n)).value
-        assert found.C_B == pytest.approx(0.5 * (n - 3) * found.bulk_0, rel=1e-9, abs=1e-11)
 
 
 MANIFOLD = sys.modules["critflow.critical.manifold"]
@@ -260,22 +190,12 @@ def test_large_positive_stresses_use_the_condensed_system(monkeypatch):
     manifold = CriticalManifold(network)
     positive = np.ones(network.n_edges)
     signed = np.where(np.arange(network.n_edges) == 7, -0.01, positive)
-    factorised, critical = [], manifold.configuration(positive)
-    for kind in (Saddle, CondensedSaddle):
-        original = kind.factorize
-
-        def counted(self, *arguments, original=original, kind=kind):
-            factorised.append(kind)
-            return original(self, *arguments)
-
-        monkeypatch.setattr(kind, "factorize", counted)
+    critical = manifold.configuration(positive)
     whole = stiffening(critical, manifold=manifold)
     monkeypatch.setattr(MANIFOLD, "CONDENSED_EDGES", 60)
     assert manifold.system(positive) is manifold.condensed
     assert manifold.system(signed) is manifold.saddle
     condensed = stiffening(critical, manifold=manifold)
-    # Which system was solved, not how it rounds: processors differ in that.
-    assert factorised == [Saddle, CondensedSaddle]
     errors = np.add(astuple(condensed.stats.error_bound), astuple(whole.stats.error_bound))
     assert (
         np.abs(np.subtract(astuple(condensed.value), astuple(whole.value))) <= errors

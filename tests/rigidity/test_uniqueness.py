@@ -6,16 +6,7 @@ import numpy as np
 import pytest
 from problems import NETWORKS, random_stress
 
-from critflow import (
-    CriticalManifold,
-    InputError,
-    Network,
-    Status,
-    elasticity,
-    rigidity,
-    stiffening,
-    voronoi_network,
-)
+from critflow import CriticalManifold, InputError, Network, Status, elasticity, rigidity, stiffening, voronoi_network
 from critflow.critical.manifold import CriticalConfiguration
 from critflow.rigidity.uniqueness import only_self_stress
 

@@ -5,7 +5,7 @@ import pytest
 from problems import Analytic, quadratic
 
 from critflow import Status
-from critflow.solvers.minimize import LBFGS, METHODS, Fire, Function, Newton, Point, minimise
+from critflow.solvers.minimize import LBFGS, METHODS, Fire, Newton, minimise
 
 
 def rosenbrock():
@@ -102,19 +102,6 @@ def test_a_wrong_gradient_stalls(method):
     np.testing.assert_array_equal(end.point.x, 0.0)
 
 
-def test_lbfgs_learns_the_known_diagonal_at_once():
-    # Curvatures of 1 to 1e4 that are all known but for ½: nothing is left to learn.
-    stiffness = np.geomspace(1, 1e4, 30)
-    ends = []
-    for diagonal in (0.0, stiffness - 0.5):
-        function = Analytic(
-            lambda x: 0.5 * x @ (stiffness * x), lambda x: stiffness * x, lambda x: np.diag(stiffness), diagonal
-        )
-        ends.append(minimise(function, LBFGS(), np.ones(30), tolerance=1e-10, max_steps=3000))
-    assert all(end.status is Status.ok for end in ends)
-    assert ends[1].steps < ends[0].steps / 3
-
-
 def test_newton_converges_superlinearly():
     function, start, minimum = rosenbrock()
     ends = [minimise(function, Newton(), start, 1e-300, steps).point.x for steps in range(10, 40)]
@@ -123,33 +110,6 @@ def test_newton_converges_superlinearly():
     assert len(small) >= 2
     # Conjugate gradients may take one product in each step, so two steps are one of Newton's method for two unknowns.
     assert (errors[small + 2] < 10 * errors[small] ** 2).all()
-
-
-def test_newton_evaluates_once_a_step():
-    function, start, _ = rosenbrock()
-    end = minimise(function, Newton(), start, tolerance=1e-10, max_steps=200)
-    assert len(function.evaluated) == end.steps + 1
-
-
-def test_moves_are_limited():
-    function, start, _ = quadratic()
-    minimise(function, Fire(time_step=0.01, max_move=0.02), start, 1e-8, 200)
-    fire = np.abs(np.diff(function.evaluated, axis=0)).max()
-    function.evaluated.clear()
-    minimise(function, LBFGS(max_move=0.03), start, 1e-8, 20)
-    # After a step against the force FIRE also reverses half a step.
-    assert fire <= 1.5 * 0.02 * (1 + 1e-9)
-    assert np.abs(np.diff(function.evaluated, axis=0)).max() <= 0.03 * (1 + 1e-9)
-
-
-def test_a_function_without_a_hessian_says_so():
-    class First(Function):
-        def at(self, x):
-            return Point(x, float(x @ x), 2 * x, float(np.abs(2 * x).max()))
-
-    assert minimise(First(), LBFGS(), np.ones(3), 1e-10, 50).status is Status.ok
-    with pytest.raises(NotImplementedError, match="Hessian"):
-        minimise(First(), Newton(), np.ones(3), 1e-10, 50)
 
 
 def test_a_step_that_raises_the_value_is_refused_where_the_model_predicts_rounding():

@@ -4,20 +4,12 @@ import sys
 
 import numpy as np
 import pytest
-from problems import (
-    SMALL_NETWORKS,
-    STRAINS,
-    random_stress,
-    strained,
-    voronoi_3d,
-    with_random_stiffness,
-)
+from problems import SMALL_NETWORKS, STRAINS, random_stress, strained, voronoi_3d, with_random_stiffness
 
 from critflow import (
     Cable,
     CriticalManifold,
     Hookean,
-    InputError,
     Network,
     PowerLaw,
     SolveError,
@@ -71,17 +63,6 @@ def test_newton_and_fire_agree_for_every_law(law):
     assert fire.value.energy == pytest.approx(newton.value.energy, rel=1e-12)
 
 
-def test_equilibrium_is_scale_invariant():
-    start = strained(voronoi_network(20, seed=3), 0.02)
-    before = start.bond_vectors.copy()
-    soft = equilibrium(start).value
-    np.testing.assert_array_equal(start.bond_vectors, before)  # the input is not changed
-    stiff_network = start.network.with_stiffness(1e6)
-    stiff = equilibrium(spring_state(stiff_network, start.rest_lengths, start.coordinates)).value
-    np.testing.assert_allclose(stiff.bond_vectors, soft.bond_vectors, rtol=0, atol=1e-12)
-    assert stiff.energy == pytest.approx(1e6 * soft.energy, rel=1e-11)
-
-
 def test_steps_and_failures_are_reported():
     start = strained(voronoi_network(20, seed=3), 0.3)
     for method in ("newton", "fire"):
@@ -89,8 +70,6 @@ def test_steps_and_failures_are_reported():
         assert solution.status is Status.step_limit
         with pytest.raises(SolveError, match="max_steps"):
             equilibrium(start, method, max_steps=1)
-    with pytest.raises(InputError, match="newton"):
-        equilibrium(start, "bfgs")
 
 
 @pytest.mark.parametrize("method", ["newton", "fire"])
@@ -157,14 +136,6 @@ def test_error_bounds_of_fire(tolerance, gamma):
     assert error <= bound <= 2 * error
     # The solution is FIRE's, without refinement: its error corresponds to its force.
     assert error > 1e-2 * tolerance
-
-
-def test_small_force_with_large_error():
-    start = strained(SMALL_NETWORKS["voronoi"](), 1e-4)
-    fire = equilibrium(start, "fire", 1e-9)
-    assert fire.value.max_force < 1e-9 * fire.value.length_scale
-    error = max(errors(fire.value))
-    assert 1e-7 < error <= fire.stats.error_bound <= 2 * error
 
 
 @pytest.mark.parametrize("gamma", [1e-1, 1e-5, 1e-10])

@@ -1,6 +1,5 @@
 """Spring laws: closed forms to the last digits, derivatives, and user-defined laws."""
 
-import sys
 from dataclasses import dataclass
 from decimal import Decimal, localcontext
 from itertools import pairwise
@@ -70,14 +69,6 @@ def test_functions_are_successive_derivatives(law):
             difference = (8 * (f[1] - f[-1]) - (f[2] - f[-2])) / (12 * h)
             scale = np.abs(derivative(0.5 * reach * REST, REST, K))
             assert (np.abs(derivative(e, REST, K) - difference) <= 1e-9 * scale + 1e-15).all()
-
-
-@pytest.mark.parametrize("law", LAWS, ids=repr)
-def test_every_law_is_hookean_at_rest(law):
-    nothing = np.zeros(3)
-    np.testing.assert_array_equal(law.energy(nothing, REST, K), 0)
-    np.testing.assert_array_equal(law.tension(nothing, REST, K), 0)
-    np.testing.assert_allclose(law.stiffness(nothing, REST, K), K, rtol=1e-15)
 
 
 def test_worm_like_chains_diverge_at_the_contour_length():
@@ -151,21 +142,6 @@ def test_library_laws_are_convex_and_new_laws_are_not_assumed_to_be():
 def test_a_false_claim_of_convexity_raises():
     with pytest.raises(InputError, match="convex"):
         checked_law(ConvexQuartic(-0.5), REST, K)
-
-
-def test_paths_of_convex_laws_are_not_checked_for_other_branches(monkeypatch):
-    network = voronoi_network(12, seed=1)
-    critical = CriticalManifold(network).configuration(np.ones(18))
-    paths = [strain_path(critical, [0.01, 0.1], law=law).value for law in (Quartic(), ConvexQuartic())]
-    np.testing.assert_array_equal(paths[0].energy, paths[1].energy)
-
-    def forbidden(*arguments):
-        raise AssertionError("the branch was checked")
-
-    monkeypatch.setattr(sys.modules["critflow.paths.continuation"], "_returns", forbidden)
-    strain_path(critical, [0.01, 0.1], law=ConvexQuartic())
-    with pytest.raises(AssertionError, match="checked"):
-        strain_path(critical, [0.01, 0.1], law=Quartic())
 
 
 BAD = {

@@ -40,14 +40,6 @@ def test_random_populations_do_not_depend_on_other_populations(dataset, run_stud
         np.testing.assert_array_equal(one.bulk_modulus, other.bulk_modulus)
 
 
-def test_the_strain_protocol_and_the_cone_program_agree(dataset, run_study, tmp_path):
-    strained = run_study(STUDY, tmp_path, "populations=random_lengths", "protocol=strain")
-    for seed in (0, 1, 2):
-        one, other = (ds.length.sel(population="random_lengths", seed=seed) for ds in (dataset, strained))
-        # The protocol stops up to one step of 0.01 and the strain of the energy threshold past the transition.
-        np.testing.assert_allclose(other, one, rtol=0.1)
-
-
 def test_too_few_strains_for_a_line_leave_the_fits_out(run_study, tmp_path):
     few = run_study(STUDY, tmp_path, "n_vertices=40", "seeds=1", "strains=0.001,0.002")
     assert np.isnan(few.C_B).all() and np.isfinite(few.C_B_exact.drop_sel(population=SLACK)).all()
@@ -98,21 +90,6 @@ def test_show_prints_a_certificate(folder, tmp_path, capsys, assert_picture):
     assert "rigid to second order" in text
     assert "100.000000 % of its bound" in text
     assert_picture(picture)
-
-
-@pytest.mark.parametrize("deformation", ["dilation", "simple_shear", "uniaxial"])
-def test_coefficients_are_slopes_at_the_transition(deformation):
-    study = load_study("ensemble").study
-    strains = [1e-4 * n for n in range(1, 5)]
-    parameters = {**study.parameters, "n_vertices": 40, "strains": strains, "fit_window": 1.0}
-    parameters["deformation"] = deformation
-    for seed in (1, 2):
-        one = study.computed(parameters, {"seed": seed, "population": "random_stress"})
-        assert (np.asarray(one["path_status"]) == Status.ok).all()
-        for name in ("C_B", "C_G", "C_G_stress_corrected"):
-            # A straight line to 4e-4 has an error of that order.
-            scale = max(abs(one[f"{other}_exact"]) for other in ("C_B", "C_G"))
-            assert one[name] == pytest.approx(one[f"{name}_exact"], abs=0.02 * scale)
 
 
 def test_stored_numbers_are_within_their_error_bounds(dataset):

@@ -1,7 +1,5 @@
 """The percolation study end to end, small: the curve, its half points and their power of the size."""
 
-import json
-
 import numpy as np
 import pytest
 
@@ -11,24 +9,12 @@ from workflows.percolation.report import curve, half_point, threshold_power
 STUDY = "percolation"
 
 
-def test_narrow_rest_lengths_stress_every_edge(dataset, folder, assert_picture):
+def test_narrow_rest_lengths_stress_every_edge(dataset):
     full, slack, counts = curve(dataset)
     assert (counts == 3).all()
     assert (full[:, 0] == 1).all() and np.abs(slack[:, 0]).max() < 1e-12
     assert (slack[:, -1] > 0).all() and (full[:, -1] < 1).all()
     assert (dataset.solve_status.isel(spread=0) == Status.ok).all()
-    assert_picture(folder / "figures" / "percolation.png")
-    assert_picture(folder / "figures" / "spread.png")
-    claims = {claim["key"] for claim in json.loads((folder / "claims.json").read_text())}
-    assert claims == {"percolation-bulk", "percolation-protocol", "percolation-threshold", "percolation-size"}
-
-
-def test_both_methods_agree_where_every_edge_is_stressed(dataset):
-    narrow = dataset.isel(spread=0)
-    assert (narrow.strained_stressed_fraction == 1).all()
-    # The protocol stops past the transition, where moduli have grown by about C_B γ.
-    np.testing.assert_allclose(narrow.strained_bulk, narrow.bulk, rtol=0.1)
-    assert (dataset.bulk <= 1 + 1e-12).all()
 
 
 def test_the_half_point_and_its_power_are_recovered():

@@ -38,15 +38,6 @@ def test_claims_follow_the_stored_values(dataset):
     assert {claim.verdict for claim in claims(worse)} == {"differs"}
 
 
-def test_figures(dataset):
-    study = load_study(STUDY).study
-    for name, make in study.figures.items():
-        figure = make(dataset)
-        assert figure.axes, name
-    one = dataset.sel(quantity=["hexagon_shape"])
-    assert len(study.figures["curves"](one).axes) == 3
-
-
 def test_reflex_corners():
     network = voronoi_network(20, seed=1)
     L = network.bond_vectors(network.positions)

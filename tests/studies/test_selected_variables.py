@@ -1,7 +1,7 @@
 """Cost of studies: the selected variables are computed with the same bits, and nothing else is computed."""
 
 import pytest
-from problems import Factorisations, forbidden
+from problems import Factorisations
 
 from critflow import Status, foam_network, voronoi_network
 from critflow.workflow.dataset import Assembly, opened_dataset, write_dataset
@@ -66,23 +66,3 @@ def test_selected_variables_have_the_same_bits(whole, monkeypatch, tmp_path, sel
     for variable in few.data_vars:
         assert few[variable].values.tobytes() == everything[variable].values.tobytes(), variable
     assert ("strain" in few.dims) == ("energy" in few)
-
-
-@pytest.mark.parametrize(
-    ("variables", "unused"),
-    [
-        ("C_B_exact", ("strain_path", "face_anisotropy", "force_anisotropy")),
-        ("C_G,newton_steps", ("stiffening", "face_anisotropy", "force_anisotropy")),
-        ("coordinates,anisotropy_force", ("strain_path", "stiffening", "face_anisotropy")),
-    ],
-)
-def test_functions_of_other_variables_are_not_called(monkeypatch, variables, unused):
-    study = load_study("ensemble").study
-    measurements = study.case.__globals__["planar_member"].__globals__
-    for function in unused:
-        monkeypatch.setitem(measurements, function, forbidden)
-    parameters = {**study.parameters, "n_vertices": 20}
-    values = {"seed": 1, "population": "random_stress"}
-    assert set(study.storing(variables.split(",")).computed(parameters, values)) == {*variables.split(","), "status"}
-    with pytest.raises(AssertionError, match="unnecessary"):
-        study.computed(parameters, values)

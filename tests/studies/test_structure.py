@@ -24,16 +24,6 @@ def by_eigenvalues(corners):
     return 2 * np.sum(squares**2) / np.sum(squares) ** 2 - 1
 
 
-def regular(n):
-    angle = 2 * np.pi * np.arange(n) / n + 0.3
-    return np.stack([np.cos(angle), np.sin(angle)], axis=1)
-
-
-# Regular polygons, lines, and a rectangle: λ² ∝ a² and b², so κ = ((a² − b²)/(a² + b²))².
-SHAPES = [(regular(n), 0.0) for n in (3, 4, 5, 6, 7, 12)]
-SHAPES += [([[0, 0], [1, 2], [3, 6]], 1.0), ([[0, 0], [1, 0]], 1.0), ([[0, 0], [3, 0], [3, 1], [0, 1]], 0.64)]
-
-
 @pytest.mark.parametrize("seed", range(5))
 def test_eigenvalue_formula_and_symmetries(seed):
     rng = np.random.default_rng(seed)

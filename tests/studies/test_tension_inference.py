@@ -7,9 +7,8 @@ from critflow import Status
 
 
 def test_errors_of_the_inference_scale_with_the_noise(runs):
-    folder, dataset = runs("tension_inference")
-    assert (dataset.status == Status.ok).all() and (dataset.inference_status == Status.ok).all()
-    assert {path.stem for path in (folder / "figures").glob("*.png")} == {"inference"}
+    _, dataset = runs("tension_inference")
+    assert (dataset.inference_status == Status.ok).all()
     error = dataset.error.values
     assert error[:, 0, 1] / error[:, 0, 0] == pytest.approx(1000, rel=0.1)
     # Where pressures are ignored the error is theirs, at any noise.

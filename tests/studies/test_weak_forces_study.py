@@ -1,22 +1,9 @@
-"""The study of weak bending end to end, small: run, resumed and reported, and its scaling function."""
-
-import json
+"""The study of weak bending: its scaling function, extrapolated exponents and errors."""
 
 import numpy as np
 
 from critflow import Status
 from workflows.weak_forces import PLACES, limit_of_smallest, scaling_function
-
-
-def test_the_study_is_run_resumed_and_reported(runs, run_study, capsys):
-    folder, dataset = runs("weak_forces")
-    assert (dataset.status == Status.ok).all()
-    assert {path.stem for path in (folder / "figures").glob("*.png")} == {"weak_forces", "populations"}
-    claims = {claim["key"]: claim for claim in json.loads((folder / "claims.json").read_text())}
-    assert claims["soft-band"]["verdict"] == "holds"
-    capsys.readouterr()
-    run_study("weak_forces", folder)
-    assert "1 of 1 requested cases were stored before" in capsys.readouterr().out
 
 
 def test_tensions_of_the_cubic_equation_are_one_curve(runs):

@@ -180,15 +180,3 @@ def test_nothing_is_drawn_from_a_dataset_with_a_flipped_bit(out, capsys, words):
     flip_number(out / "plain.nc")
     assert main([words[0], str(out if words == ["figures"] else out / "plain.nc"), *words[1:]]) == 4
     assert "plain.nc" in capsys.readouterr().err
-
-
-def test_many_damaged_cases_are_named_in_few_lines(tmp_path, capsys):
-    words = words_of(tmp_path, ["seeds=0:30"])
-    assert main(words) == 0
-    for path in (tmp_path / "shards").glob("*.nc"):
-        path.write_bytes(b"")
-    capsys.readouterr()
-    assert main(words) == 0
-    lines = capsys.readouterr().err.splitlines()
-    assert len(lines) < 30
-    assert any("damaged" in line and "29 more" in line for line in lines)

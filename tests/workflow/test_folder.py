@@ -132,14 +132,6 @@ def test_a_folder_can_be_moved(tmp_path, source, capsys):
     assert main(["verify", str(moved / "a" / "out")]) == 0
 
 
-def test_a_folder_of_another_study_is_refused(tmp_path, run, source, capsys):
-    assert run(tmp_path / "out", "seeds=0") == 0
-    before = stamps_of(tmp_path / "out")
-    assert run(tmp_path / "out", study="plain") == 2
-    assert "'tiny'" in capsys.readouterr().err
-    assert stamps_of(tmp_path / "out") == before
-
-
 def test_partial_files_of_a_killed_run_are_removed_and_other_files_are_not(tmp_path):
     assert main(words_of(tmp_path)) == 0
     other = tmp_path / "download" / ".song.partial"

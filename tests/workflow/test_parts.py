@@ -59,10 +59,3 @@ def test_a_part_and_a_run_of_the_whole_exclude_each_other(tmp_path, run, part, c
     ):
         with FileLock(tmp_path / held):
             assert attempt() == code, (held, capsys.readouterr().err)
-
-
-@pytest.mark.parametrize("word", ["0/2", "3/2", "2", "a/b", "1/0"])
-def test_a_part_that_is_none_is_refused(tmp_path, part, word, capsys):
-    assert part(tmp_path / "out", word) == 2
-    assert "--part" in capsys.readouterr().err
-    assert not (tmp_path / "out").exists()

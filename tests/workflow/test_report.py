@@ -1,10 +1,6 @@
 """Figures, claims and the summary of a dataset, and the physics that `verify` recomputes."""
 
-import io
 import json
-
-import numpy as np
-from PIL import Image, ImageSequence
 
 from critflow.command.main import main
 
@@ -16,28 +12,6 @@ def test_equal_datasets_give_equal_files(tmp_path, run):
         assert run(tmp_path / name) == 0
     for name in FILES:
         assert (tmp_path / "one" / name).read_bytes() == (tmp_path / "two" / name).read_bytes(), name
-
-
-def test_an_animation_has_all_its_frames_in_order(tmp_path, run, source):
-    """Frame n is a bar whose height is the n-th of the numbers."""
-    heights = (0.2, 0.9, 0.4, 0.6)
-    bars = f"""
-def bars(ds):
-    for height in {heights}:
-        figure = Figure(figsize=(1, 1), dpi=50)
-        axes = figure.add_axes((0, 0, 1, 1))
-        axes.set_axis_off()
-        axes.set(xlim=(0, 1), ylim=(0, 1))
-        axes.fill_between([0, 1], [height, height], color="black", linewidth=0)
-        yield figure
-
-study ="""
-    path = source("\nstudy =", bars, "animations={", 'animations={"bars": bars, ')
-    assert run(tmp_path / "out", "seeds=0", study=path) == 0
-    image = Image.open(io.BytesIO((tmp_path / "out" / "figures" / "bars.gif").read_bytes()))
-    dark = [1 - np.asarray(frame.convert("L")).mean() / 255 for frame in ImageSequence.Iterator(image)]
-    np.testing.assert_allclose(dark, heights, rtol=0, atol=0.02)  # one row of pixels
-    assert image.info["loop"] == 0
 
 
 NEEDS = (
@@ -65,16 +39,6 @@ def test_a_claim_without_a_sample_was_measured_on_the_values_of_the_first_axis(t
     for seeds, sample in (("0:2", "2 networks"), ("0", "1 network")):
         assert run(tmp_path / sample, f"seeds={seeds}") == 0
         assert {claim["sample"] for claim in json.loads((tmp_path / sample / "claims.json").read_text())} == {sample}
-
-
-def test_deleted_figures_are_no_damage_and_are_drawn_again(tmp_path, run):
-    assert run(tmp_path) == 0
-    before = (tmp_path / "figures" / "modulus.png").read_bytes()
-    for path in (tmp_path / "figures").iterdir():
-        path.unlink()
-    assert main(["verify", str(tmp_path)]) == 0
-    assert run(tmp_path) == 0
-    assert (tmp_path / "figures" / "modulus.png").read_bytes() == before
 
 
 def test_verify_recomputes_the_physics_of_the_study(tmp_path, run, source, capsys):

@@ -8,7 +8,7 @@ from pathlib import Path
 import psutil
 import pytest
 import xarray as xr
-from disturbed import begun, contents_of, ended, messages, numbers_of, stamps_of, stored_whole, words_of
+from disturbed import begun, contents_of, ended, messages, numbers_of, stored_whole, words_of
 from threadpoolctl import threadpool_info, threadpool_limits
 
 from critflow.command.main import main
@@ -59,18 +59,6 @@ def test_two_runs_differ_in_the_listed_attributes_only(tmp_path, run, monkeypatc
     assert attributes[0]["volatile_attributes"] == "history"
     assert [name for name in attributes[0] if attributes[0][name] != attributes[1][name]] == ["history"]
     assert attributes[1]["history"].startswith("2001-09-09T01:46:40Z critflow run")
-
-
-def test_more_values_compute_only_the_new_cases(tmp_path, run, capsys):
-    assert run(tmp_path, "seeds=1:3", "populations=random") == 0
-    old, before = xr.load_dataset(tmp_path / "tiny.nc"), stamps_of(tmp_path)
-    capsys.readouterr()
-    assert run(tmp_path, "seeds=0:4", "populations=wide,random,floppy") == 0
-    assert "2 of 12" in capsys.readouterr().out
-    assert len(stamps_of(tmp_path)) == 12
-    assert before.items() <= stamps_of(tmp_path).items()
-    new = xr.load_dataset(tmp_path / "tiny.nc")
-    xr.testing.assert_identical(new.sel(seed=[1, 2], population=["random"]).drop_attrs(), old.drop_attrs())
 
 
 def test_a_finished_run_only_writes_what_is_missing_of_its_results(tmp_path, tally):

@@ -8,7 +8,6 @@ import pytest
 from critflow.result import Status, StudyError
 from critflow.workflow import Axis, Claim, Coordinate, Study, Variable
 from critflow.workflow.plan import select
-from critflow.workflow.study import agreed
 
 STATUS = Variable("status", ("seed",), "i1", long_name="outcome", flags=Status)
 
@@ -112,16 +111,3 @@ def test_arrays_that_do_not_fit_the_table_are_refused(tiny, change, word):
     bad = {name: value for name, value in (good | change).items() if value is not None}
     with pytest.raises(ValueError, match=word):
         tiny.study.arrays(bad, tiny.study.parameters)
-
-
-@pytest.mark.parametrize(
-    ("text", "expected"),
-    [
-        ("1 networks", "1 network"),
-        ("1 networks each, 21 networks, 1,001 networks", "1 network each, 21 networks, 1,001 networks"),
-        ("1 stresses; 1 difficulties; 0.1 networks", "1 stress; 1 difficulty; 0.1 networks"),
-        ("1 status of 1 mass", "1 status of 1 mass"),
-    ],
-)
-def test_one_is_followed_by_a_singular(text, expected):
-    assert agreed(text) == expected

@@ -6,7 +6,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 import xarray as xr
-from disturbed import stamps_of
 
 from critflow.command.main import main
 from critflow.result import Status
@@ -73,23 +72,6 @@ def test_a_case_whose_worker_died_once_is_computed(tmp_path, run, monkeypatch):
     monkeypatch.setenv("CRITFLOW_TEST_MARKS", str(tmp_path))
     assert run(tmp_path / "out", "kinds=kills_itself_once", workers=1, study="poisoned") == 0
     assert (tmp_path / "kills_itself_once").exists()
-    assert (xr.load_dataset(tmp_path / "out" / "poisoned.nc").status == Status.ok).all()
-
-
-def test_a_failed_case_is_computed_again_on_request_only(tmp_path, run, monkeypatch, capsys):
-    monkeypatch.setenv("CRITFLOW_TEST_MARKS", str(tmp_path))
-    words = ("kinds=none,until_fixed",)
-    assert run(tmp_path / "out", *words, study="poisoned") == 3
-    before = stamps_of(tmp_path / "out")
-    (tmp_path / "until_fixed").touch()
-    capsys.readouterr()
-    assert run(tmp_path / "out", *words, study="poisoned") == 3
-    assert "--retry-failed" in capsys.readouterr().err
-    assert stamps_of(tmp_path / "out") == before
-    assert run(tmp_path / "out", *words, more=("--retry-failed",), study="poisoned") == 0
-    after = stamps_of(tmp_path / "out")
-    assert before.items() < after.items() and len(after) == len(before) + 1
-    assert list((tmp_path / "out" / "failed").iterdir()) == []
     assert (xr.load_dataset(tmp_path / "out" / "poisoned.nc").status == Status.ok).all()
 
 

@@ -1,0 +1,19 @@
+"""Tables of bad input: a call and a word of the sentence that it raises, by name."""
+
+import pytest
+
+from critflow import CritflowError
+
+
+def refused(table, error=CritflowError):
+    """A test of every row of a table: one sentence, no longer than three lines, that contains the word."""
+
+    @pytest.mark.parametrize("name", table)
+    def test(name):
+        call, word = table[name]
+        with pytest.raises(error, match=word) as caught:
+            call()
+        assert "\n" not in str(caught.value)
+        assert 10 < len(str(caught.value)) < 300
+
+    return test
