@@ -11,7 +11,7 @@ import xarray as xr
 
 from critflow.critical.manifold import CriticalConfiguration
 from critflow.examination.certificate import certificate_text
-from critflow.exchange.datasets import from_dataset
+from critflow.exchange.data import from_dataset
 from critflow.figures.plot import network_figure
 from critflow.networks.network import Network
 from critflow.result import InputError, Status

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
+from itertools import product
 from os import PathLike
 from pathlib import Path
 from typing import Any
@@ -14,19 +15,19 @@ from numpy.typing import ArrayLike
 
 from critflow.arguments import checked, shown
 from critflow.exchange.boundaries import Pins, hull_volume, with_pins
-from critflow.exchange.checks import check
 from critflow.exchange.data import NetworkData, data_of, from_zero
 from critflow.exchange.formats import format_of_object, readable_format, writable_format
 from critflow.exchange.meshes import from_polygons
 from critflow.exchange.offsets import with_offsets
 from critflow.exchange.pictures import from_labels, from_skeleton, read_picture
-from critflow.exchange.repair import ImportedNetwork, imported, in_its_plane
+from critflow.exchange.repair import ImportedNetwork, check, imported, in_its_plane
 from critflow.exchange.tables import read_tables
-from critflow.exchange.tiling import Copies, tiled
 from critflow.networks.checks import floats
 from critflow.networks.network import Network
 from critflow.result import CritflowError, InputError, NetworkError, Solution
 
+# Edges of copies that fit into the memory of a usual computer with their file.
+_MOST_EDGES = 10_000_000
 _KINDS = ("edges", "polygons", "picture", "labels")
 
 
@@ -82,7 +83,7 @@ def write_network(
     *,
     rest_lengths: ArrayLike | None = None,
     force_densities: ArrayLike | None = None,
-    copies: Copies = 1,
+    copies: int | Sequence[int] = 1,
     **options: Any,
 ) -> None:
     """Write a network to a file whose ending names the format, with all digits that the format can hold.
@@ -109,7 +110,45 @@ def write_network(
     target, data = Path(path), _state(network, coordinates, rest_lengths, force_densities)
     known = writable_format(target, data.dimension, options)
     assert known.write is not None
-    known.write(tiled(data, copies), target, **options)
+    known.write(_tiled(data, copies), target, **options)
+
+
+def _tiled(data: NetworkData, copies: int | Sequence[int]) -> NetworkData:
+    """The record of copies of the cell along each cell vector, one number or d numbers, joined as one periodic network.
+
+    Raises `InputError` for numbers that are not positive and whole, and where there is no cell to repeat.
+    """
+    counts, d = np.asarray(copies), data.dimension
+    if counts.dtype.kind not in "iu" or counts.shape not in ((), (1,), (d,)) or (counts < 1).any():
+        raise InputError(
+            f"copies must be a whole number from 1, or one for each of the {d} cell vectors, not {copies!r:.40}"
+        )
+    counts = np.broadcast_to(counts, (d,)).astype(np.int64)
+    if (counts == 1).all():
+        return data
+    if data.cell is None or data.offsets is None:
+        raise InputError("copies repeat a periodic cell, and this network has none: leave copies out")
+    edges = data.n_edges * float(np.prod(counts, dtype=float))
+    if edges > _MOST_EDGES:
+        raise InputError(f"these copies have {edges:.1e} edges, more than {_MOST_EDGES:.0e}: give fewer copies")
+    images = np.array(list(product(*map(range, counts))))
+    m, n = len(images), data.n_vertices
+    # The image of each head, counted in old cells, and the copy and the larger cell in which it lies.
+    target = images[:, None] + data.offsets[None]
+    copy = np.ravel_multi_index(tuple(np.moveaxis(target % counts, -1, 0)), tuple(counts))
+    tails = data.edges[None, :, 0] + n * np.arange(m)[:, None]
+    heads = data.edges[None, :, 1] + n * copy
+
+    whole = data.with_edges(np.tile(np.arange(data.n_edges), m))
+    return replace(
+        whole,
+        edges=np.stack([tails.ravel(), heads.ravel()], axis=1),
+        positions=(data.positions[None] + (images @ data.cell)[:, None]).reshape(m * n, -1),
+        cell=counts[:, None] * data.cell,
+        offsets=(target // counts).reshape(-1, data.dimension),
+        pins=tuple(pin + n * k for k in range(m) for pin in data.pins),
+        ids=(),
+    )
 
 
 def _referring(found: ImportedNetwork, volume: float | str | None) -> ImportedNetwork:

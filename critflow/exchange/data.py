@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 from critflow.networks.checks import floats, integers
 from critflow.networks.digits import Digits, digits_of
 from critflow.networks.network import Network
-from critflow.result import InputError, Record
+from critflow.result import EnvironmentFailure, InputError, Record
 
 Array = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -170,6 +171,25 @@ def data_of(
     )
 
 
+def from_dataset(case: Any) -> NetworkData:
+    """A case of a dataset, selected by its axis values, such as `dataset.sel(seed=3, population="bulk_modulus")`."""
+    if missing := [name for name in ("edges", "offsets", "cell", "coordinates") if name not in case]:
+        raise InputError(f"this dataset contains no configurations: it lacks {', '.join(missing)}")
+    if np.ndim(case["edges"]) != 2:
+        raise InputError("choose one case of the dataset, such as dataset.sel(seed=3, population='bulk_modulus')")
+    coordinates = np.asarray(case["coordinates"], dtype=float)
+    if not np.isfinite(coordinates).all():
+        raise InputError("this case of the dataset has no configuration: see its status, or choose another")
+    return NetworkData(
+        edges=np.asarray(case["edges"]),
+        positions=coordinates,
+        cell=np.asarray(case["cell"]),
+        offsets=np.asarray(case["offsets"]),
+        force_densities=np.asarray(case["sigma"]) if "sigma" in case else None,
+        source="critflow dataset",
+    )
+
+
 def from_zero(data: NetworkData) -> NetworkData:
     """The record with vertices counted from 0; those counted from 1 keep these numbers as their names."""
     n = data.n_vertices
@@ -210,6 +230,17 @@ def polygon_edges(polygons: Sequence[Sequence[int]]) -> tuple[IntArray, IntArray
     last = np.zeros(len(edges), np.int64)
     last[edge.ravel()] = np.arange(len(pairs))
     return edges, np.column_stack([owner[first], np.where(last == first, -1, owner[last])])
+
+
+def optional(module: str) -> Any:
+    """Import an optional module; `EnvironmentFailure` with the install command where it is missing."""
+    try:
+        return import_module(module)
+    except ImportError:
+        package, install = module.split(".")[0], "pip install 'critflow[formats]'"
+        raise EnvironmentFailure(
+            f"this format needs the package {package}, which is not installed: {install}"
+        ) from None
 
 
 def require_regular(path: Path) -> None:

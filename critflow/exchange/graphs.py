@@ -10,8 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from critflow.exchange.data import EDGE_VALUES, Array, NetworkData, edge_values, unread
-from critflow.exchange.packages import optional
+from critflow.exchange.data import EDGE_VALUES, Array, NetworkData, edge_values, optional, unread
 from critflow.networks.checks import floats
 from critflow.result import InputError
 

@@ -10,8 +10,15 @@ from typing import Any
 
 import numpy as np
 
-from critflow.exchange.data import EDGE_VALUES, IntArray, NetworkData, bond_vectors_of, edge_values, polygon_edges
-from critflow.exchange.packages import optional
+from critflow.exchange.data import (
+    EDGE_VALUES,
+    IntArray,
+    NetworkData,
+    bond_vectors_of,
+    edge_values,
+    optional,
+    polygon_edges,
+)
 from critflow.result import EnvironmentFailure, InputError
 
 # Corners of the sides of each kind of cell; those of higher order begin with the same corners.

@@ -11,9 +11,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from critflow.exchange.data import Array, IntArray, NetworkData, bond_vectors_of, number
+from critflow.exchange.data import Array, IntArray, NetworkData, bond_vectors_of, number, optional
 from critflow.exchange.offsets import with_offsets
-from critflow.exchange.packages import optional
 from critflow.networks.checks import floats, integers
 from critflow.networks.digits import Digits, single_precision
 from critflow.result import InputError

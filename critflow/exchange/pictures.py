@@ -10,8 +10,7 @@ import numpy as np
 import scipy
 from numpy.typing import ArrayLike, NDArray
 
-from critflow.exchange.data import Array, IntArray, NetworkData, counted
-from critflow.exchange.packages import optional
+from critflow.exchange.data import Array, IntArray, NetworkData, counted, optional
 from critflow.networks.blocks import components
 from critflow.networks.checks import floats
 from critflow.result import InputError

@@ -16,13 +16,18 @@ from numpy.typing import NDArray
 
 from critflow.exchange.boundaries import require_boundary
 from critflow.exchange.crossings import crossings_of, split
-from critflow.exchange.data import Array, NetworkData, bond_vectors_of, counted
+from critflow.exchange.data import EDGE_VALUES, Array, NetworkData, bond_vectors_of, counted
 from critflow.networks.chains import chains
+from critflow.networks.checks import check_ends, finite_rows
 from critflow.networks.faces import Faces, planar_faces
 from critflow.networks.network import Network
 from critflow.networks.pruning import carrying_part
 from critflow.result import InputError, NetworkError, Solution, Stats, Status
 
+# Volumes of unit cell vectors below this are none.
+_NO_VOLUME = 1e-9
+# Squares of coordinates beyond this overflow.
+_FAR = 1e100
 # Coordinates that vary by less than this part of the size of a network have no extent.
 _FLAT = 1e-9
 
@@ -152,6 +157,29 @@ def _faces(data: NetworkData) -> Faces | None:
     whole = np.logical_and.reduceat(borders, faces.starts[:-1]).any(axis=1)
     kept, starts = np.repeat(whole, faces.sizes), np.concatenate([[0], np.cumsum(faces.sizes[whole])])
     return Faces(faces.edges[kept], faces.signs[kept], starts)
+
+
+def check(data: NetworkData) -> None:
+    """Raise `NetworkError` for values that no repair can correct."""
+    n, d = data.n_edges, data.positions.shape[-1]
+    if data.edges.ndim != 2 or data.edges.shape[1:] != (2,) or not n:
+        raise NetworkError("the source has no edges: give pairs of vertices")
+    if data.positions.ndim != 2 or not 1 <= d <= 3:
+        raise NetworkError(f"positions must have two or three columns, not the shape {data.positions.shape}")
+    finite_rows(data.positions, "positions", data.positions.shape)
+    check_ends(data.edges, data.n_vertices)
+    if np.abs(data.positions).max(initial=0.0) > _FAR:
+        raise NetworkError(f"positions lie beyond {_FAR:.0e}: choose other units")
+    for name, shape in (("offsets", (n, d)), ("bond_vectors", (n, d)), *((name, (n,)) for name in EDGE_VALUES)):
+        if (values := getattr(data, name)) is not None:
+            finite_rows(values, name, shape)
+    if data.rest_lengths is not None and (short := np.flatnonzero(data.rest_lengths < 0)).size:
+        raise NetworkError(f"rest_lengths[{short[0]}] = {data.rest_lengths[short[0]]} is negative: correct that value")
+    if data.cell is not None:
+        finite = np.isfinite(data.cell).all() and np.abs(data.cell).max() < _FAR
+        sides = np.linalg.norm(data.cell, axis=1) if finite else np.zeros(1)
+        if not sides.all() or abs(np.linalg.det(data.cell / sides[:, None])) < _NO_VOLUME:
+            raise NetworkError("the cell vectors must be finite and span a volume: correct the cell")
 
 
 def in_its_plane(data: NetworkData) -> NetworkData:

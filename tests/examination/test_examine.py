@@ -362,7 +362,7 @@ def test_the_command_makes_a_network_with_targets(tmp_path, capsys):
         (["make", "h.csv", "--out", "m.gml"], 6, "networkx"),
         (["make", "h.csv", "--out", "m.doc"], 2, "ending"),
         (["make", "h.csv", "--out", "nowhere/m.csv"], 2, "folder"),
-        (["make", "h.csv", "--out", "m.stl"], 6, "critflow[solids]"),
+        (["make", "h.csv", "--out", "m.stl"], 6, "critflow[formats]"),
         (["make", "h.csv", "--out", "m.json"], 6, "networkx"),
         (["make", "d.csv", "--out", "m.svg"], 2, "two-dimensional"),
         (["make", "h.csv", "--out", "m.csv", "--picture", "m.doc"], 2, "picture"),
