@@ -72,18 +72,18 @@ def _consistent(data: NetworkData, length: Array, images: IntArray, shortest: Ar
     A few edges that are longer than the cell may be meant: they stay, with a sentence.
     """
     assert data.cell is not None and data.offsets is not None
-    doubtful = doubtful_offsets(data.edges, data.offsets, data.cell, data.positions)
+    doubtful, n_crossing, contradicted = doubtful_offsets(data.edges, data.offsets, data.cell, data.positions)
     reverse = (data.offsets == -images).all(axis=1) & (shortest < _NEARER * length)
-    if not doubtful.contradicted and reverse.sum() <= max(1, _REVERSED * doubtful.n_crossing):
-        if not len(doubtful.edges):
+    if not contradicted and reverse.sum() <= max(1, _REVERSED * n_crossing):
+        if not len(doubtful):
             return data
-        edge = doubtful.edges[0]
+        edge = doubtful[0]
         i, j = (data.name(int(vertex)) for vertex in data.edges[edge])
         return data.noting(
-            f"{counted(len(doubtful.edges), 'edge', 'is')} longer than the cell, between vertices {i} and {j} first: "
+            f"{counted(len(doubtful), 'edge', 'is')} longer than the cell, between vertices {i} and {j} first: "
             f"{length[edge]:.3g}, the nearest image {shortest[edge]:.3g}; the offsets were kept as given"
         )
-    wrong = doubtful.edges[~reverse[doubtful.edges]]
+    wrong = doubtful[~reverse[doubtful]]
     if len(wrong):
         raise InputError(
             f"the offsets of {counted(len(wrong), 'edge')} contradict the positions: edge {wrong[0]} has the length "

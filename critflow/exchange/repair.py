@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 
 from critflow.exchange.boundaries import require_boundary
 from critflow.exchange.crossings import crossings_of, split
-from critflow.exchange.data import EDGE_VALUES, Array, NetworkData, bond_vectors_of, counted
-from critflow.networks.chains import chains
+from critflow.exchange.data import EDGE_VALUES, Array, IntArray, NetworkData, bond_vectors_of, counted
+from critflow.networks.blocks import components
 from critflow.networks.checks import check_ends, finite_rows
 from critflow.networks.faces import Faces, planar_faces
 from critflow.networks.network import Network
@@ -240,12 +240,15 @@ def _without_repeats(data: NetworkData) -> NetworkData:
 
 def _with_crossings(data: NetworkData, join: bool) -> NetworkData:
     """Crossings of edges in the plane, reported or joined by a vertex."""
-    if data.dimension != 2 or not len((found := crossings_of(data)).pairs):
+    if data.dimension != 2:
         return data
-    count = f"{counted(len(found.pairs), 'crossing')} of two edges"
+    pairs, parts = crossings_of(data)
+    if not len(pairs):
+        return data
+    count = f"{counted(len(pairs), 'crossing')} of two edges"
     if join:
-        return split(data, found).repairing(f"{count}, joined by a vertex there")
-    i, j = np.asarray(data.edge_numbers)[found.pairs[0]]
+        return split(data, pairs, parts).repairing(f"{count}, joined by a vertex there")
+    i, j = np.asarray(data.edge_numbers)[pairs[0]]
     return data.noting(f"{count} without a vertex, edges {i} and {j} first; join_crossings=True puts one there")
 
 
@@ -304,7 +307,7 @@ def _contracted(data: NetworkData, middle: NDArray[np.bool_]) -> NetworkData:
 
     Each chain has the number and the direction of its first edge.
     """
-    chain, direction = chains(data.edges, middle)
+    chain, direction = _chains(data.edges, middle)
     first = np.unique(chain, return_index=True)[1]
     walked = np.where(direction[:, None] > 0, data.edges, data.edges[:, ::-1])
     ends = np.full((len(first), 2), -1)
@@ -332,6 +335,24 @@ def _contracted(data: NetworkData, middle: NDArray[np.bool_]) -> NetworkData:
         force_densities=None,
     )
     return joined.with_vertices(~middle)
+
+
+def _chains(edges: IntArray, middle: NDArray[np.bool_]) -> tuple[IntArray, IntArray]:
+    """The chain (N_b,) of each edge, counted in the order of their first edges, and its direction ±1 along that edge.
+
+    middle  (N_v,) which vertices are inside chains: each has two edges, or twice the same one
+    """
+    m, ends = len(edges), edges.ravel()
+    order = np.argsort(ends, kind="stable")
+    first, second = order[middle[ends[order]]].reshape(-1, 2).T
+    # Of two edges that meet, one turns round unless the head of one is the tail of the other.
+    turned = m * (first % 2 == second % 2)
+    first, second = first // 2, second // 2
+    # Both directions of each edge are nodes of a graph whose components are the directed chains.
+    rows, columns = np.concatenate([first, first + m]), np.concatenate([second + turned, second + (m - turned)])
+    forward, backward = components(np.column_stack([rows, columns]), 2 * m).reshape(2, m)
+    _, start, chain = np.unique(np.minimum(forward, backward), return_index=True, return_inverse=True)
+    return chain, np.where(forward == forward[start][chain], 1, -1)
 
 
 def _with_short_edges(data: NetworkData) -> NetworkData:

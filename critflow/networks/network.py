@@ -19,6 +19,7 @@ import scipy.sparse as sp
 from numpy.typing import ArrayLike, NDArray
 
 from critflow.arguments import shown
+from critflow.networks.blocks import check_support
 from critflow.networks.checks import (
     Array,
     IntArray,
@@ -36,7 +37,6 @@ from critflow.networks.checks import (
     stiffnesses,
 )
 from critflow.networks.faces import Faces, PlanarFaces
-from critflow.networks.support import check_support
 from critflow.result import NetworkError
 
 
