@@ -233,7 +233,7 @@ def make(
 
     Many parameters: each is an option of the command.
     """
-    from critflow.examination.certificate import certificate_text
+    from critflow.examination.report import certificate_text
     from critflow.exchange.convert import write_network
     from critflow.exchange.formats import writable_format
 

@@ -10,7 +10,7 @@ import numpy as np
 import xarray as xr
 
 from critflow.critical.manifold import CriticalConfiguration
-from critflow.examination.certificate import certificate_text
+from critflow.examination.report import certificate_text
 from critflow.exchange.data import from_dataset
 from critflow.figures.plot import network_figure
 from critflow.networks.network import Network
