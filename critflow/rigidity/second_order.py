@@ -196,19 +196,19 @@ def _by_forms(counts: Rigidity, modes: Array, forms: Array, error: float) -> Sec
     if len(forms) == 1:
         return _one_stress(counts, modes, unit[0], scale, error / scale)
 
-    found = _program(unit)
-    if error and not found.least > error / scale:
+    least, multipliers, X, support = _program(unit)
+    if error and not least > error / scale:
         return hidden
-    if found.least > POSITIVE:
+    if least > POSITIVE:
         reason = f"a combination of its {len(forms)} self-stresses stabilises it"
-        return answer(True, True, found.multipliers @ counts.self_stresses, None, scale * found.least, reason)
-    z, X = _common_zero(unit, found.obstruction), found.obstruction
+        return answer(True, True, multipliers @ counts.self_stresses, None, scale * least, reason)
+    z = _common_zero(unit, X)
     if z is not None:
         return answer(False, False, None, np.tensordot(z, modes, 1), reason="a zero mode escapes all self-stresses")
     if X is None or not np.linalg.norm(np.tensordot(unit, X, 2)) < POSITIVE:
         reason = "no self-stress was found that stabilises it, and no zero mode that escapes them all"
         return answer(None, None, reason=reason)
-    if _none_escapes(unit, found.support):
+    if _none_escapes(unit, support):
         reason = "no zero mode escapes all self-stresses, as a relaxation of fourth order proves"
         return answer(False, True, reason=reason)
     return answer(
@@ -235,24 +235,11 @@ def _one_stress(counts: Rigidity, modes: Array, Q: Array, scale: float, error: f
     return answer(False, False, escape=np.tensordot(z, modes, 1), reason=reason)
 
 
-@dataclass(frozen=True, eq=False)
-class _Search:
-    """The best stress found, Σ a_I σ_I with |a| = 1, and the obstruction to a stabilising one.
+def _program(forms: Array) -> tuple[float, Array, Array | None, Array]:
+    """The largest λ_min(Σ a_I Q_I) that semidefinite programs find, its a, |a| = 1, and the obstruction to a larger.
 
-    least        λ_min(Σ a_I Q_I) over all modes
-    obstruction  X ⪰ 0 of trace 1 with the least |⟨Q_I, X⟩|, or None
-    support      multipliers of the last program: where no stress stabilises, those of one that resists most modes
-    """
-
-    multipliers: Array
-    least: float
-    obstruction: Array | None
-    support: Array
-
-
-def _program(forms: Array) -> _Search:
-    """The multipliers with the largest λ_min(Σ a_I Q_I) found by semidefinite programs.
-
+    The obstruction X ⪰ 0 of trace 1 has the least |⟨Q_I, X⟩|; None: unknown.  Last come the multipliers of the last
+    program: where no stress stabilises, those of one that resists most modes.
     The program is restricted to a subspace W of the modes, which grows by the modes that its solution leaves unstable:
     its cost is that of the few modes that matter.
     """
@@ -265,16 +252,16 @@ def _program(forms: Array) -> _Search:
         relaxed = second_order_relaxation(np.einsum("ik,aij,jl->akl", W, forms, W, optimize=True))
         a, X = relaxed.multipliers, W @ relaxed.moments @ W.T
         if not relaxed.solved:
-            return _Search(best, least, None, a)
+            return least, best, None, a
         norm = float(np.linalg.norm(a))
         if norm > POSITIVE:
             values, vectors = np.linalg.eigh(np.tensordot(a / norm, forms, 1))
             if values[0] > least:
                 best, least = a / norm, float(values[0])
         if least > POSITIVE or relaxed.bound < POSITIVE or W.shape[1] == n:
-            return _Search(best, least, X, a)
+            return least, best, X, a
         if W.shape[1] > 2 * PROGRAM_MODES:
-            return _Search(best, least, None, a)
+            return least, best, None, a
         W = np.linalg.qr(np.hstack([W, vectors[:, :5]]))[0]
 
 
