@@ -232,9 +232,27 @@ def report_lines(examination: Examination, file: str = "") -> list[str]:
 
     file  name of the file that was examined, for advice that names commands in place of functions
     """
-    source = [f"- {sentence}" for sentence in (*examination.notes, _units(examination))]
+    k, L = examination.network.stiffness, examination.network.bond_vectors(examination.coordinates)
+    stiffness = f"{k.min():.6g}" if k.min() == k.max() else f"from {k.min():.6g} to {k.max():.6g}"
+    units = (
+        f"units: lengths as in the source, mean edge length {np.linalg.norm(L, axis=1).mean():.6g}; stiffness "
+        f"{stiffness}; moduli in units of {_UNITS.get(examination.network.dimension, 'force')}"
+    )
+    source = [f"- {sentence}" for sentence in (*examination.notes, units)]
     lines = [*_summary(examination, file), "## As read", "", *source, ""]
-    lines += [*_rigidity(examination), *_nearest(examination), *_strains(examination)]
+    lines += [*_rigidity(examination), *_nearest(examination)]
+    if examination.critical_strains:
+        lines += [
+            "## Critical strains",
+            "",
+            "| deformation | γ_c | taut edges | valid for | γ |",
+            "|---|---|---|---|---|",
+        ]
+        for name, onset in examination.critical_strains.items():
+            springs = "springs" if onset.value.valid_for_springs else "cables"
+            strain, meaning = f"{onset.value.strain:.8g}", _STRAINS.get(name, "")
+            lines.append(f"| {name} | {strain} | {_taut(onset)} | {springs} | {meaning} |")
+        lines.append("")
     if examination.elasticity is not None:
         lines += ["## Moduli at these positions, springs at rest", "", *_moduli(examination.elasticity), ""]
     if examination.failures:
@@ -262,18 +280,6 @@ def _summary(examination: Examination, file: str) -> list[str]:
 def _finite(solution: Solution[Elasticity] | None) -> bool:
     """Whether an elasticity is known."""
     return solution is not None and bool(np.isfinite(solution.value.tensor).all())
-
-
-def _units(examination: Examination) -> str:
-    """A sentence on the units of the numbers."""
-    network = examination.network
-    length = float(np.linalg.norm(network.bond_vectors(examination.coordinates), axis=1).mean())
-    k = network.stiffness
-    stiffness = f"{k.min():.6g}" if k.min() == k.max() else f"from {k.min():.6g} to {k.max():.6g}"
-    return (
-        f"units: lengths as in the source, mean edge length {length:.6g}; stiffness {stiffness}; moduli in units of "
-        f"{_UNITS.get(network.dimension, 'force')}"
-    )
 
 
 def _rigidity(examination: Examination) -> list[str]:
@@ -348,18 +354,6 @@ def _edges(examination: Examination, what: str, parts: Array) -> list[str]:
     largest = finite[np.argsort(-parts[finite], kind="stable")][:_MOST_EDGES]
     named = (f"{examination.edge_name(int(edge))} {100 * parts[edge]:.3g} %" for edge in largest)
     return [f"- {what}: {', '.join(named)}"] if len(largest) else []
-
-
-def _strains(examination: Examination) -> list[str]:
-    """The table of critical strains."""
-    if not examination.critical_strains:
-        return []
-    lines = ["## Critical strains", "", "| deformation | γ_c | taut edges | valid for | γ |", "|---|---|---|---|---|"]
-    for name, onset in examination.critical_strains.items():
-        meaning = _STRAINS.get(name, "")
-        springs = "springs" if onset.value.valid_for_springs else "cables"
-        lines.append(f"| {name} | {onset.value.strain:.8g} | {_taut(onset)} | {springs} | {meaning} |")
-    return [*lines, ""]
 
 
 def _taut(onset: Solution[CriticalStrain]) -> str:

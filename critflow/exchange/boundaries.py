@@ -35,7 +35,9 @@ def with_pins(data: NetworkData, pins: Pins) -> NetworkData:
     """
     if pins is None:
         return data
-    chosen = _by_rule(data, pins) if isinstance(pins, str) else _listed(data, pins)
+    if isinstance(pins, str) and pins not in _RULES:
+        raise InputError(f"no rule for fixed vertices is called {pins!r}: choose {_NAMES} or give a list")
+    chosen = _RULES[pins][1](data) if isinstance(pins, str) else _listed(data, pins)
     if not len(chosen):
         raise InputError(f"no vertex is fixed by pins={pins!r:.40}: choose another rule, {_NAMES}, or list vertices")
     note = f"{counted(len(chosen), 'vertex', 'is')} fixed" + (f" ({_RULES[pins][0]})" if isinstance(pins, str) else "")
@@ -56,20 +58,13 @@ def require_boundary(data: NetworkData) -> NetworkData:
     """The record itself; `UnheldNetwork` with a proposal where it has neither a cell nor fixed vertices."""
     if data.cell is not None or data.pins:
         return data
-    counts = {rule: len(_by_rule(data, rule)) for rule in _RULES}
+    counts = {rule: len(fixed(data)) for rule, (_, fixed) in _RULES.items()}
     proposals = [f"pins='{rule}' fixes {count} ({_RULES[rule][0]})" for rule, count in counts.items() if count]
     raise UnheldNetwork(
         f"the network has neither a cell nor fixed vertices, so it collapses; which of its {data.n_vertices} vertices "
         f"are fixed? {'; '.join(proposals)}; or give a list of vertices, or a cell; examine(FILE) tries every rule",
         tuple(rule for rule, count in counts.items() if count),
     )
-
-
-def _by_rule(data: NetworkData, rule: str) -> NDArray[np.intp]:
-    """The vertices that a rule fixes."""
-    if rule not in _RULES:
-        raise InputError(f"no rule for fixed vertices is called {rule!r}: choose {_NAMES} or give a list")
-    return _RULES[rule][1](data)
 
 
 def _of_few_edges(data: NetworkData, most: int) -> NDArray[np.intp]:
@@ -89,37 +84,30 @@ def _on_outer_face(data: NetworkData) -> NDArray[np.intp]:
     return np.unique(data.edges[np.bincount(faces.edges, minlength=data.n_edges) < 2])
 
 
-def _on_box(data: NetworkData) -> NDArray[np.intp]:
+def _on_border(data: NetworkData, of_hull: bool) -> NDArray[np.intp]:
+    """The vertices on the convex hull, also within its straight sides, or on the bounding box."""
     # Vertices without edges leave the network, and are no part of its border.
     used = np.unique(data.edges)
     x = data.positions[used]
-    near = np.minimum(x - x.min(axis=0), x.max(axis=0) - x) <= _ON_BORDER * _size(x)
-    return used[near.any(axis=1)]
-
-
-def _on_hull(data: NetworkData) -> NDArray[np.intp]:
-    used = np.unique(data.edges)
-    x = data.positions[used]
-    try:
-        hull = scipy.spatial.ConvexHull(x)
-    except (scipy.spatial.QhullError, ValueError):
-        return np.zeros(0, np.intp)
-    # Also the vertices on straight sides, which are no corners of the hull.
-    distance = x @ hull.equations[:, :-1].T + hull.equations[:, -1]
-    return used[(distance >= -_ON_BORDER * _size(x)).any(axis=1)]
-
-
-def _size(x: Array) -> float:
-    return float(np.ptp(x, axis=0).max()) or 1.0
+    if of_hull:
+        try:
+            hull = scipy.spatial.ConvexHull(x)
+        except (scipy.spatial.QhullError, ValueError):
+            return np.zeros(0, np.intp)
+        inside = -(x @ hull.equations[:, :-1].T + hull.equations[:, -1])
+    else:
+        inside = np.minimum(x - x.min(axis=0), x.max(axis=0) - x)
+    size = float(np.ptp(x, axis=0).max()) or 1.0
+    return used[(inside <= _ON_BORDER * size).any(axis=1)]
 
 
 # What each rule fixes, in words, and the vertices of a record that it fixes.
 _RULES: dict[str, tuple[str, Callable[[NetworkData], NDArray[np.intp]]]] = {
-    "hull": ("the corners and sides of the convex hull", _on_hull),
+    "hull": ("the corners and sides of the convex hull", lambda data: _on_border(data, of_hull=True)),
     "outer_face": ("the vertices of the outer face", _on_outer_face),
     "two_edges": ("vertices of one or two edges", lambda data: _of_few_edges(data, 2)),
     "degree": ("vertices of a single edge", lambda data: _of_few_edges(data, 1)),
-    "box": ("vertices on the bounding box", _on_box),
+    "box": ("vertices on the bounding box", lambda data: _on_border(data, of_hull=False)),
     "border": ("vertices at the edges of the picture", lambda data: np.array(data.border, np.intp)),
 }
 _NAMES = ", ".join(map(repr, _RULES))

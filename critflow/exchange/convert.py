@@ -28,7 +28,6 @@ from critflow.result import CritflowError, InputError, NetworkError, Solution
 
 # Edges of copies that fit into the memory of a usual computer with their file.
 _MOST_EDGES = 10_000_000
-_KINDS = ("edges", "polygons", "picture", "labels")
 
 
 @checked
@@ -68,7 +67,12 @@ def network_from(
     """
     data = _record(source, given)
     if (vectors := data.cell if cell is None else floats(cell, "the cell")) is not None:
-        data = replace(data, cell=_cell_in(vectors, data.dimension))
+        d = data.dimension
+        vectors = vectors * np.eye(d) if vectors.ndim == 0 else np.diag(vectors) if vectors.ndim == 1 else vectors
+        if vectors.shape not in ((d, d), (3, 3)):
+            raise InputError(f"the cell must be {d} side lengths or as many vectors as rows, not {vectors.shape}")
+        # A plane may be given in space.
+        data = replace(data, cell=vectors[:d, :d])
     check(data)
     data = in_its_plane(data)
     found = imported(with_pins(with_offsets(data, nearest), pins), strict, contract, join_crossings)
@@ -221,14 +225,6 @@ def _taken(given: dict[str, Any], names: Sequence[str]) -> dict[str, Any]:
     return {name: given.pop(name) for name in names if name in given}
 
 
-# What errors of readers mean, where their own words do not say.
-_REASONS: tuple[tuple[type[Exception], str], ...] = (
-    (UnicodeDecodeError, "it is no text in UTF-8: check its name, or save it so"),
-    (RecursionError, "its parts are nested too deeply: is it a network?"),
-    (ArithmeticError, "one of its numbers is too large or not finite: correct it"),
-)
-
-
 @contextmanager
 def _one_sentence(source: object, kind: str) -> Iterator[None]:
     """Errors of readers and their libraries, of any class, as `InputError` with the name of the source."""
@@ -244,13 +240,13 @@ def _one_sentence(source: object, kind: str) -> Iterator[None]:
             advice = f"{source} is one of two tables: give the other one after it"
         raise InputError(f"there is no file {missing.filename or source}: {advice}") from None
     except Exception as error:
-        known = (reason for kind_, reason in _REASONS if isinstance(error, kind_))
-        reason = next(known, " ".join(str(error).split()) or type(error).__name__)
-        raise InputError(f"{source} cannot be read as {kind}: {reason:.300}") from error
+        text = isinstance(error, UnicodeDecodeError)
+        reason = "it is no text in UTF-8: check its name, or save it so" if text else " ".join(str(error).split())
+        raise InputError(f"{source} cannot be read as {kind}: {reason or type(error).__name__:.300}") from error
 
 
 def _from_keywords(given: dict[str, Any]) -> NetworkData:
-    kind = next((kind for kind in _KINDS if kind in given), None)
+    kind = next((kind for kind in ("edges", "polygons", "picture", "labels") if kind in given), None)
     if kind is None:
         raise InputError("give a source: a file, an object, or one of edges=, polygons=, picture=, labels=")
     value = given.pop(kind)
@@ -276,11 +272,3 @@ def _overridden(data: NetworkData, given: dict[str, Any]) -> NetworkData:
     if np.ndim(values.get("stiffness", ())) == 0:
         values["stiffness"] = np.full(data.n_edges, values["stiffness"])
     return replace(data, **values)
-
-
-def _cell_in(cell: Any, dimension: int) -> Any:
-    """The cell of a plane that is given in space, or by side lengths in place of vectors."""
-    vectors = cell * np.eye(dimension) if cell.ndim == 0 else np.diag(cell) if cell.ndim == 1 else cell
-    if vectors.shape not in ((dimension,) * 2, (3, 3)):
-        raise InputError(f"the cell must be {dimension} side lengths or as many vectors as rows, not {cell.shape}")
-    return vectors[:dimension, :dimension]

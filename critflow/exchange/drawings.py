@@ -81,25 +81,19 @@ def write_solid(
     for (a, b), r in zip(segments, radii, strict=True):
         inset = (b - a) * min(0.25, _INSET * r / float(np.linalg.norm(b - a)))
         bodies.append(trimesh.creation.cylinder(r, sections=_SIDES, segment=[a + inset, b - inset]))
-    ball = trimesh.creation.icosphere(subdivisions=1)
-    for centre, r in zip(*_balls(segments.reshape(-1, 3), np.repeat(radii, 2)), strict=True):
-        bodies.append(trimesh.Trimesh(centre + r * ball.vertices, ball.faces, process=False))
+    # One ball where ends are close, of the largest strut that ends there; of ends in a chain more than one may stay.
+    points, largest = segments.reshape(-1, 3), np.repeat(radii, 2)
+    order, ball = np.arange(len(points)), trimesh.creation.icosphere(subdivisions=1)
+    pairs = scipy.spatial.KDTree(points).query_pairs(_INSET * float(radii.min()), output_type="ndarray")
+    np.minimum.at(order, pairs.max(axis=1), pairs.min(axis=1))
+    np.maximum.at(largest, order, np.repeat(radii, 2))
+    for n in np.flatnonzero(order == np.arange(len(points))):
+        bodies.append(trimesh.Trimesh(points[n] + largest[n] * ball.vertices, ball.faces, process=False))
     solid = trimesh.util.concatenate(bodies)
     solid.apply_translation(-segments.min(axis=(0, 1)))
     # The unit of trimesh's 3MF files is the millimetre.
     content = solid.export(file_type=path.suffix.lower()[1:])
     path.write_bytes(_HEADER + content[80:] if path.suffix.lower() == ".stl" else content)
-
-
-def _balls(points: Array, radii: Array) -> tuple[Array, Array]:
-    """Points of which no two are close, except in chains, and the largest radius (n,) of the struts that end there."""
-    order = np.arange(len(points))
-    pairs = scipy.spatial.KDTree(points).query_pairs(_INSET * float(radii.min()), output_type="ndarray")
-    np.minimum.at(order, pairs.max(axis=1), pairs.min(axis=1))
-    largest = radii.copy()
-    np.maximum.at(largest, order, radii)
-    own = order == np.arange(len(points))
-    return points[own], largest[own]
 
 
 def relative_sections(data: NetworkData) -> Array:

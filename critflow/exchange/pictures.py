@@ -159,7 +159,10 @@ def from_labels(labels: ArrayLike, pixel: ArrayLike = 1.0) -> NetworkData:
             "a label mask is a two-dimensional array of whole numbers, 0 outside: give one, such as a page of a stack"
         )
     size, padded = pixel_sizes(pixel, 2), np.pad(mask.astype(np.int64), 1)
-    corners = _corners(padded)
+    # Corners of pixels around which at least three labels meet.
+    around = np.stack([padded[:-1, :-1], padded[:-1, 1:], padded[1:, :-1], padded[1:, 1:]], axis=-1)
+    distinct = 1 + (np.diff(np.sort(around, axis=-1), axis=-1) != 0).sum(axis=-1)
+    corners = np.asarray(np.argwhere(distinct >= 3) + 0.5)
     if not len(corners):
         raise InputError("no three labels meet anywhere in the mask: give a segmentation of touching cells")
     points, vertex = _merged(corners, 2.5)
@@ -207,13 +210,6 @@ def _borders(mask: IntArray, corners: Array, vertex: IntArray) -> tuple[IntArray
     named = np.where(labels == 0, -1, labels)[first[count == 2]]
     long = np.bincount(chain, minlength=len(count)) > _INSIDE
     return edges, named, int((long & (count != 2)).sum())
-
-
-def _corners(mask: IntArray) -> Array:
-    """Corners of pixels around which at least three labels meet."""
-    blocks = np.stack([mask[:-1, :-1], mask[:-1, 1:], mask[1:, :-1], mask[1:, 1:]], axis=-1)
-    distinct = 1 + (np.diff(np.sort(blocks, axis=-1), axis=-1) != 0).sum(axis=-1)
-    return np.asarray(np.argwhere(distinct >= 3) + 0.5)
 
 
 def _merged(points: Array, distance: float) -> tuple[Array, IntArray]:

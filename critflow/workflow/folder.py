@@ -55,16 +55,15 @@ class Part:
     i: int  # from 1
     n: int
 
-    def __post_init__(self) -> None:
-        if not 1 <= self.i <= self.n:
-            raise InputError(f"--part {self.i}/{self.n} must be from 1/{self.n} to {self.n}/{self.n}")
-
     @classmethod
     def of(cls, text: str) -> Part | None:
         """The part i/n of a text, None if it is empty."""
-        if text and not re.fullmatch("[0-9]{1,6}/[0-9]{1,6}", text):
-            raise InputError(f"--part {text} must be i/n, as in --part 1/4")
-        return cls(*map(int, text.split("/"))) if text else None
+        if not text:
+            return None
+        i, n = map(int, text.split("/")) if re.fullmatch("[0-9]{1,6}/[0-9]{1,6}", text) else (0, 0)
+        if not 1 <= i <= n:
+            raise InputError(f"--part {text} must be i/n with i from 1 to n, as in --part 1/4")
+        return cls(i, n)
 
     def __str__(self) -> str:
         return f"-{self.i}-of-{self.n}"
@@ -130,7 +129,10 @@ class Folder:
                 with other.acquire(timeout=_PATIENCE):  # free: nobody else holds it
                     pass
             if not self.part:
-                self._delete_temporary()
+                for path in (self.path, self.shards, self.failed, self.figures):
+                    for pattern in (f".*{PARTIAL}", ".*.trace", ".stop*", ".dask-jobqueue.*"):
+                        for file in path.glob(pattern):
+                            file.unlink(missing_ok=True)
         except Timeout:
             lock.release()
             name = holder.read_text(errors="replace")[:200].strip()
@@ -156,12 +158,6 @@ class Folder:
 
     def _lock(self, suffix: str) -> FileLock:
         return FileLock(self.path / f".lock{suffix}", timeout=0, mode=0o660)  # every reader could lock it
-
-    def _delete_temporary(self) -> None:
-        for folder in (self.path, self.shards, self.failed, self.figures):
-            for pattern in (f".*{PARTIAL}", ".*.trace", ".stop*", ".dask-jobqueue.*"):
-                for file in folder.glob(pattern):
-                    file.unlink(missing_ok=True)
 
     def check_owner(self, loaded: StudyFile) -> None:
         """Raise unless the folder is new or belongs to this study."""

@@ -135,15 +135,10 @@ def _execute(root: str, path: Path, source: bytes) -> ModuleType:
         for part in _parts(root):
             del sys.modules[part.__name__]
         reason = str(error) if isinstance(error, StudyError) else f"{type(error).__name__}: {error}"
-        raise StudyError(f"the study file {path}{_line(error, path)} cannot be loaded: {reason}") from error
+        numbers = [f.lineno for f in traceback.extract_tb(error.__traceback__) if f.filename == str(path)]
+        # The message of a syntax error contains its line.
+        line = f", line {numbers[-1]}," if numbers and not isinstance(error, SyntaxError) else ""
+        raise StudyError(f"the study file {path}{line} cannot be loaded: {reason}") from error
     finally:
         sys.dont_write_bytecode = write_bytecode
     return module
-
-
-def _line(error: BaseException, path: Path) -> str:
-    """Line of the file that raised the error, if known."""
-    if isinstance(error, SyntaxError):  # its message contains the line
-        return ""
-    numbers = [f.lineno for f in traceback.extract_tb(error.__traceback__) if f.filename == str(path)]
-    return f", line {numbers[-1]}," if numbers else ""

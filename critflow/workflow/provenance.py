@@ -34,13 +34,19 @@ _ENVIRONMENT = ("numpy", "scipy", "qdldl", "clarabel", "pypardiso", "pymetis")  
 
 def code_version(study: Study) -> str:
     """The code that computes a case: version and digest of the library, digest of the study."""
-    return f"critflow {libraries()['critflow']}, study {_study_digest(study)}"
+    module = str(getattr(study.case, "__module__", ""))
+    reports = (*study.figures.values(), *study.animations.values(), study.claims, study.summary, study.verify)
+    reporting = frozenset(str(getattr(report, "__module__", "")) for report in reports)
+    return f"critflow {libraries()['critflow']}, study {_module_digest(module, reporting)}"
 
 
 @cache
 def libraries() -> Mapping[str, str]:
-    """Versions that must be equal in every process of a run, with a digest of the library."""
-    return {"critflow": f"{version('critflow')} {_library_digest()}"} | _versions()
+    """Versions that must be equal in every process of a run, with a digest of the modules that decide numbers."""
+    names = [path.relative_to(_PACKAGE).as_posix() for path in sorted(_PACKAGE.rglob("[!_]*.py"))]
+    names = [name for name in names if name.split("/")[0] not in _NOT_NUMERIC]
+    digest = _digest({name: _PACKAGE / name for name in (*names, *_NUMERIC)})
+    return {"critflow": f"{version('critflow')} {digest}"} | _versions()
 
 
 @cache
@@ -95,20 +101,6 @@ def _git(folder: Path, *words: str) -> str:
     clean = {name: value for name, value in os.environ.items() if not name.startswith("GIT_")}
     command = ["git", "--no-optional-locks", "-c", "core.fsmonitor=false", "-C", str(folder), *words]
     return subprocess.run(command, env=clean, capture_output=True, text=True, check=True, timeout=10).stdout.strip()
-
-
-@cache
-def _library_digest() -> str:
-    """Digest of every module that decides numbers, in all folders of the package."""
-    names = [path.relative_to(_PACKAGE).as_posix() for path in sorted(_PACKAGE.rglob("[!_]*.py"))]
-    names = [name for name in names if name.split("/")[0] not in _NOT_NUMERIC]
-    return _digest({name: _PACKAGE / name for name in (*names, *_NUMERIC)})
-
-
-def _study_digest(study: Study) -> str:
-    module = str(getattr(study.case, "__module__", ""))
-    reports = (*study.figures.values(), *study.animations.values(), study.claims, study.summary, study.verify)
-    return _module_digest(module, frozenset(str(getattr(report, "__module__", "")) for report in reports))
 
 
 @cache

@@ -209,7 +209,10 @@ def _finish(plan: RunPlan, folder: Folder, origin: Mapping[str, str], progress: 
     progress.say(agreed(f"{study.name}: writing the dataset of {len(states)} cases"))
     attributes = write_dataset(Assembly(plan.selection, folder.shards, [case.id for case, _ in failed]), path, origin)
     requested = {case.id: reason for case, reason in failed if _selects(plan.requested, case)}
-    messages = _messages_of_changed_code(attributes.get("cases_code", ""), code_version(study))
+    code, codes = code_version(study), attributes.get("cases_code", "").split("; ")
+    others = [text for text in codes if text and not text.startswith(f"{code}:")]
+    advice = "they are kept; raise the study's version to compute them again"
+    messages = [f"cases computed by other code than {code}: {'; '.join(others)}: {advice}"] if others else []
     progress.say(f"{study.name}: drawing the figures and testing the claims")
     try:
         report = write_report(study, folder)
@@ -224,13 +227,6 @@ def _finish(plan: RunPlan, folder: Folder, origin: Mapping[str, str], progress: 
 def _kept(plan: RunPlan) -> int:
     cases, todo = [state.case for state in plan.states], plan.todo
     return sum(_selects(plan.requested, case) for case in cases) - sum(_selects(plan.requested, case) for case in todo)
-
-
-def _messages_of_changed_code(cases_code: str, code: str) -> list[str]:
-    """A message if other code than the present one computed some of the cases."""
-    counts = [text for text in cases_code.split("; ") if text and not text.startswith(f"{code}:")]
-    advice = "they are kept; raise the study's version to compute them again"
-    return [f"cases computed by other code than {code}: {'; '.join(counts)}: {advice}"] if counts else []
 
 
 class _RunProgress:

@@ -102,8 +102,8 @@ def _plain(attributes: dict[Any, Any]) -> dict[str, list]:
 
 def _outdated_texts(study: Study, folder: Folder, dataset: xr.Dataset) -> Iterator[str]:
     """A line for each file of claims or of the summary that differs from the dataset."""
-    for part in text_parts(study, folder):
-        if study.can_report(part.name):
-            for path, content in zip(part.paths, part.make(dataset), strict=True):
+    for name, paths, make in text_parts(study, folder):
+        if study.can_report(name):
+            for path, content in zip(paths, make(dataset), strict=True):
                 if not path.is_file() or path.read_bytes() != content:
                     yield f"{path} differs from the dataset: {REWRITE}"
