@@ -8,13 +8,12 @@ from importlib import import_module
 from os import PathLike
 
 import numpy as np
-import scipy.sparse as sp
-from scipy.sparse.csgraph import connected_components
 
 from critflow.critical.manifold import CriticalConfiguration
 from critflow.critical.nearest import Nearest
 from critflow.exchange.data import counted
 from critflow.exchange.repair import described
+from critflow.networks.blocks import components
 from critflow.networks.network import Array, Network
 from critflow.onset.critical_strain import CriticalStrain
 from critflow.quantities.largest_modulus import upper_bound
@@ -177,8 +176,7 @@ class Examination(Record):
         if moves[self.network.free].all():
             return 0, 0
         inside = self.network.edges[moves[self.network.edges].all(axis=1)]
-        graph = sp.coo_array((np.ones(len(inside)), inside.T), shape=(len(moves),) * 2)
-        return len(np.unique(connected_components(graph, directed=False)[1][moves])), int(moves.sum())
+        return len(np.unique(components(inside, len(moves))[moves])), int(moves.sum())
 
     @property
     def headline(self) -> tuple[str, str]:

@@ -14,11 +14,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from critflow.arguments import checked, shown
-from critflow.exchange.boundaries import Pins, hull_volume, with_pins
+from critflow.exchange.boundaries import Pins, hull_volume, with_offsets, with_pins
 from critflow.exchange.data import NetworkData, data_of, from_zero
 from critflow.exchange.formats import format_of_object, readable_format, writable_format
 from critflow.exchange.meshes import from_polygons
-from critflow.exchange.offsets import with_offsets
 from critflow.exchange.pictures import from_labels, from_skeleton, read_picture
 from critflow.exchange.repair import ImportedNetwork, check, imported, in_its_plane
 from critflow.exchange.tables import read_tables

@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from critflow.exchange.boundaries import with_offsets
 from critflow.exchange.data import Array, NetworkData, bond_vectors_of, number, optional
-from critflow.exchange.offsets import with_offsets
 from critflow.networks.checks import floats, integers
 from critflow.networks.digits import Digits, single_precision
 from critflow.result import InputError

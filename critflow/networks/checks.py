@@ -87,17 +87,21 @@ def checked_count(value: object) -> int:
     return int(value)
 
 
-def checked_pins(pins: object) -> dict[int, Array]:
+def checked_pins(pins: object, n_vertices: int) -> dict[int, Array]:
     if pins is None:
         return {}
     if not isinstance(pins, Mapping):
         raise NetworkError(
             f"pins must be a mapping from vertices to positions, such as {{0: [0.0, 0.0]}}, not a {type(pins).__name__}"
         )
-    for vertex in pins:
-        if not isinstance(vertex, int | np.integer):
-            raise NetworkError(f"pin {shown(vertex)} is not a vertex: the keys of pins are numbers of vertices")
-    return {int(i): floats(p, f"the position of pin {i}") for i, p in pins.items()}
+    places = {}
+    for vertex, position in pins.items():
+        if not isinstance(vertex, int | np.integer) or not 0 <= vertex < n_vertices:
+            raise NetworkError(f"pin {shown(vertex)} is not a vertex: vertices run from 0 to {n_vertices - 1}")
+        places[int(vertex)] = place = floats(position, f"the position of pin {vertex}")
+        if not np.isfinite(place).all():
+            raise NetworkError(f"the position of pin {vertex} is not finite: give one number for each dimension")
+    return places
 
 
 def checked_cell(cell: ArrayLike, dimension: int | None = None) -> Array:
@@ -119,14 +123,6 @@ def dimension_of(cell: Array | None, pins: Mapping[int, Array]) -> int:
     if len(sizes) != 1 or any(len(size) != 1 for size in sizes):
         raise NetworkError("the cell vectors and the pinned positions must all have the same dimension")
     return int(sizes.pop()[0])
-
-
-def check_pins(pins: Mapping[int, Array], n_vertices: int) -> None:
-    for vertex, position in pins.items():
-        if not 0 <= vertex < n_vertices:
-            raise NetworkError(f"pin {vertex} is not a vertex: vertices run from 0 to {n_vertices - 1}")
-        if not np.isfinite(position).all():
-            raise NetworkError(f"the position of pin {vertex} is not finite: give {len(position)} numbers")
 
 
 def check_size(n_vertices: float) -> None:

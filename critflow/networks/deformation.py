@@ -91,12 +91,8 @@ class Deformation:
     @property
     def free_strains(self) -> Array:
         """Symmetric strains E_m of the free components, (m, d, d): e_i e_iᵀ, or ½(e_i e_jᵀ + e_j e_iᵀ)."""
-        strains = np.zeros((len(self.free), self.dimension, self.dimension))
-        for strain, name in zip(strains, self.free, strict=True):
-            i, j = (AXES.index(axis) for axis in name)
-            strain[i, j] += 0.5
-            strain[j, i] += 0.5
-        return strains
+        names, strains = strain_basis(self.dimension)
+        return strains[np.array([names.index(name) for name in self.free], int)]
 
     def freeing(self, *components: str) -> Deformation:
         """The same path with free components of the cell, such as "yy" or "xy": zero conjugate stress."""

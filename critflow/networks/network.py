@@ -25,7 +25,6 @@ from critflow.networks.checks import (
     IntArray,
     check_ends,
     check_loops,
-    check_pins,
     check_positions,
     checked_cell,
     checked_count,
@@ -76,7 +75,7 @@ class Network:
         if edges.ndim != 2 or edges.shape[1] != 2 or len(edges) == 0:
             raise NetworkError(f"edges must have shape (N_b, 2) with N_b >= 1, not {edges.shape}: give tail and head")
         n_vertices = checked_count(self.n_vertices) or max(int(edges.max()) + 1, 0)
-        pins = checked_pins(self.pins)
+        pins = checked_pins(self.pins, n_vertices)
         cell = None if self.cell is None else checked_cell(self.cell)
         dimension = dimension_of(cell, pins)
         offsets = np.zeros((len(edges), dimension), int) if self.offsets is None else integers(self.offsets, "offsets")
@@ -87,21 +86,14 @@ class Network:
             raise NetworkError(f"offsets must have shape {(len(edges), dimension)}, not {offsets.shape}: one per edge")
         if cell is None and offsets.any():
             raise NetworkError("edges with image offsets need a cell: give its vectors as rows")
-        check_pins(pins, n_vertices)
         check_ends(edges, n_vertices)
         check_loops(edges, offsets)
         self._check_support(edges, offsets, cell, pins, n_vertices)
         if positions is not None:
             check_positions(positions, edges, offsets, cell, (n_vertices, dimension))
 
-        arrays = (
-            ("edges", edges),
-            ("offsets", offsets),
-            ("cell", cell),
-            ("stiffness", stiffness),
-            ("positions", positions),
-        )
-        for name, array in arrays:
+        arrays = {"edges": edges, "offsets": offsets, "cell": cell, "stiffness": stiffness, "positions": positions}
+        for name, array in arrays.items():
             if array is not None:
                 array.flags.writeable = False
             object.__setattr__(self, name, array)

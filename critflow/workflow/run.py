@@ -47,6 +47,7 @@ class RunPlan:
     states: list[CaseState]
     todo: list[Case]
     messages: list[str]
+    kept: int  # requested cases that are stored
 
 
 @dataclass(frozen=True)
@@ -70,7 +71,8 @@ def plan_run(folder: Folder, requested: Selection, retry_failed: bool) -> RunPla
         if state in (DAMAGED, CHANGED)
         or (_selects(requested, case) and (state == MISSING or (state == FAILED and retry_failed)))
     ]
-    return RunPlan(requested, selection, states, todo, messages)
+    kept = sum(_selects(requested, state.case) for state in states) - sum(_selects(requested, case) for case in todo)
+    return RunPlan(requested, selection, states, todo, messages, kept)
 
 
 def run_study(
@@ -104,7 +106,7 @@ def run_study(
             message = "another run writes the dataset of all parts"
         own = {state.case.id for state in plan.states}
         failed = {case.id: reason for case, state, reason in states if state == FAILED and case.id in own}
-        return RunResult(None, _kept(plan), failed, messages=[message])
+        return RunResult(None, plan.kept, failed, messages=[message])
 
 
 def write_partial_dataset(folder: Folder, origin: Mapping[str, str]) -> str:
@@ -221,12 +223,7 @@ def _finish(plan: RunPlan, folder: Folder, origin: Mapping[str, str], progress: 
             raise
         report = Report()
         messages.append(str(error))
-    return RunResult(path, _kept(plan), requested, report, messages)
-
-
-def _kept(plan: RunPlan) -> int:
-    cases, todo = [state.case for state in plan.states], plan.todo
-    return sum(_selects(plan.requested, case) for case in cases) - sum(_selects(plan.requested, case) for case in todo)
+    return RunResult(path, plan.kept, requested, report, messages)
 
 
 class _RunProgress:
