@@ -281,14 +281,14 @@ def verify(folder: FolderArgument) -> int:
     from critflow.workflow.verify import verify_folder
 
     results = Folder(folder)
-    outcome = verify_folder(results)
-    for problem in outcome.problems:
+    stored, problems, recomputed = verify_folder(results)
+    for problem in problems:
         _warn(problem)
-    if outcome.problems:
-        count = agreed(f"{len(outcome.problems)} problems")
+    if problems:
+        count = agreed(f"{len(problems)} problems")
         return _fail(f"{count} in {results.path}: run the study again to correct them", INTEGRITY)
-    physics = ", and their physics was recomputed" if outcome.recomputed else "; the study recomputes no physics"
-    print(f"{results.path}: {outcome.stored} stored cases agree with the dataset to the last byte{physics}")
+    physics = ", and their physics was recomputed" if recomputed else "; the study recomputes no physics"
+    print(f"{results.path}: {stored} stored cases agree with the dataset to the last byte{physics}")
     return 0
 
 

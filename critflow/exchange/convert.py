@@ -123,9 +123,7 @@ def _tiled(data: NetworkData, copies: int | Sequence[int]) -> NetworkData:
     """
     counts, d = np.asarray(copies), data.dimension
     if counts.dtype.kind not in "iu" or counts.shape not in ((), (1,), (d,)) or (counts < 1).any():
-        raise InputError(
-            f"copies must be a whole number from 1, or one for each of the {d} cell vectors, not {copies!r:.40}"
-        )
+        raise InputError(f"copies must be a whole number from 1, or {d} of them, not {copies!r:.40}")
     counts = np.broadcast_to(counts, (d,)).astype(np.int64)
     if (counts == 1).all():
         return data

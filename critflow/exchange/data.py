@@ -238,9 +238,7 @@ def optional(module: str) -> Any:
         return import_module(module)
     except ImportError:
         package, install = module.split(".")[0], "pip install 'critflow[formats]'"
-        raise EnvironmentFailure(
-            f"this format needs the package {package}, which is not installed: {install}"
-        ) from None
+        raise EnvironmentFailure(f"this format needs {package}, which is not installed: {install}") from None
 
 
 def require_regular(path: Path) -> None:

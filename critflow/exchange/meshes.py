@@ -90,9 +90,7 @@ def read_mesh(path: Path) -> NetworkData:
         reason = " ".join(reasons.getvalue().split()).removeprefix("Error: ")
         raise InputError(f"{path} cannot be read as a mesh: {reason or 'its content is broken'}") from None
     except ModuleNotFoundError as missing:
-        raise EnvironmentFailure(
-            f"{path.suffix} files need the package {missing.name}, which is not installed: pip install {missing.name}"
-        ) from None
+        raise EnvironmentFailure(f"{path.suffix} files need {missing.name}: pip install {missing.name}") from None
     return from_mesh(mesh, f"mesh {path.name}")
 
 

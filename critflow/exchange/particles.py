@@ -75,9 +75,7 @@ def _atoms(words: list[list[str]], style: str) -> Array:
     columns = len(words[0]) if words else 0
     place = _STYLES.get(style or ("molecular" if columns in (6, 9) else "full"))
     if place is None or columns not in (place + 3, place + 6):
-        raise InputError(
-            f"'Atoms # {style}' with {columns} columns is not read: write atoms of the style {', '.join(_STYLES)}"
-        )
+        raise InputError(f"'Atoms # {style}' with {columns} columns is not read: write {', '.join(_STYLES)} atoms")
     used = [0, 2, place, place + 1, place + 2]
     return floats([[number(line[column]) for column in used] for line in words], "the lines of atoms")
 

@@ -118,9 +118,7 @@ def imported(
     for step in steps:
         data = step(data)
         if strict and data.repaired:
-            raise NetworkError(
-                f"strict=True refuses this repair: {data.notes[-1]}; correct the source, or leave strict out"
-            )
+            raise NetworkError(f"strict=True refuses: {data.notes[-1]}; correct the source, or leave strict out")
     data = replace(data, notes=(*read.notes, *_digits(read), *data.notes[len(read.notes) :]))
     network = Network(
         data.edges,
@@ -280,10 +278,7 @@ def _carrying(data: NetworkData) -> NetworkData:
     if len(part.edges) == data.n_edges:
         return data
     if not len(part.edges):
-        raise NetworkError(
-            "no edge can carry tension: no closed path winds around the cell or joins two fixed vertices: fix more "
-            "vertices, or give the cell"
-        )
+        raise NetworkError("no edge can carry tension: fix more vertices, or give the cell")
     return _of_edges(data.with_edges(part.edges).repairing(part.sentence))
 
 

@@ -31,9 +31,7 @@ def edge_values(values: ArrayLike, n_edges: int, name: str, positive: bool = Tru
     if bad.any():
         edge = int(np.flatnonzero(bad)[0])
         rule = "positive and finite" if positive else "finite"
-        raise NetworkError(
-            f"{name} must be {rule} on every {place}, but {name}[{edge}] = {array[edge]}: correct that value"
-        )
+        raise NetworkError(f"{name} must be {rule} on every {place}, but {name}[{edge}] = {array[edge]}: correct it")
     return array
 
 
@@ -91,9 +89,7 @@ def checked_pins(pins: object, n_vertices: int) -> dict[int, Array]:
     if pins is None:
         return {}
     if not isinstance(pins, Mapping):
-        raise NetworkError(
-            f"pins must be a mapping from vertices to positions, such as {{0: [0.0, 0.0]}}, not a {type(pins).__name__}"
-        )
+        raise NetworkError(f"pins must be a mapping, such as {{0: [0.0, 0.0]}}, not a {type(pins).__name__}")
     places = {}
     for vertex, position in pins.items():
         if not isinstance(vertex, int | np.integer) or not 0 <= vertex < n_vertices:
@@ -109,7 +105,7 @@ def checked_cell(cell: ArrayLike, dimension: int | None = None) -> Array:
     array = floats(cell, "cell")
     if array.ndim != 2 or array.shape != (dimension or len(array),) * 2:
         raise NetworkError(
-            f"cell must be a square matrix with the {dimension or 'd'} cell vectors as rows, not {array.shape}"
+            f"cell must be a square matrix with {dimension or 'd'} cell vectors as rows, not {array.shape}"
         )
     if not (np.isfinite(array).all() and abs(np.linalg.det(array)) > 0):
         raise NetworkError("the cell vectors must be finite and span a volume: two of them are parallel or one is zero")

@@ -247,9 +247,7 @@ class Network:
         removed = np.atleast_1d(integers(edges, "edges"))
         missing = (removed < 0) | (removed >= self.n_edges)
         if missing.any():
-            raise NetworkError(
-                f"there is no edge {removed[missing][0]}: edges are counted from 0 to {self.n_edges - 1}"
-            )
+            raise NetworkError(f"there is no edge {removed[missing][0]}: edges run from 0 to {self.n_edges - 1}")
         kept = np.ones(self.n_edges, bool)
         kept[removed] = False
         return self.part(kept)[0]

@@ -87,12 +87,6 @@ class Note:
     table: str  # digest of the table of variables
     code: str
 
-    def selects_like(self, selection: Selection) -> bool:
-        """Whether cases of both have the same ids: the same parameters, version and variables."""
-        study = selection.study
-        settings = (study.version, dict(selection.parameters), study.selected, study.axis_names)
-        return (self.version, self.parameters, self.variables, tuple(self.axes)) == settings
-
 
 class Folder:
     """Paths of one results folder."""
@@ -226,21 +220,20 @@ class Folder:
         states = []
         for case in selection.cases():
             if case.id in shards:
-                states.append(self._read_state(selection, case) if read else CaseState(case, DONE))
+                state, reason = DONE, ""
+                try:
+                    if read and read_shard(self.shards, selection.study, case) is None:
+                        state, reason = MISSING, "not computed yet"
+                except OtherTable:
+                    state, reason = CHANGED, "stored with another table of variables"
+                except IntegrityError as error:
+                    state, reason = DAMAGED, str(error).rpartition(" is damaged: ")[2]
+                states.append(CaseState(case, state, reason))
             elif case.id in failed and (reason := failure_reason(self.failed, case)):
                 states.append(CaseState(case, FAILED, reason))
             else:
                 states.append(CaseState(case, MISSING, "not computed yet"))
         return states
-
-    def _read_state(self, selection: Selection, case: Case) -> CaseState:
-        try:
-            shard = read_shard(self.shards, selection.study, case)
-        except OtherTable:
-            return CaseState(case, CHANGED, "stored with another table of variables")
-        except IntegrityError as error:
-            return CaseState(case, DAMAGED, str(error).rpartition(" is damaged: ")[2])
-        return CaseState(case, DONE) if shard else CaseState(case, MISSING, "not computed yet")
 
 
 def reason_lines(states: list[CaseState], most: int = 20) -> list[str]:

@@ -74,7 +74,14 @@ def load_file(path: Path) -> StudyFile:
     Caches in its modules stay valid, and a worker that serves many runs never computes with an outdated file.
     """
     path = path.absolute()
-    source = _source(path)
+    hint = "give the name of a study, or its file NAME.py; critflow list shows the names"
+    if path.exists() and not path.is_file():  # reading a pipe would block
+        raise StudyError(f"{path} is not a file: {hint}")
+    try:
+        source = path.read_bytes()
+    except OSError as error:
+        kind = EnvironmentFailure if error.errno in (errno.EMFILE, errno.ENFILE, errno.EIO) else StudyError
+        raise kind(f"cannot read the study file {path}: {error.strerror}: {hint}") from error
     with _loading:
         module, files = _loaded.get(path, (None, {}))
         if module is None or any(not f.is_file() or _digest(f.read_bytes()) != files[f] for f in files):
@@ -98,17 +105,6 @@ def _digest(content: bytes) -> str:
 def _parts(root: str) -> list[ModuleType]:
     """The modules of a study: its file and its imports from the same package."""
     return [module for name, module in list(sys.modules.items()) if name == root or name.startswith(f"{root}.")]
-
-
-def _source(path: Path) -> bytes:
-    hint = "give the name of a study, or its file NAME.py; critflow list shows the names"
-    if path.exists() and not path.is_file():  # reading a pipe would block
-        raise StudyError(f"{path} is not a file: {hint}")
-    try:
-        return path.read_bytes()
-    except OSError as error:
-        kind = EnvironmentFailure if error.errno in (errno.EMFILE, errno.ENFILE, errno.EIO) else StudyError
-        raise kind(f"cannot read the study file {path}: {error.strerror}: {hint}") from error
 
 
 def _execute(root: str, path: Path, source: bytes) -> ModuleType:

@@ -69,10 +69,17 @@ def source_tree(folder: Path = _PACKAGE.parent) -> Mapping[str, str]:
     """
     if not (folder / ".git").exists():
         return {}
+    # Variables set by a hook would select another repository; no lock is taken and no monitor is started.
+    clean = {name: value for name, value in os.environ.items() if not name.startswith("GIT_")}
+    options = {"env": clean, "capture_output": True, "text": True, "check": True, "timeout": 10}
+
+    def git(*words: str) -> str:
+        command = ["git", "--no-optional-locks", "-c", "core.fsmonitor=false", "-C", str(folder), *words]
+        return subprocess.run(command, **options).stdout.strip()
+
     code = [name for name in ("critflow", "workflows", "pyproject.toml") if (folder / name).exists()]
     try:
-        commit = _git(folder, "rev-parse", "HEAD")
-        changed = _git(folder, "status", "--porcelain", "--", *code)
+        commit, changed = git("rev-parse", "HEAD"), git("status", "--porcelain", "--", *code)
     except (OSError, subprocess.SubprocessError):
         return {}
     return {"commit": commit, "commit_dirty": "true" if changed else "false"}
@@ -94,13 +101,6 @@ def _environment() -> dict[str, str]:
     blas = np.show_config(mode="dicts")["Build Dependencies"]["blas"]
     machine = {"python": platform.python_version(), "processor": platform.machine()}
     return machine | _versions() | {"BLAS": f"{blas['name']} {blas.get('version', '')}".strip()}
-
-
-def _git(folder: Path, *words: str) -> str:
-    # Variables set by a hook would select another repository; no lock is taken and no monitor is started.
-    clean = {name: value for name, value in os.environ.items() if not name.startswith("GIT_")}
-    command = ["git", "--no-optional-locks", "-c", "core.fsmonitor=false", "-C", str(folder), *words]
-    return subprocess.run(command, env=clean, capture_output=True, text=True, check=True, timeout=10).stdout.strip()
 
 
 @cache

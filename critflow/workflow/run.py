@@ -143,16 +143,19 @@ def _dataset_selection(folder: Folder, requested: Selection) -> tuple[Selection,
         return requested, [f"{error}; the dataset will contain the requested cases only"]
     except StudyError:
         return requested, []
-    if note.selects_like(requested):
+    # Cases of both have the same ids.
+    study = requested.study
+    settings = (study.version, dict(requested.parameters), study.selected, study.axis_names)
+    if (note.version, note.parameters, note.variables, tuple(note.axes)) == settings:
         return _with_stored_cases(folder, requested, note)
     if not folder.dataset(requested.study.name).exists():
         return requested, []
-    settings = [f"{k}={spelled(v)}" for k, v in note.parameters.items() if requested.parameters.get(k) != v]
-    settings += [f"{a.key}={spelled(note.axes[a.name])}" for a in requested.study.axes if a.name in note.axes]
-    settings += [f"variables={spelled(note.variables) or 'all'}"] * (note.variables != requested.study.selected)
-    settings += [f"version {note.version} of the study"] * (note.version != requested.study.version)
+    words = [f"{k}={spelled(v)}" for k, v in note.parameters.items() if requested.parameters.get(k) != v]
+    words += [f"{a.key}={spelled(note.axes[a.name])}" for a in requested.study.axes if a.name in note.axes]
+    words += [f"variables={spelled(note.variables) or 'all'}"] * (note.variables != requested.study.selected)
+    words += [f"version {note.version} of the study"] * (note.version != requested.study.version)
     restore = "its cases stay stored, and a run with these settings restores it"
-    return requested, [f"replaces the dataset of {'; '.join(settings)}: {restore}"]
+    return requested, [f"replaces the dataset of {'; '.join(words)}: {restore}"]
 
 
 def _with_stored_cases(folder: Folder, requested: Selection, note: Note) -> tuple[Selection, list[str]]:
