@@ -155,9 +155,7 @@ def from_labels(labels: ArrayLike, pixel: ArrayLike = 1.0) -> NetworkData:
     """
     mask = np.asarray(labels)
     if mask.ndim != 2 or mask.dtype.kind not in "iub":
-        raise InputError(
-            "a label mask is a two-dimensional array of whole numbers, 0 outside: give a page of it"
-        )
+        raise InputError("a label mask is a two-dimensional array of whole numbers, 0 outside: give a page of it")
     size, padded = pixel_sizes(pixel, 2), np.pad(mask.astype(np.int64), 1)
     # Corners of pixels around which at least three labels meet.
     around = np.stack([padded[:-1, :-1], padded[:-1, 1:], padded[1:, :-1], padded[1:, 1:]], axis=-1)

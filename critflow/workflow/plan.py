@@ -209,7 +209,7 @@ def _parameter(key: str, text: str, default: Any) -> Any:
 
 def _numbers(key: str, text: str, kind: type) -> tuple:
     """Numbers and ranges of a comma list: of whole numbers without the stop, of decimals with a step and the stop."""
-    values, whole = [], kind is int
+    values, whole = list[Any](), kind is int
     for piece in _pieces(key, text):
         start, *more = (_number(key, part, whole) for part in piece.split(":"))
         example = f"start:stop, as in {key}=0:100" if whole else f"start:stop:step, as in {key}=0.001:0.010:0.001"

@@ -71,11 +71,11 @@ def source_tree(folder: Path = _PACKAGE.parent) -> Mapping[str, str]:
         return {}
     # Variables set by a hook would select another repository; no lock is taken and no monitor is started.
     clean = {name: value for name, value in os.environ.items() if not name.startswith("GIT_")}
-    options = {"env": clean, "capture_output": True, "text": True, "check": True, "timeout": 10}
 
     def git(*words: str) -> str:
         command = ["git", "--no-optional-locks", "-c", "core.fsmonitor=false", "-C", str(folder), *words]
-        return subprocess.run(command, **options).stdout.strip()
+        done = subprocess.run(command, env=clean, capture_output=True, text=True, check=True, timeout=10)
+        return done.stdout.strip()
 
     code = [name for name in ("critflow", "workflows", "pyproject.toml") if (folder / name).exists()]
     try:

@@ -132,9 +132,7 @@ class Variable:
         require(unique, f"{name} names a dimension twice: call the second one {self.dims[-1:]}_")
         require(self.dtype in _DTYPES, f"dtype {self.dtype!r} of {name} must be one of {', '.join(_DTYPES)}")
         if self.dtype[0] == "f":
-            require(
-                not self.flags and self.fill is None, f"{name} has flags or a fill, so its dtype must be an integer"
-            )
+            require(not self.flags and self.fill is None, f"{name} has flags or a fill: give it an integer dtype")
             return
         limits = np.iinfo(self.dtype)
         fill = self.fill if self.fill is not None else limits.min if self.dtype[0] == "i" else limits.max
@@ -157,9 +155,7 @@ class Variable:
         if self.fill is not None:
             require(np.array_equal(array, given), f"{self.name!r} has numbers too large for {self.dtype}")
             missing = not self.flags and bool((array == self.fill).any())
-            require(
-                not missing, f"{self.name!r} contains {self.fill}, which stands for a missing value: declare another"
-            )
+            require(not missing, f"{self.name!r} contains {self.fill}, its value for a missing one: declare another")
         return array
 
 
