@@ -104,7 +104,9 @@ def second_order_rigidity(
     if counts.first_order_rigid:
         reason = f"every motion{' but a translation' if counts.n_trivial else ''} changes a length"
         return _answer(SecondOrderRigidity(counts, True, True, True, reason=reason), Status.ok)
-    fits = _modes_fit(network, counts)
+    n_modes = counts.n_zero_modes - counts.n_trivial
+    tallest = max(network.dimension * max(network.n_vertices, network.n_edges), counts.n_self_stresses * n_modes)
+    fits = n_modes * tallest <= LARGEST_DENSE
     if counts.n_self_stresses == 0:
         escape = zero_modes(network, coordinates, tolerance).value.modes[0] if fits else None
         reason = "without a self-stress every zero mode extends to second order"
@@ -124,7 +126,6 @@ def second_order_rigidity(
     if stable is not None:
         return _answer(stable, Status.ok)
     if not fits:
-        n_modes = counts.n_zero_modes - counts.n_trivial
         reason = f"{n_modes} zero modes are too many for a dense search: take a part of the network"
         return _answer(SecondOrderRigidity(counts, False, None, None, reason=reason), Status.undecided)
     modes = zero_modes(network, coordinates, tolerance).value.modes
@@ -140,12 +141,6 @@ def _answer(value: SecondOrderRigidity, status: Status) -> Solution[SecondOrderR
 def _uncertain(counted: Solution[Rigidity]) -> Solution[SecondOrderRigidity]:
     value = SecondOrderRigidity(counted.value, None, None, None, reason=counted.note)
     return _answer(value, Status.singular if np.isnan(counted.value.largest_zero) else Status.undecided)
-
-
-def _modes_fit(network: Network, counts: Rigidity) -> bool:
-    n_modes = counts.n_zero_modes - counts.n_trivial
-    tallest = max(network.dimension * max(network.n_vertices, network.n_edges), counts.n_self_stresses * n_modes)
-    return n_modes * tallest <= LARGEST_DENSE
 
 
 def _by_one_stress(network: Network, counts: Rigidity, L: Array, turned: float) -> SecondOrderRigidity | None:

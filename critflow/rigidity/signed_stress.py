@@ -192,10 +192,8 @@ def stability(critical: CriticalConfiguration, margin: float = 1e-8) -> Stabilit
             "give a smaller margin, or stresses of more similar magnitude"
         )
     elif stable is None:
-        status, note = (
-            Status.undecided,
-            "the stiffness of a flex under this stress, or the count of flexes, is rounding",
-        )
+        status = Status.undecided
+        note = "the stiffness of a flex under this stress, or the count of flexes, is rounding"
     counts = {"n_negative": n_negative, "n_null": n_null, "n_affine": len(affine)}
     stats = Stats("inertia", 1, residual=critical.residual)
     return Stability(critical, status, stats, note, **counts, prestress_stable=stable, super_stable=best)
