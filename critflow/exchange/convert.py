@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike
 
 from critflow.arguments import checked, shown
 from critflow.exchange.boundaries import Pins, hull_volume, with_offsets, with_pins
-from critflow.exchange.data import NetworkData, data_of, from_zero
+from critflow.exchange.data import NetworkData, from_zero
 from critflow.exchange.formats import format_of_object, readable_format, writable_format
 from critflow.exchange.meshes import from_polygons
 from critflow.exchange.pictures import from_labels, from_skeleton, read_picture
@@ -110,7 +110,7 @@ def write_network(
     >>> print(cf.network_from(path).network)
     Network(8 vertices, 12 edges, 2 dimensions, periodic, z = 3)
     """
-    target, data = Path(path), _state(network, coordinates, rest_lengths, force_densities)
+    target, data = Path(path), data_of(network, coordinates, rest_lengths, force_densities)
     known = writable_format(target, data.dimension, options)
     assert known.write is not None
     known.write(_tiled(data, copies), target, **options)
@@ -170,24 +170,40 @@ def _referring(found: ImportedNetwork, volume: float | str | None) -> ImportedNe
     return replace(found, value=network.with_volume(volume), data=found.data.noting(*([note] if note else [])))
 
 
-def _state(
-    thing: Any, coordinates: ArrayLike | None, rest_lengths: ArrayLike | None, force_densities: ArrayLike | None
+def data_of(
+    thing: Any,
+    coordinates: ArrayLike | None = None,
+    rest_lengths: ArrayLike | None = None,
+    force_densities: ArrayLike | None = None,
 ) -> NetworkData:
-    """The record of a network, or of a configuration or state with the values that are not given."""
+    """The record of a network, or of a configuration or state with those of its values that are not given."""
     thing = thing.value if isinstance(thing, Solution) and not isinstance(thing, ImportedNetwork) else thing
     network = thing if isinstance(thing, Network) else getattr(thing, "network", None)
     if not isinstance(network, Network):
         raise InputError(f"{shown(thing)} cannot be written: give a network, a configuration or a state")
 
-    def known(value: ArrayLike | None, *names: str) -> ArrayLike | None:
+    def known(value: ArrayLike | None, *names: str) -> Any:
         """A value, or the first of these attributes that the thing has."""
         return next((v for v in (value, *(getattr(thing, name, None) for name in names)) if v is not None), None)
 
-    return data_of(
-        network,
-        known(coordinates, "coordinates"),
-        known(rest_lengths, "rest_lengths", "lengths"),
-        known(force_densities, "force_densities", "sigma"),
+    places = known(coordinates, "coordinates")
+    if (places := network.positions if places is None else places) is None:
+        raise InputError("the network has no positions to write: give coordinates, such as those of a configuration")
+    x, pins = np.array(places, dtype=float), sorted(network.pins)
+    if x.shape != (network.n_vertices, network.dimension):
+        raise InputError(f"coordinates must have shape {(network.n_vertices, network.dimension)}, not {x.shape}")
+    x[pins] = network.fixed_positions[pins]
+    return NetworkData(
+        edges=network.edges,
+        positions=x,
+        cell=network.cell,
+        offsets=network.offsets,
+        pins=tuple(pins),
+        stiffness=network.stiffness,
+        rest_lengths=known(rest_lengths, "rest_lengths", "lengths"),
+        force_densities=known(force_densities, "force_densities", "sigma"),
+        volume=network.reference_volume,
+        source="critflow",
     )
 
 
@@ -204,7 +220,7 @@ def _record(source: Any, given: dict[str, Any]) -> NetworkData:
     elif source is None or isinstance(source, Sequence | np.ndarray):
         data = _from_keywords(given if source is None else given | {"edges": source})
     elif isinstance(source, Network | Solution) or isinstance(getattr(source, "network", None), Network):
-        data = _state(source, given.pop("positions", None), None, None)
+        data = data_of(source, given.pop("positions", None), None, None)
     else:
         known = format_of_object(source)
         assert known.convert is not None

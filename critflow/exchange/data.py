@@ -10,11 +10,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from critflow.networks.checks import floats, integers
 from critflow.networks.digits import Digits, digits_of
-from critflow.networks.network import Network
 from critflow.result import EnvironmentFailure, InputError, Record
 
 Array = NDArray[np.float64]
@@ -140,35 +139,6 @@ class NetworkData(Record):
     def repairing(self, sentence: str) -> NetworkData:
         """The same data with a sentence on a correction."""
         return replace(self, notes=(*self.notes, sentence), repaired=True)
-
-
-def data_of(
-    network: Network,
-    coordinates: ArrayLike | None = None,
-    rest_lengths: ArrayLike | None = None,
-    force_densities: ArrayLike | None = None,
-) -> NetworkData:
-    """The record of a network, at coordinates (N_v, d) or its positions; raises `InputError` where it has neither."""
-    x = network.positions if coordinates is None else np.asarray(coordinates, dtype=float)
-    if x is None:
-        raise InputError("the network has no positions to write: give coordinates, such as those of a configuration")
-    if x.shape != (network.n_vertices, network.dimension):
-        raise InputError(f"coordinates must have shape {(network.n_vertices, network.dimension)}, not {x.shape}")
-    x = x.copy()
-    for vertex, position in network.pins.items():
-        x[vertex] = position
-    return NetworkData(
-        edges=network.edges,
-        positions=x,
-        cell=network.cell,
-        offsets=network.offsets,
-        pins=tuple(sorted(network.pins)),
-        stiffness=network.stiffness,
-        rest_lengths=rest_lengths,  # type: ignore[arg-type]
-        force_densities=force_densities,  # type: ignore[arg-type]
-        volume=network.reference_volume,
-        source="critflow",
-    )
 
 
 def from_dataset(case: Any) -> NetworkData:

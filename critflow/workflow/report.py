@@ -58,7 +58,7 @@ def write_report(study: Study, folder: Folder, format: str = "png") -> Report:
     with opened_dataset(folder.dataset(study.name)) as dataset:
         pictures = [(name, format, partial(_figure, draw, format)) for name, draw in study.figures.items()]
         pictures += [(name, "gif", partial(_animation, frames)) for name, frames in study.animations.items()]
-        parts = [(name, [folder.figures / f"{name}.{ending}"], make) for name, ending, make in pictures]
+        parts: list[Part] = [(name, [folder.figures / f"{name}.{ending}"], make) for name, ending, make in pictures]
         for name, paths, make in [*parts, *text_parts(study, folder)]:
             if not study.can_report(name):
                 report.left_out.append(name)

@@ -11,7 +11,7 @@ from scipy.spatial import ConvexHull
 
 import critflow.exchange.data as exchange
 from critflow import InputError, Network, critical_from_lengths, lattice, network_from, voronoi_network, write_network
-from critflow.exchange.data import data_of
+from critflow.exchange.convert import data_of
 from critflow.exchange.drawings import clipped_segments
 from critflow.result import EnvironmentFailure
 
