@@ -43,8 +43,8 @@ from critflow.result import SolveError as SolveError
 from critflow.result import Status as Status
 from critflow.rigidity.counts import certify as certify
 from critflow.rigidity.counts import rigidity as rigidity
+from critflow.rigidity.counts import self_stresses as self_stresses
 from critflow.rigidity.signed_stress import stability as stability
-from critflow.rigidity.stress_space import self_stresses as self_stresses
 from critflow.springs.equilibrium import equilibrium as equilibrium
 from critflow.springs.laws import Cable as Cable
 from critflow.springs.laws import Hookean as Hookean

@@ -12,15 +12,16 @@ from __future__ import annotations
 
 import inspect
 from collections.abc import Callable, Mapping
-from functools import reduce, wraps
+from contextlib import nullcontext
+from functools import cache, reduce, wraps
 from types import UnionType
 from typing import Any, ParamSpec, TypeVar, Union, get_args, get_origin
 
 import numpy as np
+from threadpoolctl import ThreadpoolController
 
 from critflow.progress import running
 from critflow.result import InputError, Solution
-from critflow.threads import one_thread
 
 Parameters = ParamSpec("Parameters")
 Returned = TypeVar("Returned")
@@ -51,10 +52,27 @@ def checked(function: Callable[Parameters, Returned]) -> Callable[Parameters, Re
             return function(*args, **kwargs)  # with Python's message on the number and names of arguments
         for name, value in bound.arguments.items():
             bound.arguments[name] = tests[name].converted(name, value)
-        with running(function.__name__), one_thread():
+        with running(function.__name__), _one_thread():
             return function(*bound.args, **bound.kwargs)
 
     return call
+
+
+@cache
+def _controller() -> ThreadpoolController:
+    # To find the libraries takes milliseconds, to set their threads microseconds.
+    return ThreadpoolController()
+
+
+def _one_thread() -> Any:
+    """A context in which BLAS uses one thread; calls inside it find it so, and set nothing.
+
+    Digits and times then do not depend on other processes: threads that wait for each other while processes are busy
+    take seconds for the small dense matrices of this library.
+    """
+    controller = _controller()
+    blas = (library.num_threads for library in controller.lib_controllers if library.user_api == "blas")
+    return nullcontext() if all(n == 1 for n in blas) else controller.limit(limits=1, user_api="blas")
 
 
 def held(holder: Any, kinds: tuple[type, ...]) -> Any:

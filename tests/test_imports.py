@@ -17,7 +17,7 @@ SOURCES = {
 }
 # Each layer imports only those before it.
 LAYERS = (
-    *("result", "progress", "threads", "arguments", "networks", "generators", "exchange", "linalg", "precision"),
+    *("result", "progress", "arguments", "networks", "generators", "exchange", "linalg", "precision"),
     *("solvers", "critical", "rigidity", "springs", "response", "onset", "paths", "quantities", "design"),
     *("workflow", "figures", "examination", "explore", "command", "__main__"),
 )
@@ -32,6 +32,7 @@ ALLOWED = {
 }
 # Modules that may import a solver package, guard it from other threads or, for the C library MKL, search the disk.
 SOLVERS = {
+    "critflow.arguments": {"contextlib", "threadpoolctl"},
     "critflow.linalg.backends": {"pymetis", "qdldl"},
     "critflow.linalg.factor": {"threading"},
     "critflow.linalg.multigrid": {"importlib"},
@@ -39,7 +40,6 @@ SOLVERS = {
     "critflow.progress": {"contextlib", "sys", "threading", "time"},
     "critflow.solvers.cone": {"clarabel"},
     "critflow.solvers.semidefinite": {"clarabel"},
-    "critflow.threads": {"contextlib", "threadpoolctl"},
 }
 
 LONGEST, MOST_PARAMETERS, MOST_NAMES = 60, 8, 60

@@ -14,7 +14,7 @@ import traceback
 from collections.abc import Sequence
 from importlib.metadata import version
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -25,7 +25,7 @@ from critflow.workflow.folder import DONE, FAILED, MISSING, Folder, LockedError,
 from critflow.workflow.load import StudyFile, load_study, named_studies
 from critflow.workflow.plan import Selection, select, spelled
 from critflow.workflow.provenance import code_version, timestamp
-from critflow.workflow.study import KINDS, Study, agreed, tally
+from critflow.workflow.study import KINDS, agreed, tally
 from critflow.workflow.tasks import HOUR, Interrupted
 
 if TYPE_CHECKING:
@@ -207,7 +207,15 @@ def list_studies(
 ) -> None:
     """Name the studies that can be run, or print the settings of one."""
     if study:
-        _print_settings(load_study(study).study)
+        known = load_study(study).study
+        print(f"{known.name}: {known.title}")
+        for axis in known.axes:
+            choices = [word for word in axis.choices if word not in axis.values]
+            more = f" (or {spelled(choices)})" if choices else ""
+            print(f"  --set {axis.key}={spelled(axis.values)}{more}: {axis.long_name}")
+        for key, value in known.parameters.items():
+            print(f"  --set {key}={spelled(value)}")
+        print("  --set variables=all (or scalars, or names): computed and stored")
         return
     unavailable = []
     # The study of the README comes first, benchmarks come last.
@@ -229,18 +237,6 @@ def list_studies(
     print("critflow list NAME prints the settings of a study")
 
 
-def _print_settings(study: Study) -> None:
-    """The words that --set accepts, with their defaults and choices."""
-    print(f"{study.name}: {study.title}")
-    for axis in study.axes:
-        choices = [word for word in axis.choices if word not in axis.values]
-        more = f" (or {spelled(choices)})" if choices else ""
-        print(f"  --set {axis.key}={spelled(axis.values)}{more}: {axis.long_name}")
-    for key, value in study.parameters.items():
-        print(f"  --set {key}={spelled(value)}")
-    print("  --set variables=all (or scalars, or names): computed and stored")
-
-
 @app.command()
 def status(
     folder: FolderArgument,
@@ -257,30 +253,26 @@ def status(
     if note.table != selection.study.table_digest:
         messages.append("the table of variables has changed: the next run computes all cases again")
     if as_json:
-        print(json.dumps(_status_record(selection, states, counts, messages), indent=1))
+        record = {
+            "study": selection.study.name,
+            "study_version": selection.study.version,
+            "parameters": dict(selection.parameters),
+            "variables": list(selection.study.selected),
+            "axes": {name: list(values) for name, values in selection.axes.items()},
+            "total": counts,
+            "to_compute": [
+                {"id": case.id, **case.values, "state": state, "reason": reason}
+                for case, state, reason in states
+                if state != DONE
+            ],
+            "messages": messages,
+        }
+        print(json.dumps(record, indent=1))
         return
     summary = ", ".join(f"{number} {state}" for state, number in counts.items() if number)
     print(f"{selection.study.name}: {summary} of {len(states)} cases")
     for line in [*reason_lines(states), *messages]:
         print(f"  {line}")
-
-
-def _status_record(selection: Selection, states: list, counts: dict[str, int], messages: list[str]) -> dict[str, Any]:
-    """The status for `--json`."""
-    return {
-        "study": selection.study.name,
-        "study_version": selection.study.version,
-        "parameters": dict(selection.parameters),
-        "variables": list(selection.study.selected),
-        "axes": {name: list(values) for name, values in selection.axes.items()},
-        "total": counts,
-        "to_compute": [
-            {"id": case.id, **case.values, "state": state, "reason": reason}
-            for case, state, reason in states
-            if state != DONE
-        ],
-        "messages": messages,
-    }
 
 
 @app.command()
@@ -289,14 +281,14 @@ def verify(folder: FolderArgument) -> int:
     from critflow.workflow.verify import verify_folder
 
     results = Folder(folder)
-    outcome = verify_folder(results)
-    for problem in outcome.problems:
+    stored, problems, recomputed = verify_folder(results)
+    for problem in problems:
         _warn(problem)
-    if outcome.problems:
-        count = agreed(f"{len(outcome.problems)} problems")
+    if problems:
+        count = agreed(f"{len(problems)} problems")
         return _fail(f"{count} in {results.path}: run the study again to correct them", INTEGRITY)
-    physics = ", and their physics was recomputed" if outcome.recomputed else "; the study recomputes no physics"
-    print(f"{results.path}: {outcome.stored} stored cases agree with the dataset to the last byte{physics}")
+    physics = ", and their physics was recomputed" if recomputed else "; the study recomputes no physics"
+    print(f"{results.path}: {stored} stored cases agree with the dataset to the last byte{physics}")
     return 0
 
 

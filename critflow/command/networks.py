@@ -32,20 +32,62 @@ FilesArgument = Annotated[
 ]
 
 
-# Options of the command line on how a file is read, keywords of `network_from`: kind, value in the help, meaning.
-_HINTS: dict[str, tuple[type, str | None, str]] = {
-    "cell": (str, "NUMBERS", "Cell of a file without one: side lengths, or vectors row by row."),
+def _value(text: str) -> Any:
+    """A number, a pair of limits, either of which may be empty, or a word."""
+    from critflow.exchange.data import number
+
+    first, colon, last = text.partition(":")
+    try:
+        return (number(first or "-inf"), number(last or "inf")) if colon else number(first)
+    except ValueError:
+        return text
+
+
+def _numbers(option: str, example: str, text: str) -> Any:
+    """One number, or several, whole ones as integers."""
+    from critflow.exchange.data import number
+
+    try:
+        numbers = [number(word) for word in text.replace(",", " ").split()]
+    except ValueError:
+        raise InputError(f"--{option} must be numbers, such as {example}, not {text!r}") from None
+    values = [int(value) if value.is_integer() else value for value in numbers]
+    return values[0] if len(values) == 1 else values
+
+
+def _cell(text: str) -> Any:
+    """Side lengths (d,), or vectors (d, d) row by row."""
+    numbers = _numbers("cell", "'10 10' or '10 0 2 8'", text)
+    return np.reshape(numbers, (math.isqrt(np.size(numbers)), -1)).tolist() if np.size(numbers) in (4, 9) else numbers
+
+
+def _pins(text: str) -> Any:
+    """A rule, or vertices, as numbers where all are numbers."""
+    names = [name.strip() for name in text.split(",")]
+    if all(name.lstrip("-").isdigit() for name in names):
+        return [int(name) for name in names]
+    return names if len(names) > 1 else text
+
+
+# Options of the command line on how a file is read, keywords of `network_from`: value in the help, meaning, parser.
+_HINTS: dict[str, tuple[str | None, str, Callable[[Any], Any]]] = {
+    "cell": ("NUMBERS", "Cell of a file without one: side lengths, or vectors row by row.", _cell),
     "pins": (
-        *(str, "RULE|LIST"),
+        "RULE|LIST",
         "Fixed vertices: hull, outer_face, two_edges, degree, box, border, or names with commas.",
+        _pins,
     ),
-    "volume": (str, "V", "Volume to which moduli refer without a cell: a number, or hull."),
-    "pixel": (str, "SIZE", "Size of a pixel of a picture; three numbers for a stack, pages first."),
-    "labels": (bool, None, "The values of a picture number the cells of a tissue; else it is fibres."),
-    "nearest": (bool, None, "Accept nearest images of long edges."),
-    "strict": (bool, None, "Refuse a file that needs a repair."),
-    "contract": (bool, None, "Join the edges of vertices of two edges in series."),
-    "join_crossings": (bool, None, "Put a vertex where two edges cross in the plane."),
+    "volume": ("V", "Volume to which moduli refer without a cell: a number, or hull.", _value),
+    "pixel": (
+        "SIZE",
+        "Size of a pixel of a picture; three numbers for a stack, pages first.",
+        partial(_numbers, "pixel", "'0.5' or '2 0.5 0.5'"),
+    ),
+    "labels": (None, "The values of a picture number the cells of a tissue; else it is fibres.", bool),
+    "nearest": (None, "Accept nearest images of long edges.", bool),
+    "strict": (None, "Refuse a file that needs a repair.", bool),
+    "contract": (None, "Join the edges of vertices of two edges in series.", bool),
+    "join_crossings": (None, "Put a vertex where two edges cross in the plane.", bool),
 }
 _Case = Annotated[
     list[str], typer.Option("--set", metavar="AXIS=VALUE", help="The case of a critflow dataset; may be repeated.")
@@ -62,7 +104,7 @@ class Hints:
     @property
     def keywords(self) -> dict[str, Any]:
         """The options as keywords of `network_from`."""
-        return {name: _PARSERS.get(name, bool)(value) for name, value in self.values.items()}
+        return {name: _HINTS[name][2](value) for name, value in self.values.items()}
 
     @property
     def words(self) -> list[str]:
@@ -81,7 +123,8 @@ def reading(command: Callable[..., int]) -> Callable[..., int]:
     """The command with the options of `Hints` in place of its parameter `hints`; its refusals spell them as options."""
     signature, keyword = inspect.signature(command, eval_str=True), inspect.Parameter.KEYWORD_ONLY
     parameters = [p.replace(kind=keyword) for name, p in signature.parameters.items() if name != "hints"]
-    for name, (kind, value, meaning) in _HINTS.items():
+    for name, (value, meaning, _) in _HINTS.items():
+        kind = str if value else bool
         option = Annotated[kind, typer.Option(_spelled(name), metavar=value, help=meaning)]  # type: ignore[valid-type]
         parameters.append(inspect.Parameter(name, keyword, default=kind(), annotation=option))
     parameters.append(inspect.Parameter("case", keyword, default=[], annotation=_Case))
@@ -233,7 +276,7 @@ def make(
 
     Many parameters: each is an option of the command.
     """
-    from critflow.examination.certificate import certificate_text
+    from critflow.examination.report import certificate_text
     from critflow.exchange.convert import write_network
     from critflow.exchange.formats import writable_format
 
@@ -301,48 +344,3 @@ def _designed(network: Network, words: Sequence[str]) -> tuple[Design, str, list
         for name, one in solution.targets.items()
     ]
     return solution, ", ".join(f"{name} {one.value:.4g}" for name, one in solution.targets.items()), lines
-
-
-def _value(text: str) -> Any:
-    """A number, a pair of limits, either of which may be empty, or a word."""
-    from critflow.exchange.data import number
-
-    first, colon, last = text.partition(":")
-    try:
-        return (number(first or "-inf"), number(last or "inf")) if colon else number(first)
-    except ValueError:
-        return text
-
-
-def _numbers(option: str, example: str, text: str) -> Any:
-    """One number, or several, whole ones as integers."""
-    from critflow.exchange.data import number
-
-    try:
-        numbers = [number(word) for word in text.replace(",", " ").split()]
-    except ValueError:
-        raise InputError(f"--{option} must be numbers, such as {example}, not {text!r}") from None
-    values = [int(value) if value.is_integer() else value for value in numbers]
-    return values[0] if len(values) == 1 else values
-
-
-def _cell(text: str) -> Any:
-    """Side lengths (d,), or vectors (d, d) row by row."""
-    numbers = _numbers("cell", "'10 10' or '10 0 2 8'", text)
-    return np.reshape(numbers, (math.isqrt(np.size(numbers)), -1)).tolist() if np.size(numbers) in (4, 9) else numbers
-
-
-def _pins(text: str) -> Any:
-    """A rule, or vertices, as numbers where all are numbers."""
-    names = [name.strip() for name in text.split(",")]
-    if all(name.lstrip("-").isdigit() for name in names):
-        return [int(name) for name in names]
-    return names if len(names) > 1 else text
-
-
-_PARSERS: dict[str, Callable[[str], Any]] = {
-    "cell": _cell,
-    "pins": _pins,
-    "volume": _value,
-    "pixel": partial(_numbers, "pixel", "'0.5' or '2 0.5 0.5'"),
-}

@@ -27,10 +27,9 @@ from critflow.linalg.matrices import block_laplacian, laplacian
 from critflow.linalg.products import product
 from critflow.linalg.saddle import CondensedSaddle, Saddle, positive
 from critflow.linalg.vectors import dot, norms
-from critflow.networks.blocks import components
+from critflow.networks.blocks import check_opened, components
 from critflow.networks.checks import edge_values
 from critflow.networks.network import Array, Network
-from critflow.networks.support import check_opened
 from critflow.precision.double_double import Extended, two_product
 from critflow.precision.refinement import Refined, Refinement
 from critflow.result import InputError, NetworkError, Record, Stats, Status

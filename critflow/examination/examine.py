@@ -12,7 +12,6 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from critflow.arguments import checked
-from critflow.critical.manifold import CriticalConfiguration
 from critflow.critical.nearest import Nearest, nearest_critical
 from critflow.examination.report import UNFINISHED, Examination
 from critflow.exchange.boundaries import UnheldNetwork, hull_volume
@@ -22,8 +21,8 @@ from critflow.networks.checks import edge_values
 from critflow.networks.digits import Digits
 from critflow.networks.network import Array, Network, validated_coordinates
 from critflow.onset.critical_strain import CriticalStrain, critical_strain
-from critflow.quantities.leverage import EdgeLeverage, edge_leverage
-from critflow.response.elasticity import Elasticity, elasticity
+from critflow.quantities.leverage import edge_leverage
+from critflow.response.elasticity import elasticity
 from critflow.result import CritflowError, InputError, NetworkError, Solution, SolveError, Status
 from critflow.rigidity.counts import Rigidity, rigidity
 from critflow.rigidity.second_order import second_order_rigidity
@@ -73,22 +72,20 @@ def examine(
     """
     if isinstance(network, str | PathLike):
         network = read_held(partial(network_from, network), progress)
-    subject = _subject(network, coordinates, rest_lengths)
-    if decimals is not None:
-        if not 0 <= decimals <= 15:
-            raise InputError(
-                f"decimals must be from 0 to 15, not {decimals}: leave them out where all digits are known"
-            )
-        subject = replace(subject, digits=Digits(decimals, 0.5 * 10.0**-decimals), may_be_grid=False)
-    attempts = _Attempts(progress)
+    if decimals is not None and not 0 <= decimals <= 15:
+        raise InputError(f"decimals must be from 0 to 15, not {decimals}: leave them out where all digits are known")
+    subject, attempts = _subject(network, coordinates, rest_lengths, decimals), _Attempts(progress)
     found = _judged(subject, attempts)
-    return replace(
-        found,
-        critical_strains=_critical_strains(found, subject, deformations, attempts),
-        elasticity=None if found.nearly_critical else _elasticity(found.network, subject.x, attempts),
-        leverage=_leverage(found.critical, attempts),
-        failures=tuple(attempts.failures),
-    )
+    strains = _critical_strains(found, subject, deformations, attempts)
+    moduli = leverage = None
+    if found.network.dimension < 2:
+        attempts.failures.append("the moduli: in one dimension there is no shear")
+    elif not found.nearly_critical:
+        moduli = attempts.value("the moduli", lambda: elasticity(found.network, subject.x))
+    if (critical := found.critical) is not None and critical.network.n_edges <= _MOST_CUTS:
+        leverage = attempts.value("the cuts of edges", lambda: edge_leverage(critical).value)
+    failures = tuple(attempts.failures)
+    return replace(found, critical_strains=strains, elasticity=moduli, leverage=leverage, failures=failures)
 
 
 def read_held(read: Callable[..., ImportedNetwork], progress: Callable[[str], None]) -> ImportedNetwork:
@@ -122,9 +119,8 @@ def _judged(subject: _Subject, attempts: _Attempts, max_steps: int = 200) -> Exa
     max_steps  of the search for that configuration
     """
     network, x = subject.network, subject.x
-    rounding = subject.digits.effect(subject.rest, subject.may_be_grid)
     # A count is certain where singular values lie below the tolerance by CLEAR_GAP.
-    tolerance = max(_TOLERANCE, min(CLEAR_GAP * rounding, _LARGEST_TOLERANCE))
+    tolerance = max(_TOLERANCE, min(CLEAR_GAP * subject.rounding, _LARGEST_TOLERANCE))
     attempts.progress("self-stresses and zero modes")
     many = network.n_edges - network.dimension * len(network.free) > _MANY_STRESSES
     counted = rigidity(network, x, tolerance, vectors=not many)
@@ -145,7 +141,7 @@ def _judged(subject: _Subject, attempts: _Attempts, max_steps: int = 200) -> Exa
         tension=tension,
         nearest=nearest,
         critical_elasticity=attempts.value("B_0 and G_0", lambda: elasticity(critical)) if critical else None,
-        rounding=rounding * float(subject.rest.mean()),
+        rounding=subject.rounding * float(subject.rest.mean()),
         notes=subject.notes,
         names=subject.names,
     )
@@ -153,22 +149,24 @@ def _judged(subject: _Subject, attempts: _Attempts, max_steps: int = 200) -> Exa
 
 @dataclass(frozen=True, eq=False)
 class _Subject:
-    """A network at coordinates (N_v, d), rest lengths (N_b,), and sentences, digits and names of its source.
+    """A network at coordinates (N_v, d), rest lengths (N_b,), and sentences and names of its source.
 
-    may_be_grid  whether coordinates of few digits may be exact, unless the user says that they were rounded
+    rounding  singular values that rounded coordinates may cause
     """
 
     network: Network
     x: Array
     rest: Array
+    rounding: float
     notes: tuple[str, ...]
-    digits: Digits
     names: tuple[str, ...]
-    may_be_grid: bool = True
 
 
 def _subject(
-    source: Network | ImportedNetwork, coordinates: ArrayLike | None = None, rest_lengths: ArrayLike | None = None
+    source: Network | ImportedNetwork,
+    coordinates: ArrayLike | None = None,
+    rest_lengths: ArrayLike | None = None,
+    decimals: int | None = None,
 ) -> _Subject:
     """The subject of an examination: at the positions and with the lengths there, where none are given."""
     notes, names, digits = tuple[str, ...](), tuple[str, ...](), Digits(None, 0.0)
@@ -189,7 +187,10 @@ def _subject(
     if not network.has_volume and network.dimension > 1:
         network = network.with_volume(hull_volume(x))
         notes = (*notes, f"moduli refer to the convex hull, V = {network.volume:.6g}, unless another volume is given")
-    return _Subject(network, x, rest, notes, digits, names)
+    if decimals is not None:
+        digits = Digits(decimals, 0.5 * 10.0**-decimals)
+    # Few digits may be those of a grid, unless the user says that the coordinates were rounded.
+    return _Subject(network, x, rest, digits.effect(rest, grids=decimals is None), notes, names)
 
 
 class _Attempts:
@@ -282,18 +283,3 @@ def _order(
     if not second.value.prestress_stable:
         return "second"
     return "critical" if tension and counts.n_self_stresses == 1 else "prestress"
-
-
-def _elasticity(network: Network, x: Array, attempts: _Attempts) -> Solution[Elasticity] | None:
-    """Elasticity of the springs at rest at the positions."""
-    if network.dimension < 2:
-        attempts.failures.append("the moduli: in one dimension there is no shear")
-        return None
-    return attempts.value("the moduli", lambda: elasticity(network, x))
-
-
-def _leverage(critical: CriticalConfiguration | None, attempts: _Attempts) -> EdgeLeverage | None:
-    """B_0 after the cut of each edge; None for large networks."""
-    if critical is None or critical.network.n_edges > _MOST_CUTS:
-        return None
-    return attempts.value("the cuts of edges", lambda: edge_leverage(critical).value)

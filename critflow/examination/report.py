@@ -1,4 +1,4 @@
-"""An examination, its report as lines of text that are also Markdown, and the advice in it."""
+"""An examination, its report as lines of text that are also Markdown, and the certificate of one configuration."""
 
 from __future__ import annotations
 
@@ -8,19 +8,19 @@ from importlib import import_module
 from os import PathLike
 
 import numpy as np
-import scipy.sparse as sp
-from scipy.sparse.csgraph import connected_components
 
 from critflow.critical.manifold import CriticalConfiguration
 from critflow.critical.nearest import Nearest
 from critflow.exchange.data import counted
 from critflow.exchange.repair import described
+from critflow.networks.blocks import components
 from critflow.networks.network import Array, Network
 from critflow.onset.critical_strain import CriticalStrain
+from critflow.quantities.largest_modulus import upper_bound
 from critflow.quantities.leverage import EdgeLeverage
-from critflow.response.elasticity import Elasticity
-from critflow.result import InputError, Record, Solution, Status
-from critflow.rigidity.counts import Rigidity, zero_modes
+from critflow.response.elasticity import Elasticity, elasticity
+from critflow.result import CritflowError, InputError, Record, Solution, Status
+from critflow.rigidity.counts import Rigidity, certify, zero_modes
 
 # Distance from the nearest critical configuration, in units of the mean edge length, up to which a network counts as
 # one that its program has relaxed to a tolerance: the loosest ones in use are 1e-3.
@@ -34,8 +34,6 @@ _FEW_MODES = 50
 UNFINISHED = (Status.stalled, Status.step_limit)
 # Moduli below this part of the largest component are printed as zero.
 _ZERO = 1e-12
-# Tensors that agree to this are printed once.
-_SAME = 1e-6
 # Words for each order of rigidity, and what it means.
 _ORDERS = {
     "floppy": ("floppy", "motions exist that change no length to second order"),
@@ -178,8 +176,7 @@ class Examination(Record):
         if moves[self.network.free].all():
             return 0, 0
         inside = self.network.edges[moves[self.network.edges].all(axis=1)]
-        graph = sp.coo_array((np.ones(len(inside)), inside.T), shape=(len(moves),) * 2)
-        return len(np.unique(connected_components(graph, directed=False)[1][moves])), int(moves.sum())
+        return len(np.unique(components(inside, len(moves))[moves])), int(moves.sum())
 
     @property
     def headline(self) -> tuple[str, str]:
@@ -233,9 +230,27 @@ def report_lines(examination: Examination, file: str = "") -> list[str]:
 
     file  name of the file that was examined, for advice that names commands in place of functions
     """
-    source = [f"- {sentence}" for sentence in (*examination.notes, _units(examination))]
+    k, L = examination.network.stiffness, examination.network.bond_vectors(examination.coordinates)
+    stiffness = f"{k.min():.6g}" if k.min() == k.max() else f"from {k.min():.6g} to {k.max():.6g}"
+    units = (
+        f"units: lengths as in the source, mean edge length {np.linalg.norm(L, axis=1).mean():.6g}; stiffness "
+        f"{stiffness}; moduli in units of {_UNITS.get(examination.network.dimension, 'force')}"
+    )
+    source = [f"- {sentence}" for sentence in (*examination.notes, units)]
     lines = [*_summary(examination, file), "## As read", "", *source, ""]
-    lines += [*_rigidity(examination), *_nearest(examination), *_strains(examination)]
+    lines += [*_rigidity(examination), *_nearest(examination)]
+    if examination.critical_strains:
+        lines += [
+            "## Critical strains",
+            "",
+            "| deformation | γ_c | taut edges | valid for | γ |",
+            "|---|---|---|---|---|",
+        ]
+        for name, onset in examination.critical_strains.items():
+            springs = "springs" if onset.value.valid_for_springs else "cables"
+            strain, meaning = f"{onset.value.strain:.8g}", _STRAINS.get(name, "")
+            lines.append(f"| {name} | {strain} | {_taut(onset)} | {springs} | {meaning} |")
+        lines.append("")
     if examination.elasticity is not None:
         lines += ["## Moduli at these positions, springs at rest", "", *_moduli(examination.elasticity), ""]
     if examination.failures:
@@ -254,7 +269,7 @@ def _summary(examination: Examination, file: str) -> list[str]:
     if there is not None and _finite(there):
         if examination.nearly_critical:
             answer.append(f"{_bulk_and_shear(there.value, '_0')} at that configuration")
-        elif not (known and (examination.order == "critical" or _same(examination))):
+        elif not (known and examination.order == "critical"):
             answer.append(f"at the nearest critical configuration {_bulk_and_shear(there.value, '_0')}")
     answer += [f"next: {sentence}" for sentence in advice_of(examination, file)]
     return [f"# {described(examination.network)}", "", *(f"- {sentence}" for sentence in answer), ""]
@@ -263,18 +278,6 @@ def _summary(examination: Examination, file: str) -> list[str]:
 def _finite(solution: Solution[Elasticity] | None) -> bool:
     """Whether an elasticity is known."""
     return solution is not None and bool(np.isfinite(solution.value.tensor).all())
-
-
-def _units(examination: Examination) -> str:
-    """A sentence on the units of the numbers."""
-    network = examination.network
-    length = float(np.linalg.norm(network.bond_vectors(examination.coordinates), axis=1).mean())
-    k = network.stiffness
-    stiffness = f"{k.min():.6g}" if k.min() == k.max() else f"from {k.min():.6g} to {k.max():.6g}"
-    return (
-        f"units: lengths as in the source, mean edge length {length:.6g}; stiffness {stiffness}; moduli in units of "
-        f"{_UNITS.get(network.dimension, 'force')}"
-    )
 
 
 def _rigidity(examination: Examination) -> list[str]:
@@ -338,7 +341,7 @@ def _nearest(examination: Examination) -> list[str]:
     elif near.note:
         lines.append(f"- {near.status.name}: {near.note}")
     if examination.critical_elasticity is not None:
-        same = _same(examination)
+        same = examination.order == "critical"
         lines += ["- moduli: those below"] if same else _moduli(examination.critical_elasticity, "_0")
     return [*lines, ""]
 
@@ -349,26 +352,6 @@ def _edges(examination: Examination, what: str, parts: Array) -> list[str]:
     largest = finite[np.argsort(-parts[finite], kind="stable")][:_MOST_EDGES]
     named = (f"{examination.edge_name(int(edge))} {100 * parts[edge]:.3g} %" for edge in largest)
     return [f"- {what}: {', '.join(named)}"] if len(largest) else []
-
-
-def _same(examination: Examination) -> bool:
-    """Whether the tensors at the positions and of the nearest critical configuration agree."""
-    if examination.elasticity is None or examination.critical_elasticity is None:
-        return False
-    here, there = examination.elasticity.value.tensor, examination.critical_elasticity.value.tensor
-    return bool(np.abs(here - there).max() <= _SAME * np.abs(there).max())
-
-
-def _strains(examination: Examination) -> list[str]:
-    """The table of critical strains."""
-    if not examination.critical_strains:
-        return []
-    lines = ["## Critical strains", "", "| deformation | γ_c | taut edges | valid for | γ |", "|---|---|---|---|---|"]
-    for name, onset in examination.critical_strains.items():
-        meaning = _STRAINS.get(name, "")
-        springs = "springs" if onset.value.valid_for_springs else "cables"
-        lines.append(f"| {name} | {onset.value.strain:.8g} | {_taut(onset)} | {springs} | {meaning} |")
-    return [*lines, ""]
 
 
 def _taut(onset: Solution[CriticalStrain]) -> str:
@@ -453,3 +436,26 @@ def advice_of(examination: Examination, file: str = "") -> tuple[str, ...]:
     elif order == "undecided":
         advice.append("give coordinates with more digits, or their number of decimals")
     return tuple(advice)
+
+
+def certificate_text(critical: CriticalConfiguration, title: str, outcome: Status) -> str:
+    """The certificate, one line per check; moduli where they are defined."""
+    certificate, network = certify(critical), critical.network
+    low, high = certificate.gap
+    state = "rigid to second order" if certificate.rigid else "not shown to be rigid: floppy parts remain"
+    lines = {
+        "status": outcome.name,
+        "force-balance residual": f"{certificate.residual:.2g} of the mean tension",
+        "least tension": f"{certificate.least_tension:.3g} of the mean",
+        "self-stresses": f"{certificate.n_self_stresses} (singular values {low:.1e} | {high:.1e})",
+        "zero modes": f"{certificate.n_zero_modes}; {state}",
+    }
+    try:
+        moduli, bound = elasticity(critical).value, upper_bound(network, "B_0")
+        lines["B_0"] = f"{moduli.bulk:.10f}, {100 * moduli.bulk / bound:.6f} % of its bound {bound:.10f}"
+        lines["G_0"] = f"{moduli.shear:.10g}"
+    except CritflowError as error:
+        lines["moduli"] = str(error)
+    width = max(map(len, lines))
+    head = f"{title}: {network.n_vertices} vertices, {network.n_edges} edges"
+    return "\n".join([head, *(f"  {name:<{width}}  {text}" for name, text in lines.items())])

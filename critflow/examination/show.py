@@ -10,8 +10,8 @@ import numpy as np
 import xarray as xr
 
 from critflow.critical.manifold import CriticalConfiguration
-from critflow.examination.certificate import certificate_text
-from critflow.exchange.datasets import from_dataset
+from critflow.examination.report import certificate_text
+from critflow.exchange.data import from_dataset
 from critflow.figures.plot import network_figure
 from critflow.networks.network import Network
 from critflow.result import InputError, Status

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
+from itertools import product
 from os import PathLike
 from pathlib import Path
 from typing import Any
@@ -13,21 +14,19 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from critflow.arguments import checked, shown
-from critflow.exchange.boundaries import Pins, hull_volume, with_pins
-from critflow.exchange.checks import check
-from critflow.exchange.data import NetworkData, data_of, from_zero
+from critflow.exchange.boundaries import Pins, hull_volume, with_offsets, with_pins
+from critflow.exchange.data import NetworkData, from_zero
 from critflow.exchange.formats import format_of_object, readable_format, writable_format
 from critflow.exchange.meshes import from_polygons
-from critflow.exchange.offsets import with_offsets
 from critflow.exchange.pictures import from_labels, from_skeleton, read_picture
-from critflow.exchange.repair import ImportedNetwork, imported, in_its_plane
+from critflow.exchange.repair import ImportedNetwork, check, imported, in_its_plane
 from critflow.exchange.tables import read_tables
-from critflow.exchange.tiling import Copies, tiled
 from critflow.networks.checks import floats
 from critflow.networks.network import Network
 from critflow.result import CritflowError, InputError, NetworkError, Solution
 
-_KINDS = ("edges", "polygons", "picture", "labels")
+# Edges of copies that fit into the memory of a usual computer with their file.
+_MOST_EDGES = 10_000_000
 
 
 @checked
@@ -67,7 +66,12 @@ def network_from(
     """
     data = _record(source, given)
     if (vectors := data.cell if cell is None else floats(cell, "the cell")) is not None:
-        data = replace(data, cell=_cell_in(vectors, data.dimension))
+        d = data.dimension
+        vectors = vectors * np.eye(d) if vectors.ndim == 0 else np.diag(vectors) if vectors.ndim == 1 else vectors
+        if vectors.shape not in ((d, d), (3, 3)):
+            raise InputError(f"the cell must be {d} side lengths or as many vectors as rows, not {vectors.shape}")
+        # A plane may be given in space.
+        data = replace(data, cell=vectors[:d, :d])
     check(data)
     data = in_its_plane(data)
     found = imported(with_pins(with_offsets(data, nearest), pins), strict, contract, join_crossings)
@@ -82,7 +86,7 @@ def write_network(
     *,
     rest_lengths: ArrayLike | None = None,
     force_densities: ArrayLike | None = None,
-    copies: Copies = 1,
+    copies: int | Sequence[int] = 1,
     **options: Any,
 ) -> None:
     """Write a network to a file whose ending names the format, with all digits that the format can hold.
@@ -106,10 +110,46 @@ def write_network(
     >>> print(cf.network_from(path).network)
     Network(8 vertices, 12 edges, 2 dimensions, periodic, z = 3)
     """
-    target, data = Path(path), _state(network, coordinates, rest_lengths, force_densities)
+    target, data = Path(path), data_of(network, coordinates, rest_lengths, force_densities)
     known = writable_format(target, data.dimension, options)
     assert known.write is not None
-    known.write(tiled(data, copies), target, **options)
+    known.write(_tiled(data, copies), target, **options)
+
+
+def _tiled(data: NetworkData, copies: int | Sequence[int]) -> NetworkData:
+    """The record of copies of the cell along each cell vector, one number or d numbers, joined as one periodic network.
+
+    Raises `InputError` for numbers that are not positive and whole, and where there is no cell to repeat.
+    """
+    counts, d = np.asarray(copies), data.dimension
+    if counts.dtype.kind not in "iu" or counts.shape not in ((), (1,), (d,)) or (counts < 1).any():
+        raise InputError(f"copies must be a whole number from 1, or {d} of them, not {copies!r:.40}")
+    counts = np.broadcast_to(counts, (d,)).astype(np.int64)
+    if (counts == 1).all():
+        return data
+    if data.cell is None or data.offsets is None:
+        raise InputError("copies repeat a periodic cell, and this network has none: leave copies out")
+    edges = data.n_edges * float(np.prod(counts, dtype=float))
+    if edges > _MOST_EDGES:
+        raise InputError(f"these copies have {edges:.1e} edges, more than {_MOST_EDGES:.0e}: give fewer copies")
+    images = np.array(list(product(*map(range, counts))))
+    m, n = len(images), data.n_vertices
+    # The image of each head, counted in old cells, and the copy and the larger cell in which it lies.
+    target = images[:, None] + data.offsets[None]
+    copy = np.ravel_multi_index(tuple(np.moveaxis(target % counts, -1, 0)), tuple(counts))
+    tails = data.edges[None, :, 0] + n * np.arange(m)[:, None]
+    heads = data.edges[None, :, 1] + n * copy
+
+    whole = data.with_edges(np.tile(np.arange(data.n_edges), m))
+    return replace(
+        whole,
+        edges=np.stack([tails.ravel(), heads.ravel()], axis=1),
+        positions=(data.positions[None] + (images @ data.cell)[:, None]).reshape(m * n, -1),
+        cell=counts[:, None] * data.cell,
+        offsets=(target // counts).reshape(-1, data.dimension),
+        pins=tuple(pin + n * k for k in range(m) for pin in data.pins),
+        ids=(),
+    )
 
 
 def _referring(found: ImportedNetwork, volume: float | str | None) -> ImportedNetwork:
@@ -130,24 +170,40 @@ def _referring(found: ImportedNetwork, volume: float | str | None) -> ImportedNe
     return replace(found, value=network.with_volume(volume), data=found.data.noting(*([note] if note else [])))
 
 
-def _state(
-    thing: Any, coordinates: ArrayLike | None, rest_lengths: ArrayLike | None, force_densities: ArrayLike | None
+def data_of(
+    thing: Any,
+    coordinates: ArrayLike | None = None,
+    rest_lengths: ArrayLike | None = None,
+    force_densities: ArrayLike | None = None,
 ) -> NetworkData:
-    """The record of a network, or of a configuration or state with the values that are not given."""
+    """The record of a network, or of a configuration or state with those of its values that are not given."""
     thing = thing.value if isinstance(thing, Solution) and not isinstance(thing, ImportedNetwork) else thing
     network = thing if isinstance(thing, Network) else getattr(thing, "network", None)
     if not isinstance(network, Network):
         raise InputError(f"{shown(thing)} cannot be written: give a network, a configuration or a state")
 
-    def known(value: ArrayLike | None, *names: str) -> ArrayLike | None:
+    def known(value: ArrayLike | None, *names: str) -> Any:
         """A value, or the first of these attributes that the thing has."""
         return next((v for v in (value, *(getattr(thing, name, None) for name in names)) if v is not None), None)
 
-    return data_of(
-        network,
-        known(coordinates, "coordinates"),
-        known(rest_lengths, "rest_lengths", "lengths"),
-        known(force_densities, "force_densities", "sigma"),
+    places = known(coordinates, "coordinates")
+    if (places := network.positions if places is None else places) is None:
+        raise InputError("the network has no positions to write: give coordinates, such as those of a configuration")
+    x, pins = np.array(places, dtype=float), sorted(network.pins)
+    if x.shape != (network.n_vertices, network.dimension):
+        raise InputError(f"coordinates must have shape {(network.n_vertices, network.dimension)}, not {x.shape}")
+    x[pins] = network.fixed_positions[pins]
+    return NetworkData(
+        edges=network.edges,
+        positions=x,
+        cell=network.cell,
+        offsets=network.offsets,
+        pins=tuple(pins),
+        stiffness=network.stiffness,
+        rest_lengths=known(rest_lengths, "rest_lengths", "lengths"),
+        force_densities=known(force_densities, "force_densities", "sigma"),
+        volume=network.reference_volume,
+        source="critflow",
     )
 
 
@@ -164,7 +220,7 @@ def _record(source: Any, given: dict[str, Any]) -> NetworkData:
     elif source is None or isinstance(source, Sequence | np.ndarray):
         data = _from_keywords(given if source is None else given | {"edges": source})
     elif isinstance(source, Network | Solution) or isinstance(getattr(source, "network", None), Network):
-        data = _state(source, given.pop("positions", None), None, None)
+        data = data_of(source, given.pop("positions", None), None, None)
     else:
         known = format_of_object(source)
         assert known.convert is not None
@@ -182,14 +238,6 @@ def _taken(given: dict[str, Any], names: Sequence[str]) -> dict[str, Any]:
     return {name: given.pop(name) for name in names if name in given}
 
 
-# What errors of readers mean, where their own words do not say.
-_REASONS: tuple[tuple[type[Exception], str], ...] = (
-    (UnicodeDecodeError, "it is no text in UTF-8: check its name, or save it so"),
-    (RecursionError, "its parts are nested too deeply: is it a network?"),
-    (ArithmeticError, "one of its numbers is too large or not finite: correct it"),
-)
-
-
 @contextmanager
 def _one_sentence(source: object, kind: str) -> Iterator[None]:
     """Errors of readers and their libraries, of any class, as `InputError` with the name of the source."""
@@ -205,13 +253,13 @@ def _one_sentence(source: object, kind: str) -> Iterator[None]:
             advice = f"{source} is one of two tables: give the other one after it"
         raise InputError(f"there is no file {missing.filename or source}: {advice}") from None
     except Exception as error:
-        known = (reason for kind_, reason in _REASONS if isinstance(error, kind_))
-        reason = next(known, " ".join(str(error).split()) or type(error).__name__)
-        raise InputError(f"{source} cannot be read as {kind}: {reason:.300}") from error
+        text = isinstance(error, UnicodeDecodeError)
+        reason = "it is no text in UTF-8: check its name, or save it so" if text else " ".join(str(error).split())
+        raise InputError(f"{source} cannot be read as {kind}: {reason or type(error).__name__:.300}") from error
 
 
 def _from_keywords(given: dict[str, Any]) -> NetworkData:
-    kind = next((kind for kind in _KINDS if kind in given), None)
+    kind = next((kind for kind in ("edges", "polygons", "picture", "labels") if kind in given), None)
     if kind is None:
         raise InputError("give a source: a file, an object, or one of edges=, polygons=, picture=, labels=")
     value = given.pop(kind)
@@ -237,11 +285,3 @@ def _overridden(data: NetworkData, given: dict[str, Any]) -> NetworkData:
     if np.ndim(values.get("stiffness", ())) == 0:
         values["stiffness"] = np.full(data.n_edges, values["stiffness"])
     return replace(data, **values)
-
-
-def _cell_in(cell: Any, dimension: int) -> Any:
-    """The cell of a plane that is given in space, or by side lengths in place of vectors."""
-    vectors = cell * np.eye(dimension) if cell.ndim == 0 else np.diag(cell) if cell.ndim == 1 else cell
-    if vectors.shape not in ((dimension,) * 2, (3, 3)):
-        raise InputError(f"the cell must be {dimension} side lengths or as many vectors as rows, not {cell.shape}")
-    return vectors[:dimension, :dimension]

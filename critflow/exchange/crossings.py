@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import NamedTuple
 
 import numpy as np
 import scipy
@@ -16,20 +15,10 @@ _ENDS = 1e-9
 _MOST_PIECES = 64
 
 
-class Crossings(NamedTuple):
-    """Pairs of edges that cross, and where along each of the two, as a part of its length.
+def crossings_of(data: NetworkData) -> tuple[IntArray, Array]:
+    """Pairs (n, 2) of edges of a planar network that cross, and where along each, as parts (n, 2) of its length.
 
-    pairs  (n, 2) edges
-    parts  (n, 2) in the open interval from 0 to 1
-    """
-
-    pairs: IntArray
-    parts: Array
-
-
-def crossings_of(data: NetworkData) -> Crossings:
-    """All crossings of the edges of a planar network, with those of periodic images, sorted by the edges.
-
+    Crossings with periodic images count; pairs are sorted by the edges.
     An edge is parallel to its own images, and crosses none of them.
     """
     start, L = data.positions[data.edges[:, 0]], bond_vectors_of(data)
@@ -41,21 +30,21 @@ def crossings_of(data: NetworkData) -> Crossings:
     first, second = pairs.T
     parts = _parts(start[first], L[first], start[second] + shifts @ cell, L[second])
     inside = ((parts > _ENDS) & (parts < 1 - _ENDS)).all(axis=1)
-    return Crossings(pairs[inside], parts[inside])
+    return pairs[inside], parts[inside]
 
 
-def split(data: NetworkData, found: Crossings) -> NetworkData:
-    """The record with a vertex at each crossing.
+def split(data: NetworkData, pairs: IntArray, parts: Array) -> NetworkData:
+    """The record with a vertex at each crossing of pairs (n, 2) of edges, at parts (n, 2) of their lengths.
 
     A part f of a spring has the stiffness k/f, the rest length f ℓ and the force density σ/f.
     """
     L, n_old = bond_vectors_of(data), data.n_vertices
-    places = data.positions[data.edges[found.pairs[:, 0], 0]] + found.parts[:, :1] * L[found.pairs[:, 0]]
+    places = data.positions[data.edges[pairs[:, 0], 0]] + parts[:, :1] * L[pairs[:, 0]]
     vertex, places = _joined(places, data)
     # Ends and crossings of all edges, in order along each.
     m = data.n_edges
-    edge = np.concatenate([np.arange(m), found.pairs.ravel(), np.arange(m)])
-    part = np.concatenate([np.zeros(m), found.parts.ravel(), np.ones(m)])
+    edge = np.concatenate([np.arange(m), pairs.ravel(), np.arange(m)])
+    part = np.concatenate([np.zeros(m), parts.ravel(), np.ones(m)])
     node = np.concatenate([data.edges[:, 0], n_old + np.repeat(vertex, 2), data.edges[:, 1]])
     order = np.lexsort((part, edge))
     edge, part, node = edge[order], part[order], node[order]

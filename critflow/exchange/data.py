@@ -5,16 +5,16 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from critflow.networks.checks import floats, integers
 from critflow.networks.digits import Digits, digits_of
-from critflow.networks.network import Network
-from critflow.result import InputError, Record
+from critflow.result import EnvironmentFailure, InputError, Record
 
 Array = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -141,32 +141,22 @@ class NetworkData(Record):
         return replace(self, notes=(*self.notes, sentence), repaired=True)
 
 
-def data_of(
-    network: Network,
-    coordinates: ArrayLike | None = None,
-    rest_lengths: ArrayLike | None = None,
-    force_densities: ArrayLike | None = None,
-) -> NetworkData:
-    """The record of a network, at coordinates (N_v, d) or its positions; raises `InputError` where it has neither."""
-    x = network.positions if coordinates is None else np.asarray(coordinates, dtype=float)
-    if x is None:
-        raise InputError("the network has no positions to write: give coordinates, such as those of a configuration")
-    if x.shape != (network.n_vertices, network.dimension):
-        raise InputError(f"coordinates must have shape {(network.n_vertices, network.dimension)}, not {x.shape}")
-    x = x.copy()
-    for vertex, position in network.pins.items():
-        x[vertex] = position
+def from_dataset(case: Any) -> NetworkData:
+    """A case of a dataset, selected by its axis values, such as `dataset.sel(seed=3, population="bulk_modulus")`."""
+    if missing := [name for name in ("edges", "offsets", "cell", "coordinates") if name not in case]:
+        raise InputError(f"this dataset contains no configurations: it lacks {', '.join(missing)}")
+    if np.ndim(case["edges"]) != 2:
+        raise InputError("choose one case of the dataset, such as dataset.sel(seed=3, population='bulk_modulus')")
+    coordinates = np.asarray(case["coordinates"], dtype=float)
+    if not np.isfinite(coordinates).all():
+        raise InputError("this case of the dataset has no configuration: see its status, or choose another")
     return NetworkData(
-        edges=network.edges,
-        positions=x,
-        cell=network.cell,
-        offsets=network.offsets,
-        pins=tuple(sorted(network.pins)),
-        stiffness=network.stiffness,
-        rest_lengths=rest_lengths,  # type: ignore[arg-type]
-        force_densities=force_densities,  # type: ignore[arg-type]
-        volume=network.reference_volume,
-        source="critflow",
+        edges=np.asarray(case["edges"]),
+        positions=coordinates,
+        cell=np.asarray(case["cell"]),
+        offsets=np.asarray(case["offsets"]),
+        force_densities=np.asarray(case["sigma"]) if "sigma" in case else None,
+        source="critflow dataset",
     )
 
 
@@ -210,6 +200,15 @@ def polygon_edges(polygons: Sequence[Sequence[int]]) -> tuple[IntArray, IntArray
     last = np.zeros(len(edges), np.int64)
     last[edge.ravel()] = np.arange(len(pairs))
     return edges, np.column_stack([owner[first], np.where(last == first, -1, owner[last])])
+
+
+def optional(module: str) -> Any:
+    """Import an optional module; `EnvironmentFailure` with the install command where it is missing."""
+    try:
+        return import_module(module)
+    except ImportError:
+        package, install = module.split(".")[0], "pip install 'critflow[formats]'"
+        raise EnvironmentFailure(f"this format needs {package}, which is not installed: {install}") from None
 
 
 def require_regular(path: Path) -> None:

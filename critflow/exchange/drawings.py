@@ -1,4 +1,7 @@
-"""Drawings to cut: SVG and DXF, with units of millimetres; periodic networks are cut at the border of their cell."""
+"""Drawings to cut, SVG and DXF, and solids to print, STL and 3MF, in millimetres.
+
+Periodic networks are cut at the border of their cell.
+"""
 
 from __future__ import annotations
 
@@ -6,10 +9,17 @@ from itertools import product
 from pathlib import Path
 
 import numpy as np
+import scipy
 
-from critflow.exchange.data import Array, IntArray, NetworkData, bond_vectors_of
-from critflow.exchange.packages import optional
+from critflow.exchange.data import Array, IntArray, NetworkData, bond_vectors_of, optional
 from critflow.networks.periodic_cell import BORDER, images_in_cell
+from critflow.result import InputError
+
+# STL has no field for units, and programs show its header of 80 bytes.
+_HEADER = b"critflow network, lengths in millimetres".ljust(80)
+# Sides of a strut; part of the radius by which struts end inside the balls, so that those in one line share no vertex
+# when a program joins equal ones.
+_SIDES, _INSET = 12, 0.2
 
 
 def write_svg(
@@ -49,6 +59,41 @@ def write_dxf(data: NetworkData, path: Path, size: float = 100.0) -> None:
     for a, b in (scale * (segments - low)).tolist():
         space.add_line(a, b)
     drawing.saveas(path)
+
+
+def write_solid(
+    data: NetworkData, path: Path, size: float = 100.0, radius: float = 1.0, by_stiffness: bool = False
+) -> None:
+    """STL or 3MF of struts of a radius in mm with balls at their ends; the longest extent of the network is `size` mm.
+
+    by_stiffness  struts have k = E π r²/|L|: radii ∝ √(k|L|), whose mean cross section is that of `radius`
+
+    Struts and balls are closed bodies that overlap; slicers join them.
+    """
+    if not radius > 0 or not size > 0:
+        raise InputError("size and radius of a solid must be positive, in millimetres")
+    trimesh = optional("trimesh")
+    pieces, edges = clipped_segments(data)
+    segments = np.zeros((*pieces.shape[:2], 3))
+    segments[..., : data.dimension] = pieces * (size / float(np.ptp(pieces.reshape(-1, data.dimension), axis=0).max()))
+    radii = radius * (np.sqrt(relative_sections(data))[edges] if by_stiffness else np.ones(len(edges)))
+    bodies = []
+    for (a, b), r in zip(segments, radii, strict=True):
+        inset = (b - a) * min(0.25, _INSET * r / float(np.linalg.norm(b - a)))
+        bodies.append(trimesh.creation.cylinder(r, sections=_SIDES, segment=[a + inset, b - inset]))
+    # One ball where ends are close, of the largest strut that ends there; of ends in a chain more than one may stay.
+    points, largest = segments.reshape(-1, 3), np.repeat(radii, 2)
+    order, ball = np.arange(len(points)), trimesh.creation.icosphere(subdivisions=1)
+    pairs = scipy.spatial.KDTree(points).query_pairs(_INSET * float(radii.min()), output_type="ndarray")
+    np.minimum.at(order, pairs.max(axis=1), pairs.min(axis=1))
+    np.maximum.at(largest, order, np.repeat(radii, 2))
+    for n in np.flatnonzero(order == np.arange(len(points))):
+        bodies.append(trimesh.Trimesh(points[n] + largest[n] * ball.vertices, ball.faces, process=False))
+    solid = trimesh.util.concatenate(bodies)
+    solid.apply_translation(-segments.min(axis=(0, 1)))
+    # The unit of trimesh's 3MF files is the millimetre.
+    content = solid.export(file_type=path.suffix.lower()[1:])
+    path.write_bytes(_HEADER + content[80:] if path.suffix.lower() == ".stl" else content)
 
 
 def relative_sections(data: NetworkData) -> Array:

@@ -7,15 +7,12 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from critflow.arguments import shown
-from critflow.exchange.data import NetworkData, require_regular
-from critflow.exchange.datasets import from_dataset
-from critflow.exchange.drawings import write_dxf, write_svg
+from critflow.exchange.data import NetworkData, from_dataset, optional, require_regular
+from critflow.exchange.drawings import write_dxf, write_solid, write_svg
 from critflow.exchange.graphs import from_graph, read_graph, write_graph
 from critflow.exchange.meshes import from_mesh, read_mesh, write_mesh
-from critflow.exchange.packages import optional
 from critflow.exchange.particles import from_atoms, read_gsd, read_lammps, write_gsd, write_lammps
 from critflow.exchange.pictures import read_fibres
-from critflow.exchange.solids import write_solid
 from critflow.exchange.tables import read_tables, write_tables
 from critflow.result import InputError
 

@@ -10,8 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from critflow.exchange.data import EDGE_VALUES, Array, NetworkData, edge_values, unread
-from critflow.exchange.packages import optional
+from critflow.exchange.data import EDGE_VALUES, Array, NetworkData, edge_values, optional, unread
 from critflow.networks.checks import floats
 from critflow.result import InputError
 
@@ -65,25 +64,6 @@ def from_graph(graph: Any, positions: Any = None) -> NetworkData:
     )
 
 
-def to_graph(data: NetworkData) -> Any:
-    """A networkx multigraph: nodes with pos and fixed; edges with stiffness and so on; the cell.
-
-    Undirected graphs keep neither the order nor the direction of edges: these have an attribute index and one tail.
-    """
-    networkx = optional("networkx")
-    boundary = {"cell": None if data.cell is None else data.cell.tolist(), "volume": data.volume}
-    graph = networkx.MultiGraph(**{name: value for name, value in boundary.items() if value is not None})
-    fixed = set(data.pins)
-    for n, x in enumerate(data.positions.tolist()):
-        graph.add_node(n, pos=tuple(x), fixed=n in fixed)
-    columns = {name: values.tolist() for name, values in edge_values(data).items()}
-    if data.offsets is not None:
-        columns["offset"] = list(map(tuple, data.offsets.tolist()))
-    for n, (tail, head) in enumerate(data.edges.tolist()):
-        graph.add_edge(tail, head, index=n, tail=tail, **{name: column[n] for name, column in columns.items()})
-    return graph
-
-
 def read_graph(path: Path) -> NetworkData:
     """GraphML, GML, or JSON in node-link or adjacency form."""
     networkx, ending = optional("networkx"), path.suffix.lower()
@@ -99,12 +79,11 @@ def _from_json(content: Any) -> Any:
     networkx = optional("networkx")
     if isinstance(content, dict) and "adjacency" in content:
         return networkx.adjacency_graph(content)
-    if not (isinstance(content, dict) and "nodes" in content and ("edges" in content or "links" in content)):
-        raise ValueError("it needs nodes and edges (or links), as networkx.node_link_data writes them")
-    nodes, edges = content["nodes"], content["edges" if "edges" in content else "links"]
-    objects = all(isinstance(row, dict) for row in (*nodes, *edges))
+    content = content if isinstance(content, dict) else {}
+    nodes, edges = content.get("nodes", ()), content.get("edges", content.get("links", ()))
+    objects = bool(nodes) and all(isinstance(row, dict) for row in (*nodes, *edges))
     if not objects or not all({"source", "target"} <= {*edge} for edge in edges):
-        raise ValueError('nodes are objects such as {"id": 0, "pos": [0, 0]}, edges such as {"source": 0, "target": 1}')
+        raise ValueError('it needs nodes such as {"id": 0, "pos": [0, 0]} and edges such as {"source": 0, "target": 1}')
     for number, edge in enumerate(edges):
         edge.setdefault("index", number)
         edge.pop("key", None)
@@ -117,17 +96,27 @@ def _from_json(content: Any) -> Any:
 
 
 def write_graph(data: NetworkData, path: Path) -> None:
-    """GraphML, GML or JSON; the first two know numbers and text only and have vectors as JSON text."""
+    """GraphML, GML or JSON of a multigraph: nodes with pos and fixed; edges with stiffness and so on; the cell.
+
+    Undirected graphs keep neither the order nor the direction of edges: these have an attribute index and one tail.
+    GraphML and GML know numbers and text only, and have vectors as JSON text.
+    """
     networkx = optional("networkx")
-    graph = to_graph(data)
+    boundary = {"cell": None if data.cell is None else data.cell.tolist(), "volume": data.volume}
+    graph = networkx.MultiGraph(**{name: value for name, value in boundary.items() if value is not None})
+    fixed = set(data.pins)
+    for n, x in enumerate(data.positions.tolist()):
+        graph.add_node(n, pos=tuple(x), fixed=n in fixed)
+    columns = {name: values.tolist() for name, values in edge_values(data).items()}
+    if data.offsets is not None:
+        columns["offset"] = list(map(tuple, data.offsets.tolist()))
+    for n, (tail, head) in enumerate(data.edges.tolist()):
+        graph.add_edge(tail, head, index=n, tail=tail, **{name: column[n] for name, column in columns.items()})
     if path.suffix.lower() == ".json":
         path.write_text(json.dumps(networkx.node_link_data(graph, edges="edges")), encoding="utf-8")
         return
-    for attributes in (
-        graph.graph,
-        *(a for _, a in graph.nodes(data=True)),
-        *(a for _, _, a in graph.edges(data=True)),
-    ):
+    owners = (graph.graph, *dict(graph.nodes(data=True)).values(), *(row[2] for row in graph.edges(data=True)))
+    for attributes in owners:
         for name, value in list(attributes.items()):
             if isinstance(value, list | tuple):
                 attributes[name] = json.dumps(value)

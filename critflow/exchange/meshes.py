@@ -10,8 +10,15 @@ from typing import Any
 
 import numpy as np
 
-from critflow.exchange.data import EDGE_VALUES, IntArray, NetworkData, bond_vectors_of, edge_values, polygon_edges
-from critflow.exchange.packages import optional
+from critflow.exchange.data import (
+    EDGE_VALUES,
+    IntArray,
+    NetworkData,
+    bond_vectors_of,
+    edge_values,
+    optional,
+    polygon_edges,
+)
 from critflow.result import EnvironmentFailure, InputError
 
 # Corners of the sides of each kind of cell; those of higher order begin with the same corners.
@@ -27,7 +34,11 @@ _SPACE = {
 
 def from_mesh(mesh: Any, source: str = "mesh") -> NetworkData:
     """A meshio mesh: its lines, or the sides of its cells where it has no lines, or only lines along these sides."""
-    lines, (edges, sides) = _lines(mesh), _cell_sides(mesh)
+    # Lines of three or more points have their ends first, then the inner points.
+    blocks = [np.asarray(block.data) for block in mesh.cells if block.type.startswith("line")]
+    chains = [np.column_stack([a[:, :1], a[:, 2:], a[:, 1:2]]) for a in blocks]
+    pairs = [a[:, [k, k + 1]] for a in chains for k in range(a.shape[1] - 1)]
+    lines, (edges, sides) = np.concatenate([np.zeros((0, 2), int), *pairs]), _cell_sides(mesh)
     if not len(lines) and not len(edges):
         raise InputError(f"the {source} has neither lines nor cells: export its edges as line cells")
     data: dict[str, Any] = {}
@@ -51,13 +62,6 @@ def from_mesh(mesh: Any, source: str = "mesh") -> NetworkData:
         source=source,
         **values,
     )
-
-
-def _lines(mesh: Any) -> IntArray:
-    """Edges (n, 2) along all lines; those of three or more points have their ends first, then the inner points."""
-    blocks = [np.asarray(block.data) for block in mesh.cells if block.type.startswith("line")]
-    chains = [np.column_stack([a[:, :1], a[:, 2:], a[:, 1:2]]) for a in blocks]
-    return np.concatenate([np.zeros((0, 2), int), *(a[:, [k, k + 1]] for a in chains for k in range(a.shape[1] - 1))])
 
 
 def _cell_sides(mesh: Any) -> tuple[IntArray, IntArray | None]:
@@ -86,9 +90,7 @@ def read_mesh(path: Path) -> NetworkData:
         reason = " ".join(reasons.getvalue().split()).removeprefix("Error: ")
         raise InputError(f"{path} cannot be read as a mesh: {reason or 'its content is broken'}") from None
     except ModuleNotFoundError as missing:
-        raise EnvironmentFailure(
-            f"{path.suffix} files need the package {missing.name}, which is not installed: pip install {missing.name}"
-        ) from None
+        raise EnvironmentFailure(f"{path.suffix} files need {missing.name}: pip install {missing.name}") from None
     return from_mesh(mesh, f"mesh {path.name}")
 
 

@@ -11,9 +11,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from critflow.exchange.data import Array, IntArray, NetworkData, bond_vectors_of, number
-from critflow.exchange.offsets import with_offsets
-from critflow.exchange.packages import optional
+from critflow.exchange.boundaries import with_offsets
+from critflow.exchange.data import Array, NetworkData, bond_vectors_of, number, optional
 from critflow.networks.checks import floats, integers
 from critflow.networks.digits import Digits, single_precision
 from critflow.result import InputError
@@ -40,15 +39,18 @@ def read_lammps(path: Path) -> NetworkData:
     if (ids[place] != bonds[:, 2:4]).any():
         raise InputError(f"{path} has bonds to atoms that it lacks: write all atoms of the simulation")
     given = re.match(rf"{_HEADER} \(fixed(?:, volume ([^)]+))?\)", first)
-    k, rest = _bond_coefficients(sections.get("Bond Coeffs", []), bonds[:, 1])
+    # E = K (r − r0)², so k = 2K and ℓ = r0.
+    words = [line for line in sections.get("Bond Coeffs", []) if len(line) == 3]
+    table, kinds = {int(number(word)): (number(K), number(r0)) for word, K, r0 in words}, bonds[:, 1].tolist()
+    springs = np.array([table[kind] for kind in kinds]) if set(kinds) <= set(table) else None
     return NetworkData(
         edges=place,
         positions=atoms[:, 2:],
         cell=None if given else _box(sections[""]),
         nearest_images=True,
         pins=tuple(np.flatnonzero(atoms[:, 1] == 2).tolist()) if given else (),
-        stiffness=k,
-        rest_lengths=rest,
+        stiffness=None if springs is None else 2 * springs[:, 0],
+        rest_lengths=None if springs is None else springs[:, 1],
         volume=number(given[1]) if given and given[1] else None,
         ids=tuple(map(str, ids.tolist())),
         source=f"LAMMPS data {path.name}",
@@ -73,9 +75,7 @@ def _atoms(words: list[list[str]], style: str) -> Array:
     columns = len(words[0]) if words else 0
     place = _STYLES.get(style or ("molecular" if columns in (6, 9) else "full"))
     if place is None or columns not in (place + 3, place + 6):
-        raise InputError(
-            f"'Atoms # {style}' with {columns} columns is not read: write atoms of the style {', '.join(_STYLES)}"
-        )
+        raise InputError(f"'Atoms # {style}' with {columns} columns is not read: write {', '.join(_STYLES)} atoms")
     used = [0, 2, place, place + 1, place + 2]
     return floats([[number(line[column]) for column in used] for line in words], "the lines of atoms")
 
@@ -89,15 +89,6 @@ def _box(header: list[list[str]]) -> Array:
     lx, ly, lz = (known[f"{axis}hi"][1] - known[f"{axis}hi"][0] for axis in "xyz")
     xy, xz, yz = known.get("yz", (0.0, 0.0, 0.0))
     return np.array([[lx, 0, 0], [xy, ly, 0], [xz, yz, lz]])
-
-
-def _bond_coefficients(words: list[list[str]], types: IntArray) -> tuple[Array | None, Array | None]:
-    """k = 2K and ℓ of each bond from a section of harmonic `Bond Coeffs`, if there is one."""
-    table = {int(number(line[0])): (number(line[1]), number(line[2])) for line in words if len(line) == 3}
-    if not set(types.tolist()) <= set(table):
-        return None, None
-    values = np.array([table[kind] for kind in types.tolist()])
-    return 2 * values[:, 0], values[:, 1]
 
 
 def write_lammps(data: NetworkData, path: Path) -> None:

@@ -10,8 +10,7 @@ import numpy as np
 import scipy
 from numpy.typing import ArrayLike, NDArray
 
-from critflow.exchange.data import Array, IntArray, NetworkData, counted
-from critflow.exchange.packages import optional
+from critflow.exchange.data import Array, IntArray, NetworkData, counted, optional
 from critflow.networks.blocks import components
 from critflow.networks.checks import floats
 from critflow.result import InputError
@@ -156,11 +155,12 @@ def from_labels(labels: ArrayLike, pixel: ArrayLike = 1.0) -> NetworkData:
     """
     mask = np.asarray(labels)
     if mask.ndim != 2 or mask.dtype.kind not in "iub":
-        raise InputError(
-            "a label mask is a two-dimensional array of whole numbers, 0 outside: give one, such as a page of a stack"
-        )
+        raise InputError("a label mask is a two-dimensional array of whole numbers, 0 outside: give a page of it")
     size, padded = pixel_sizes(pixel, 2), np.pad(mask.astype(np.int64), 1)
-    corners = _corners(padded)
+    # Corners of pixels around which at least three labels meet.
+    around = np.stack([padded[:-1, :-1], padded[:-1, 1:], padded[1:, :-1], padded[1:, 1:]], axis=-1)
+    distinct = 1 + (np.diff(np.sort(around, axis=-1), axis=-1) != 0).sum(axis=-1)
+    corners = np.asarray(np.argwhere(distinct >= 3) + 0.5)
     if not len(corners):
         raise InputError("no three labels meet anywhere in the mask: give a segmentation of touching cells")
     points, vertex = _merged(corners, 2.5)
@@ -208,13 +208,6 @@ def _borders(mask: IntArray, corners: Array, vertex: IntArray) -> tuple[IntArray
     named = np.where(labels == 0, -1, labels)[first[count == 2]]
     long = np.bincount(chain, minlength=len(count)) > _INSIDE
     return edges, named, int((long & (count != 2)).sum())
-
-
-def _corners(mask: IntArray) -> Array:
-    """Corners of pixels around which at least three labels meet."""
-    blocks = np.stack([mask[:-1, :-1], mask[:-1, 1:], mask[1:, :-1], mask[1:, 1:]], axis=-1)
-    distinct = 1 + (np.diff(np.sort(blocks, axis=-1), axis=-1) != 0).sum(axis=-1)
-    return np.asarray(np.argwhere(distinct >= 3) + 0.5)
 
 
 def _merged(points: Array, distance: float) -> tuple[Array, IntArray]:

@@ -16,13 +16,18 @@ from numpy.typing import NDArray
 
 from critflow.exchange.boundaries import require_boundary
 from critflow.exchange.crossings import crossings_of, split
-from critflow.exchange.data import Array, NetworkData, bond_vectors_of, counted
-from critflow.networks.chains import chains
+from critflow.exchange.data import EDGE_VALUES, Array, IntArray, NetworkData, bond_vectors_of, counted
+from critflow.networks.blocks import components
+from critflow.networks.checks import check_ends, finite_rows
 from critflow.networks.faces import Faces, planar_faces
 from critflow.networks.network import Network
 from critflow.networks.pruning import carrying_part
 from critflow.result import InputError, NetworkError, Solution, Stats, Status
 
+# Volumes of unit cell vectors below this are none.
+_NO_VOLUME = 1e-9
+# Squares of coordinates beyond this overflow.
+_FAR = 1e100
 # Coordinates that vary by less than this part of the size of a network have no extent.
 _FLAT = 1e-9
 
@@ -113,9 +118,7 @@ def imported(
     for step in steps:
         data = step(data)
         if strict and data.repaired:
-            raise NetworkError(
-                f"strict=True refuses this repair: {data.notes[-1]}; correct the source, or leave strict out"
-            )
+            raise NetworkError(f"strict=True refuses: {data.notes[-1]}; correct the source, or leave strict out")
     data = replace(data, notes=(*read.notes, *_digits(read), *data.notes[len(read.notes) :]))
     network = Network(
         data.edges,
@@ -152,6 +155,29 @@ def _faces(data: NetworkData) -> Faces | None:
     whole = np.logical_and.reduceat(borders, faces.starts[:-1]).any(axis=1)
     kept, starts = np.repeat(whole, faces.sizes), np.concatenate([[0], np.cumsum(faces.sizes[whole])])
     return Faces(faces.edges[kept], faces.signs[kept], starts)
+
+
+def check(data: NetworkData) -> None:
+    """Raise `NetworkError` for values that no repair can correct."""
+    n, d = data.n_edges, data.positions.shape[-1]
+    if data.edges.ndim != 2 or data.edges.shape[1:] != (2,) or not n:
+        raise NetworkError("the source has no edges: give pairs of vertices")
+    if data.positions.ndim != 2 or not 1 <= d <= 3:
+        raise NetworkError(f"positions must have two or three columns, not the shape {data.positions.shape}")
+    finite_rows(data.positions, "positions", data.positions.shape)
+    check_ends(data.edges, data.n_vertices)
+    if np.abs(data.positions).max(initial=0.0) > _FAR:
+        raise NetworkError(f"positions lie beyond {_FAR:.0e}: choose other units")
+    for name, shape in (("offsets", (n, d)), ("bond_vectors", (n, d)), *((name, (n,)) for name in EDGE_VALUES)):
+        if (values := getattr(data, name)) is not None:
+            finite_rows(values, name, shape)
+    if data.rest_lengths is not None and (short := np.flatnonzero(data.rest_lengths < 0)).size:
+        raise NetworkError(f"rest_lengths[{short[0]}] = {data.rest_lengths[short[0]]} is negative: correct that value")
+    if data.cell is not None:
+        finite = np.isfinite(data.cell).all() and np.abs(data.cell).max() < _FAR
+        sides = np.linalg.norm(data.cell, axis=1) if finite else np.zeros(1)
+        if not sides.all() or abs(np.linalg.det(data.cell / sides[:, None])) < _NO_VOLUME:
+            raise NetworkError("the cell vectors must be finite and span a volume: correct the cell")
 
 
 def in_its_plane(data: NetworkData) -> NetworkData:
@@ -212,12 +238,15 @@ def _without_repeats(data: NetworkData) -> NetworkData:
 
 def _with_crossings(data: NetworkData, join: bool) -> NetworkData:
     """Crossings of edges in the plane, reported or joined by a vertex."""
-    if data.dimension != 2 or not len((found := crossings_of(data)).pairs):
+    if data.dimension != 2:
         return data
-    count = f"{counted(len(found.pairs), 'crossing')} of two edges"
+    pairs, parts = crossings_of(data)
+    if not len(pairs):
+        return data
+    count = f"{counted(len(pairs), 'crossing')} of two edges"
     if join:
-        return split(data, found).repairing(f"{count}, joined by a vertex there")
-    i, j = np.asarray(data.edge_numbers)[found.pairs[0]]
+        return split(data, pairs, parts).repairing(f"{count}, joined by a vertex there")
+    i, j = np.asarray(data.edge_numbers)[pairs[0]]
     return data.noting(f"{count} without a vertex, edges {i} and {j} first; join_crossings=True puts one there")
 
 
@@ -249,10 +278,7 @@ def _carrying(data: NetworkData) -> NetworkData:
     if len(part.edges) == data.n_edges:
         return data
     if not len(part.edges):
-        raise NetworkError(
-            "no edge can carry tension: no closed path winds around the cell or joins two fixed vertices: fix more "
-            "vertices, or give the cell"
-        )
+        raise NetworkError("no edge can carry tension: fix more vertices, or give the cell")
     return _of_edges(data.with_edges(part.edges).repairing(part.sentence))
 
 
@@ -276,7 +302,7 @@ def _contracted(data: NetworkData, middle: NDArray[np.bool_]) -> NetworkData:
 
     Each chain has the number and the direction of its first edge.
     """
-    chain, direction = chains(data.edges, middle)
+    chain, direction = _chains(data.edges, middle)
     first = np.unique(chain, return_index=True)[1]
     walked = np.where(direction[:, None] > 0, data.edges, data.edges[:, ::-1])
     ends = np.full((len(first), 2), -1)
@@ -304,6 +330,24 @@ def _contracted(data: NetworkData, middle: NDArray[np.bool_]) -> NetworkData:
         force_densities=None,
     )
     return joined.with_vertices(~middle)
+
+
+def _chains(edges: IntArray, middle: NDArray[np.bool_]) -> tuple[IntArray, IntArray]:
+    """The chain (N_b,) of each edge, counted in the order of their first edges, and its direction ±1 along that edge.
+
+    middle  (N_v,) which vertices are inside chains: each has two edges, or twice the same one
+    """
+    m, ends = len(edges), edges.ravel()
+    order = np.argsort(ends, kind="stable")
+    first, second = order[middle[ends[order]]].reshape(-1, 2).T
+    # Of two edges that meet, one turns round unless the head of one is the tail of the other.
+    turned = m * (first % 2 == second % 2)
+    first, second = first // 2, second // 2
+    # Both directions of each edge are nodes of a graph whose components are the directed chains.
+    rows, columns = np.concatenate([first, first + m]), np.concatenate([second + turned, second + (m - turned)])
+    forward, backward = components(np.column_stack([rows, columns]), 2 * m).reshape(2, m)
+    _, start, chain = np.unique(np.minimum(forward, backward), return_index=True, return_inverse=True)
+    return chain, np.where(forward == forward[start][chain], 1, -1)
 
 
 def _with_short_edges(data: NetworkData) -> NetworkData:

@@ -24,10 +24,10 @@ from critflow.exchange.data import (
     bond_vectors_of,
     edge_values,
     from_zero,
+    optional,
     require_regular,
     unread,
 )
-from critflow.exchange.packages import optional
 from critflow.networks.checks import integers
 from critflow.result import InputError
 

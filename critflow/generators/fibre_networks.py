@@ -19,9 +19,9 @@ from critflow.arguments import checked, generator, shown
 from critflow.generators.dilution import diluted, with_coordination
 from critflow.generators.lattices import lattice, periodic_network
 from critflow.networks.blocks import components
+from critflow.networks.checks import check_size
 from critflow.networks.network import Array, IntArray, Network
 from critflow.networks.pruning import CarryingPart, carrying_part, pruned
-from critflow.networks.support import check_size
 from critflow.result import InputError
 
 

@@ -20,9 +20,9 @@ from typing import NamedTuple
 import numpy as np
 
 from critflow.arguments import checked, is_number, shown
+from critflow.networks.checks import check_size
 from critflow.networks.faces import PlanarFaces
 from critflow.networks.network import Array, IntArray, Network
-from critflow.networks.support import check_size
 from critflow.result import InputError
 
 # The side 2 and height √3 of the rhombus that triangular lattices of every kind repeat.

@@ -10,9 +10,9 @@ import scipy
 from critflow.arguments import checked, generator
 from critflow.generators.dilution import diluted
 from critflow.generators.random_points import points_in_cell
+from critflow.networks.checks import check_size
 from critflow.networks.network import Array, IntArray, Network
 from critflow.networks.pruning import pruned
-from critflow.networks.support import check_size
 from critflow.result import InputError
 
 # Ratio of the two radii, at which neither discs nor spheres crystallise (O'Hern et al. 2003).

@@ -17,9 +17,8 @@ from critflow.generators.tessellations import (
     delaunay_tessellation,
     voronoi_tessellation,
 )
-from critflow.networks.checks import checked_cell
+from critflow.networks.checks import check_size, checked_cell
 from critflow.networks.network import Network
-from critflow.networks.support import check_size
 from critflow.result import InputError
 
 # Random sequential addition of discs stops near ρ = 0.834; above, the points do not fit.

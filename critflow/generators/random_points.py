@@ -9,9 +9,9 @@ import scipy
 from numpy.typing import NDArray
 
 from critflow.arguments import checked
+from critflow.networks.checks import check_size
 from critflow.networks.network import Array, IntArray
 from critflow.networks.periodic_cell import near_images, short_cell
-from critflow.networks.support import check_size
 from critflow.result import InputError
 
 # Random sequential addition saturates here, for distances ρ in units of 1/n_points^(1/d): at coverages of 0.547 in the

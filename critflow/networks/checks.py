@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from itertools import product
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -15,6 +14,8 @@ from critflow.result import NetworkError
 Array = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
+# Most vertices of a network that is made from a number alone, which may be a typing error: 1 kB a vertex is 20 GB.
+MOST_VERTICES = 20_000_000
 # Part of the edges across the boundary that may be longer than the cell: wrong signs make it about a half.
 _CONTRADICTING = 0.1
 # An edge longer than every diagonal of the cell is doubtful if its nearest image is less than this part of it.
@@ -30,9 +31,7 @@ def edge_values(values: ArrayLike, n_edges: int, name: str, positive: bool = Tru
     if bad.any():
         edge = int(np.flatnonzero(bad)[0])
         rule = "positive and finite" if positive else "finite"
-        raise NetworkError(
-            f"{name} must be {rule} on every {place}, but {name}[{edge}] = {array[edge]}: correct that value"
-        )
+        raise NetworkError(f"{name} must be {rule} on every {place}, but {name}[{edge}] = {array[edge]}: correct it")
     return array
 
 
@@ -86,17 +85,19 @@ def checked_count(value: object) -> int:
     return int(value)
 
 
-def checked_pins(pins: object) -> dict[int, Array]:
+def checked_pins(pins: object, n_vertices: int) -> dict[int, Array]:
     if pins is None:
         return {}
     if not isinstance(pins, Mapping):
-        raise NetworkError(
-            f"pins must be a mapping from vertices to positions, such as {{0: [0.0, 0.0]}}, not a {type(pins).__name__}"
-        )
-    for vertex in pins:
-        if not isinstance(vertex, int | np.integer):
-            raise NetworkError(f"pin {shown(vertex)} is not a vertex: the keys of pins are numbers of vertices")
-    return {int(i): floats(p, f"the position of pin {i}") for i, p in pins.items()}
+        raise NetworkError(f"pins must be a mapping, such as {{0: [0.0, 0.0]}}, not a {type(pins).__name__}")
+    places = {}
+    for vertex, position in pins.items():
+        if not isinstance(vertex, int | np.integer) or not 0 <= vertex < n_vertices:
+            raise NetworkError(f"pin {shown(vertex)} is not a vertex: vertices run from 0 to {n_vertices - 1}")
+        places[int(vertex)] = place = floats(position, f"the position of pin {vertex}")
+        if not np.isfinite(place).all():
+            raise NetworkError(f"the position of pin {vertex} is not finite: give one number for each dimension")
+    return places
 
 
 def checked_cell(cell: ArrayLike, dimension: int | None = None) -> Array:
@@ -104,7 +105,7 @@ def checked_cell(cell: ArrayLike, dimension: int | None = None) -> Array:
     array = floats(cell, "cell")
     if array.ndim != 2 or array.shape != (dimension or len(array),) * 2:
         raise NetworkError(
-            f"cell must be a square matrix with the {dimension or 'd'} cell vectors as rows, not {array.shape}"
+            f"cell must be a square matrix with {dimension or 'd'} cell vectors as rows, not {array.shape}"
         )
     if not (np.isfinite(array).all() and abs(np.linalg.det(array)) > 0):
         raise NetworkError("the cell vectors must be finite and span a volume: two of them are parallel or one is zero")
@@ -120,12 +121,13 @@ def dimension_of(cell: Array | None, pins: Mapping[int, Array]) -> int:
     return int(sizes.pop()[0])
 
 
-def check_pins(pins: Mapping[int, Array], n_vertices: int) -> None:
-    for vertex, position in pins.items():
-        if not 0 <= vertex < n_vertices:
-            raise NetworkError(f"pin {vertex} is not a vertex: vertices run from 0 to {n_vertices - 1}")
-        if not np.isfinite(position).all():
-            raise NetworkError(f"the position of pin {vertex} is not finite: give {len(position)} numbers")
+def check_size(n_vertices: float) -> None:
+    """Raise `NetworkError` before a network of this size is made if it is out of reach."""
+    if not n_vertices <= MOST_VERTICES:
+        raise NetworkError(
+            f"a network of {n_vertices:,} vertices needs about {n_vertices / 1e6:,.0f} GB to make: choose at most "
+            f"{MOST_VERTICES:,} vertices"
+        )
 
 
 def check_ends(edges: IntArray, n_vertices: int) -> None:
@@ -152,33 +154,22 @@ def check_positions(
     finite_rows(positions, "positions", shape)
     if cell is None:
         return
-    doubtful = doubtful_offsets(edges, offsets, cell, positions)
-    if doubtful.contradicted:
+    doubtful, n_crossing, contradicted = doubtful_offsets(edges, offsets, cell, positions)
+    if contradicted:
         raise NetworkError(
-            f"the positions contradict the offsets of {len(doubtful.edges)} of {doubtful.n_crossing} edges across the "
-            f"boundary: edge {doubtful.edges[0]} is longer than the cell, though its ends have images nearby; an "
+            f"the positions contradict the offsets of {len(doubtful)} of {n_crossing} edges across the "
+            f"boundary: edge {doubtful[0]} is longer than the cell, though its ends have images nearby; an "
             "offset is that of the head (negate it?), or leave positions out"
         )
 
 
-class DoubtfulOffsets(NamedTuple):
-    """Edges longer than every diagonal of the cell and more than twice their minimum-image length.
+def doubtful_offsets(
+    edges: IntArray, offsets: IntArray, cell: Array, positions: Array
+) -> tuple[NDArray[np.intp], int, bool]:
+    """Edges longer than every diagonal of the cell and more than twice their image nearest by rounded coordinates.
 
-    edges         their indices
-    n_crossing    edges across the boundary of the cell
-    contradicted  whether these edges are more than one and more than a tenth of those, so that a convention is wrong;
-                  a few long edges may be meant
-    """
-
-    edges: NDArray[np.intp]
-    n_crossing: int
-    contradicted: bool
-
-
-def doubtful_offsets(edges: IntArray, offsets: IntArray, cell: Array, positions: Array) -> DoubtfulOffsets:
-    """The edges whose offsets the positions contradict, and whether they are too many to be meant.
-
-    The nearest image is the one that a rounding of the coordinates in units of the cell vectors finds.
+    With the number of edges across the boundary, and whether so many are doubtful that a convention is wrong; a few
+    long edges may be meant.
     """
     # An edge from a vertex to an image of itself has no nearer one.
     crossing = np.flatnonzero(offsets.any(axis=1) & (edges[:, 0] != edges[:, 1]))
@@ -187,4 +178,4 @@ def doubtful_offsets(edges: IntArray, offsets: IntArray, cell: Array, positions:
     given, nearest = (np.linalg.norm(v @ cell, axis=1) for v in (apart, apart - np.round(apart)))
     corners = np.array(list(product((-1.0, 1.0), repeat=len(cell)))) @ cell
     doubtful = crossing[(given > np.linalg.norm(corners, axis=1).max()) & (nearest < _NEARER * given)]
-    return DoubtfulOffsets(doubtful, len(crossing), len(doubtful) > max(1, _CONTRADICTING * len(crossing)))
+    return doubtful, len(crossing), len(doubtful) > max(1, _CONTRADICTING * len(crossing))

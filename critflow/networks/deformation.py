@@ -21,7 +21,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
-from functools import cache, partial
+from functools import cache
 
 import numpy as np
 import scipy.linalg
@@ -35,6 +35,7 @@ Array = NDArray[np.float64]
 Function = Callable[[float], Array]
 
 AXES = "xyz"
+_ORDERS = ("gradient", "rate", "second rate")
 # Step of the difference quotients for paths without given derivatives; errors of F' are 1e-12, of F'' 1e-9.
 _STEP = 2e-3
 
@@ -45,7 +46,7 @@ class Deformation:
 
     name       for labels and files
     dimension  d
-    gradient_function, rate_function, second_rate_function  γ → F, F', F''
+    derivative  (γ, n) → the derivative of F of order n = 0, 1 or 2
     linear_in_strain  whether F'' = 0: the onset of rigidity is then one convex program
     free       names of free components of the cell, such as ("yy", "xy")
 
@@ -55,9 +56,7 @@ class Deformation:
 
     name: str
     dimension: int
-    gradient_function: Function = field(repr=False)
-    rate_function: Function = field(repr=False)
-    second_rate_function: Function = field(repr=False)
+    derivative: Callable[[float, int], Array] = field(repr=False)
     linear_in_strain: bool = False
     free: tuple[str, ...] = ()
 
@@ -65,7 +64,7 @@ class Deformation:
 
     def gradient(self, strain: float) -> Array:
         """F(γ), (d, d)."""
-        F = self._matrix(self.gradient_function, strain, "gradient")
+        F = self._matrix(strain, 0)
         if not np.linalg.det(F) > 0:
             raise InputError(
                 f"at strain {strain:g} the deformation {self.name} inverts or flattens the cell, det F = "
@@ -75,11 +74,11 @@ class Deformation:
 
     def rate(self, strain: float) -> Array:
         """F'(γ), (d, d)."""
-        return self._matrix(self.rate_function, strain, "rate")
+        return self._matrix(strain, 1)
 
     def second_rate(self, strain: float) -> Array:
         """F''(γ), (d, d)."""
-        return self._matrix(self.second_rate_function, strain, "second rate")
+        return self._matrix(strain, 2)
 
     def velocity(self, strain: float) -> Array:
         """Velocity gradient F' F⁻¹ relative to the current cell, (d, d)."""
@@ -92,12 +91,8 @@ class Deformation:
     @property
     def free_strains(self) -> Array:
         """Symmetric strains E_m of the free components, (m, d, d): e_i e_iᵀ, or ½(e_i e_jᵀ + e_j e_iᵀ)."""
-        strains = np.zeros((len(self.free), self.dimension, self.dimension))
-        for strain, name in zip(strains, self.free, strict=True):
-            i, j = (AXES.index(axis) for axis in name)
-            strain[i, j] += 0.5
-            strain[j, i] += 0.5
-        return strains
+        names, strains = strain_basis(self.dimension)
+        return strains[np.array([names.index(name) for name in self.free], int)]
 
     def freeing(self, *components: str) -> Deformation:
         """The same path with free components of the cell, such as "yy" or "xy": zero conjugate stress."""
@@ -108,11 +103,11 @@ class Deformation:
         names = tuple(dict.fromkeys("".join(sorted(name)) for name in components))
         return replace(self, free=names)
 
-    def _matrix(self, function: Function, strain: float, what: str) -> Array:
-        F = np.asarray(function(float(strain)), dtype=float)
+    def _matrix(self, strain: float, order: int) -> Array:
+        F = np.asarray(self.derivative(float(strain), order), dtype=float)
         if F.shape != (self.dimension,) * 2 or not np.isfinite(F).all():
             raise InputError(
-                f"at strain {strain:g} the {what} of the deformation {self.name} must be a finite "
+                f"at strain {strain:g} the {_ORDERS[order]} of the deformation {self.name} must be a finite "
                 f"{self.dimension} × {self.dimension} matrix: choose other strains or correct the path"
             )
         return F
@@ -122,18 +117,14 @@ class Deformation:
     @classmethod
     def dilation(cls, dimension: int) -> Deformation:
         """F = (1 + γ)^{1/d} 1: volumetric strain γ."""
-        d, unit = dimension, np.eye(dimension)
 
-        def power(order: int) -> Function:
-            factor = float(np.prod([1 / d - n for n in range(order)]))
+        def derivative(strain: float, order: int) -> Array:
+            factor = float(np.prod([1 / dimension - n for n in range(order)]))
+            # A negative volume has no real root; NaN is refused with a sentence.
+            volume = 1 + strain if strain > -1 else np.nan
+            return factor * volume ** (1 / dimension - order) * np.eye(dimension)
 
-            def function(strain: float) -> Array:
-                # A negative volume has no real root; NaN is refused with a sentence.
-                return factor * (1 + strain) ** (1 / d - order) * unit if strain > -1 else np.full((d, d), np.nan)
-
-            return function
-
-        return cls("dilation", d, power(0), power(1), power(2))
+        return cls("dilation", dimension, derivative)
 
     @classmethod
     def simple_shear(cls, dimension: int, plane: str = "xy") -> Deformation:
@@ -148,17 +139,14 @@ class Deformation:
         """Stretch 1 + γ along axis i and 1/(1 + γ) along axis j of the plane (i, j)."""
         i, j = _plane(dimension, plane)
 
-        def derivative(order: int) -> Function:
-            def function(strain: float) -> Array:
-                F = np.eye(dimension) if order == 0 else np.zeros((dimension, dimension))
-                stretch = 1 + strain if strain != -1 else np.nan
-                F[i, i] = (stretch, 1.0, 0.0)[order]
-                F[j, j] = (1 / stretch, -1 / stretch**2, 2 / stretch**3)[order]
-                return F
+        def derivative(strain: float, order: int) -> Array:
+            F = np.eye(dimension) if order == 0 else np.zeros((dimension, dimension))
+            stretch = 1 + strain if strain != -1 else np.nan
+            F[i, i] = (stretch, 1.0, 0.0)[order]
+            F[j, j] = (1 / stretch, -1 / stretch**2, 2 / stretch**3)[order]
+            return F
 
-            return function
-
-        return cls("pure_shear" + f"_{plane}" * (plane != "xy"), dimension, derivative(0), derivative(1), derivative(2))
+        return cls("pure_shear" + f"_{plane}" * (plane != "xy"), dimension, derivative)
 
     @classmethod
     def uniaxial(cls, dimension: int, axis: str = "x", sides: str = "fixed") -> Deformation:
@@ -178,18 +166,14 @@ class Deformation:
         """F = 1 + γ A for any A (d, d)."""
         A = _square(strain)
         unit = np.eye(len(A))
-        return cls("linear", len(A), lambda g: unit + g * A, lambda _: A, lambda _: 0 * A, linear_in_strain=True)
+        return cls("linear", len(A), lambda g, order: (unit + g * A, A, 0 * A)[order], linear_in_strain=True)
 
     @classmethod
     def exponential(cls, strain: ArrayLike) -> Deformation:
         """F = exp(γ A) for any A (d, d)."""
         A = _square(strain)
-
-        def derivative(power: Array) -> Function:
-            return lambda strain: power @ scipy.linalg.expm(strain * A)
-
-        unit = np.eye(len(A))
-        return cls("exponential", len(A), derivative(unit), derivative(A), derivative(A @ A))
+        powers = (np.eye(len(A)), A, A @ A)
+        return cls("exponential", len(A), lambda g, order: powers[order] @ scipy.linalg.expm(g * A))
 
     @classmethod
     def path(cls, gradient: Function, dimension: int) -> Deformation:
@@ -197,8 +181,15 @@ class Deformation:
         start = np.asarray(gradient(0.0), dtype=float)
         if start.shape != (dimension,) * 2 or not np.allclose(start, np.eye(dimension), rtol=0, atol=1e-14):
             raise InputError(f"a deformation must begin with F(0) = 1, a {dimension} × {dimension} matrix")
-        derivatives = (partial(_difference, gradient), partial(_second_difference, gradient))
-        return cls("path", dimension, gradient, *derivatives)
+
+        def derivative(strain: float, order: int) -> Array:
+            if order == 0:
+                return gradient(strain)
+            weights = ((1, -8, 0, 8, -1), (-1, 16, -30, 16, -1))[order - 1]
+            terms = [w * np.asarray(gradient(strain + n * _STEP), float) for n, w in enumerate(weights, -2)]
+            return np.asarray(np.sum(terms, axis=0) / (12 * _STEP**order))
+
+        return cls("path", dimension, derivative)
 
 
 _NAMED: dict[str, Callable[[int], Deformation]] = {
@@ -256,16 +247,6 @@ def strain_basis(dimension: int) -> tuple[tuple[str, ...], Array]:
         strain[j, i] += 0.5
     strains.flags.writeable = False
     return names, strains
-
-
-def _difference(function: Callable[[float], ArrayLike], strain: float) -> Array:
-    values = [np.asarray(function(strain + n * _STEP), dtype=float) for n in (-2, -1, 1, 2)]
-    return (values[0] - 8 * values[1] + 8 * values[2] - values[3]) / (12 * _STEP)
-
-
-def _second_difference(function: Callable[[float], ArrayLike], strain: float) -> Array:
-    values = [np.asarray(function(strain + n * _STEP), dtype=float) for n in (-2, -1, 0, 1, 2)]
-    return (-values[0] + 16 * values[1] - 30 * values[2] + 16 * values[3] - values[4]) / (12 * _STEP**2)
 
 
 def _square(strain: ArrayLike) -> Array:

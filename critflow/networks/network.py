@@ -19,12 +19,12 @@ import scipy.sparse as sp
 from numpy.typing import ArrayLike, NDArray
 
 from critflow.arguments import shown
+from critflow.networks.blocks import check_support
 from critflow.networks.checks import (
     Array,
     IntArray,
     check_ends,
     check_loops,
-    check_pins,
     check_positions,
     checked_cell,
     checked_count,
@@ -36,7 +36,6 @@ from critflow.networks.checks import (
     stiffnesses,
 )
 from critflow.networks.faces import Faces, PlanarFaces
-from critflow.networks.support import check_support
 from critflow.result import NetworkError
 
 
@@ -76,7 +75,7 @@ class Network:
         if edges.ndim != 2 or edges.shape[1] != 2 or len(edges) == 0:
             raise NetworkError(f"edges must have shape (N_b, 2) with N_b >= 1, not {edges.shape}: give tail and head")
         n_vertices = checked_count(self.n_vertices) or max(int(edges.max()) + 1, 0)
-        pins = checked_pins(self.pins)
+        pins = checked_pins(self.pins, n_vertices)
         cell = None if self.cell is None else checked_cell(self.cell)
         dimension = dimension_of(cell, pins)
         offsets = np.zeros((len(edges), dimension), int) if self.offsets is None else integers(self.offsets, "offsets")
@@ -87,21 +86,14 @@ class Network:
             raise NetworkError(f"offsets must have shape {(len(edges), dimension)}, not {offsets.shape}: one per edge")
         if cell is None and offsets.any():
             raise NetworkError("edges with image offsets need a cell: give its vectors as rows")
-        check_pins(pins, n_vertices)
         check_ends(edges, n_vertices)
         check_loops(edges, offsets)
         self._check_support(edges, offsets, cell, pins, n_vertices)
         if positions is not None:
             check_positions(positions, edges, offsets, cell, (n_vertices, dimension))
 
-        arrays = (
-            ("edges", edges),
-            ("offsets", offsets),
-            ("cell", cell),
-            ("stiffness", stiffness),
-            ("positions", positions),
-        )
-        for name, array in arrays:
+        arrays = {"edges": edges, "offsets": offsets, "cell": cell, "stiffness": stiffness, "positions": positions}
+        for name, array in arrays.items():
             if array is not None:
                 array.flags.writeable = False
             object.__setattr__(self, name, array)
@@ -255,9 +247,7 @@ class Network:
         removed = np.atleast_1d(integers(edges, "edges"))
         missing = (removed < 0) | (removed >= self.n_edges)
         if missing.any():
-            raise NetworkError(
-                f"there is no edge {removed[missing][0]}: edges are counted from 0 to {self.n_edges - 1}"
-            )
+            raise NetworkError(f"there is no edge {removed[missing][0]}: edges run from 0 to {self.n_edges - 1}")
         kept = np.ones(self.n_edges, bool)
         kept[removed] = False
         return self.part(kept)[0]

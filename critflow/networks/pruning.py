@@ -1,11 +1,8 @@
 """The part of a network that can carry tension.
 
-Cut at a vertex or at a single edge, a network falls into blocks: the biconnected components of its graph, in which any
-two edges lie on a common cycle.  Forces balance on each block alone.  A block of which no cycle winds around the cell,
-or joins pins at different positions, therefore carries no tension: bridges and dangling ends, which are blocks of one
-edge, and closed pieces that hang on one vertex.  In any other block every edge lies on a winding cycle, and almost all
-positive stresses give it a length.  A piece of springs that hangs on one vertex may still have a self-stress of both
-signs; it does not change the moduli, and is removed too.
+That is each block whose boundary opens it (`networks.blocks`); the others are bridges and dangling ends, blocks
+of one edge, and closed pieces that hang on one vertex.  A piece of springs that hangs on one vertex may still have a
+self-stress of both signs; it does not change the moduli, and is removed too.
 """
 
 from __future__ import annotations

@@ -104,7 +104,9 @@ def second_order_rigidity(
     if counts.first_order_rigid:
         reason = f"every motion{' but a translation' if counts.n_trivial else ''} changes a length"
         return _answer(SecondOrderRigidity(counts, True, True, True, reason=reason), Status.ok)
-    fits = _modes_fit(network, counts)
+    n_modes = counts.n_zero_modes - counts.n_trivial
+    tallest = max(network.dimension * max(network.n_vertices, network.n_edges), counts.n_self_stresses * n_modes)
+    fits = n_modes * tallest <= LARGEST_DENSE
     if counts.n_self_stresses == 0:
         escape = zero_modes(network, coordinates, tolerance).value.modes[0] if fits else None
         reason = "without a self-stress every zero mode extends to second order"
@@ -124,7 +126,6 @@ def second_order_rigidity(
     if stable is not None:
         return _answer(stable, Status.ok)
     if not fits:
-        n_modes = counts.n_zero_modes - counts.n_trivial
         reason = f"{n_modes} zero modes are too many for a dense search: take a part of the network"
         return _answer(SecondOrderRigidity(counts, False, None, None, reason=reason), Status.undecided)
     modes = zero_modes(network, coordinates, tolerance).value.modes
@@ -140,12 +141,6 @@ def _answer(value: SecondOrderRigidity, status: Status) -> Solution[SecondOrderR
 def _uncertain(counted: Solution[Rigidity]) -> Solution[SecondOrderRigidity]:
     value = SecondOrderRigidity(counted.value, None, None, None, reason=counted.note)
     return _answer(value, Status.singular if np.isnan(counted.value.largest_zero) else Status.undecided)
-
-
-def _modes_fit(network: Network, counts: Rigidity) -> bool:
-    n_modes = counts.n_zero_modes - counts.n_trivial
-    tallest = max(network.dimension * max(network.n_vertices, network.n_edges), counts.n_self_stresses * n_modes)
-    return n_modes * tallest <= LARGEST_DENSE
 
 
 def _by_one_stress(network: Network, counts: Rigidity, L: Array, turned: float) -> SecondOrderRigidity | None:
@@ -196,19 +191,19 @@ def _by_forms(counts: Rigidity, modes: Array, forms: Array, error: float) -> Sec
     if len(forms) == 1:
         return _one_stress(counts, modes, unit[0], scale, error / scale)
 
-    found = _program(unit)
-    if error and not found.least > error / scale:
+    least, multipliers, X, support = _program(unit)
+    if error and not least > error / scale:
         return hidden
-    if found.least > POSITIVE:
+    if least > POSITIVE:
         reason = f"a combination of its {len(forms)} self-stresses stabilises it"
-        return answer(True, True, found.multipliers @ counts.self_stresses, None, scale * found.least, reason)
-    z, X = _common_zero(unit, found.obstruction), found.obstruction
+        return answer(True, True, multipliers @ counts.self_stresses, None, scale * least, reason)
+    z = _common_zero(unit, X)
     if z is not None:
         return answer(False, False, None, np.tensordot(z, modes, 1), reason="a zero mode escapes all self-stresses")
     if X is None or not np.linalg.norm(np.tensordot(unit, X, 2)) < POSITIVE:
         reason = "no self-stress was found that stabilises it, and no zero mode that escapes them all"
         return answer(None, None, reason=reason)
-    if _none_escapes(unit, found.support):
+    if _none_escapes(unit, support):
         reason = "no zero mode escapes all self-stresses, as a relaxation of fourth order proves"
         return answer(False, True, reason=reason)
     return answer(
@@ -235,24 +230,11 @@ def _one_stress(counts: Rigidity, modes: Array, Q: Array, scale: float, error: f
     return answer(False, False, escape=np.tensordot(z, modes, 1), reason=reason)
 
 
-@dataclass(frozen=True, eq=False)
-class _Search:
-    """The best stress found, Σ a_I σ_I with |a| = 1, and the obstruction to a stabilising one.
+def _program(forms: Array) -> tuple[float, Array, Array | None, Array]:
+    """The largest λ_min(Σ a_I Q_I) that semidefinite programs find, its a, |a| = 1, and the obstruction to a larger.
 
-    least        λ_min(Σ a_I Q_I) over all modes
-    obstruction  X ⪰ 0 of trace 1 with the least |⟨Q_I, X⟩|, or None
-    support      multipliers of the last program: where no stress stabilises, those of one that resists most modes
-    """
-
-    multipliers: Array
-    least: float
-    obstruction: Array | None
-    support: Array
-
-
-def _program(forms: Array) -> _Search:
-    """The multipliers with the largest λ_min(Σ a_I Q_I) found by semidefinite programs.
-
+    The obstruction X ⪰ 0 of trace 1 has the least |⟨Q_I, X⟩|; None: unknown.  Last come the multipliers of the last
+    program: where no stress stabilises, those of one that resists most modes.
     The program is restricted to a subspace W of the modes, which grows by the modes that its solution leaves unstable:
     its cost is that of the few modes that matter.
     """
@@ -265,16 +247,16 @@ def _program(forms: Array) -> _Search:
         relaxed = second_order_relaxation(np.einsum("ik,aij,jl->akl", W, forms, W, optimize=True))
         a, X = relaxed.multipliers, W @ relaxed.moments @ W.T
         if not relaxed.solved:
-            return _Search(best, least, None, a)
+            return least, best, None, a
         norm = float(np.linalg.norm(a))
         if norm > POSITIVE:
             values, vectors = np.linalg.eigh(np.tensordot(a / norm, forms, 1))
             if values[0] > least:
                 best, least = a / norm, float(values[0])
         if least > POSITIVE or relaxed.bound < POSITIVE or W.shape[1] == n:
-            return _Search(best, least, X, a)
+            return least, best, X, a
         if W.shape[1] > 2 * PROGRAM_MODES:
-            return _Search(best, least, None, a)
+            return least, best, None, a
         W = np.linalg.qr(np.hstack([W, vectors[:, :5]]))[0]
 
 

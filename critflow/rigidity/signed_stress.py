@@ -77,7 +77,10 @@ def signed_stress(
     >>> signed_stress(network, network.positions, np.ones(18, int)).value.least
     1.0
     """
-    x, s = _checked(network, coordinates, signs)
+    x, s = validated_coordinates(network, coordinates), np.asarray(signs, dtype=float)
+    if s.shape != (network.n_edges,) or not np.isin(s, (-1, 0, 1)).all() or not s.any():
+        raise InputError(f"signs are +1 (cable), -1 (strut) or 0 (bar) on the {network.n_edges} edges, and not all 0")
+    x[list(network.pins)] = network.fixed_positions[list(network.pins)]
     L = network.bond_vectors(x)
     n, signed = network.n_edges, np.flatnonzero(s)
     length = np.linalg.norm(L, axis=1)
@@ -189,24 +192,11 @@ def stability(critical: CriticalConfiguration, margin: float = 1e-8) -> Stabilit
             "give a smaller margin, or stresses of more similar magnitude"
         )
     elif stable is None:
-        status, note = (
-            Status.undecided,
-            "the stiffness of a flex under this stress, or the count of flexes, is rounding",
-        )
+        status = Status.undecided
+        note = "the stiffness of a flex under this stress, or the count of flexes, is rounding"
     counts = {"n_negative": n_negative, "n_null": n_null, "n_affine": len(affine)}
     stats = Stats("inertia", 1, residual=critical.residual)
     return Stability(critical, status, stats, note, **counts, prestress_stable=stable, super_stable=best)
-
-
-def _checked(network: Network, coordinates: ArrayLike, signs: ArrayLike) -> tuple[Array, Array]:
-    x, s = validated_coordinates(network, coordinates), np.asarray(signs, dtype=float)
-    if s.shape != (network.n_edges,) or not np.isin(s, (-1, 0, 1)).all() or not s.any():
-        raise InputError(
-            f"signs must be +1 (cable), -1 (strut) or 0 (bar) on each of the {network.n_edges} edges, and not all 0"
-        )
-    for vertex, position in network.pins.items():
-        x[vertex] = position
-    return x, s
 
 
 def _loosening(

@@ -74,24 +74,18 @@ class Spectrum:
         unit = self.bond_vectors / length[:, None]
         self._R = spread_columns(network, unit)
         self._network = network
-        if self._dense:
-            self._decompose()
-        else:
+        if not self._dense:
             self._count(network, unit)
-
-    @cached_property
-    def pattern(self) -> FixedPattern:
-        return block_laplacian(self._network)
-
-    def _decompose(self) -> None:
+            return
         left, values, right = np.linalg.svd(self._R.toarray())
         rank = int(np.count_nonzero(values >= self._tolerance))
         self._null = (left.T[rank:], right[rank:])
         self.n_motions = self.n_coordinates - rank
-        self.gap = (
-            float(values[rank]) if rank < len(values) else 0.0,
-            float(values[rank - 1]) if rank else np.nan,
-        )
+        self.gap = float(values[rank]) if rank < len(values) else 0.0, float(values[rank - 1]) if rank else np.nan
+
+    @cached_property
+    def pattern(self) -> FixedPattern:
+        return block_laplacian(self._network)
 
     def _count(self, network: Network, unit: Array) -> None:
         tolerance = self._tolerance

@@ -10,11 +10,10 @@ values (`counts`) would cost a factorisation.
 from __future__ import annotations
 
 import numpy as np
-import scipy.sparse as sp
 from numpy.typing import NDArray
-from scipy.sparse.csgraph import connected_components
 
 from critflow.critical.manifold import CriticalConfiguration
+from critflow.networks.blocks import components
 from critflow.networks.network import Array, Network
 from critflow.result import InputError, Status
 from critflow.rigidity.counts import rigidity
@@ -60,15 +59,9 @@ def only_self_stress(critical: CriticalConfiguration) -> bool:
     errors = critical.bond_errors / length
     errors = np.where(np.isfinite(errors), errors, UNKNOWN_ERROR)
     freedom = _freedom(network, critical.bond_vectors / length[:, None], errors)
-    return bool((freedom[free] <= 1).all()) and _joined(network, free)
-
-
-def _joined(network: Network, free: NDArray[np.bool_]) -> bool:
-    """Whether the edges between free vertices connect all of these."""
-    tail, head = network.edges[free[network.edges].all(axis=1)].T
-    graph = sp.coo_array((np.ones(len(tail)), (tail, head)), shape=(network.n_vertices,) * 2)
-    n_parts = connected_components(graph, directed=False)[0]
-    return bool(n_parts - np.count_nonzero(~free) == 1)
+    # The edges between free vertices connect all of these.
+    n_parts = int(components(network.edges[free[network.edges].all(axis=1)], network.n_vertices).max()) + 1
+    return bool((freedom[free] <= 1).all()) and n_parts - int(np.count_nonzero(~free)) == 1
 
 
 def _freedom(network: Network, units: Array, errors: Array) -> NDArray[np.int64]:

@@ -83,7 +83,14 @@ class Assembly:
             name.removesuffix("_error_bound") for name in data if name.endswith("_error_bound")
         } & data.keys():
             data[bounded].attrs["ancillary_variables"] = f"{bounded}_error_bound"
-        dataset = xr.Dataset(data, _coordinates(self.selection), attributes)
+        coordinates = {
+            axis.name: xr.Variable(axis.name, list(self.selection.axes[axis.name]), _meaning(axis.long_name, "1"))
+            for axis in self.selection.study.axes
+        }
+        for c in self.selection.study.coordinates:
+            labels = np.asarray(self.selection.parameters[c.parameter])
+            coordinates[c.name] = xr.Variable(c.name, labels, _meaning(c.long_name, c.units))
+        dataset = xr.Dataset(data, coordinates, attributes)
         for labelled in dataset.coords.values():
             labelled.encoding["_FillValue"] = None  # xarray would add one
             if labelled.dtype.kind == "U":
@@ -248,18 +255,6 @@ class _Table:
 
 def _counted(texts: Counter[str]) -> str:
     return "; ".join(f"{text}: {count} cases" for text, count in sorted(texts.items()))
-
-
-def _coordinates(selection: Selection) -> dict[str, xr.Variable]:
-    coordinates = {
-        axis.name: xr.Variable(axis.name, list(selection.axes[axis.name]), _meaning(axis.long_name, "1"))
-        for axis in selection.study.axes
-    }
-    for coordinate in selection.study.coordinates:
-        labels = np.asarray(selection.parameters[coordinate.parameter])
-        meaning = _meaning(coordinate.long_name, coordinate.units)
-        coordinates[coordinate.name] = xr.Variable(coordinate.name, labels, meaning)
-    return coordinates
 
 
 def _global_attributes(selection: Selection) -> dict[str, Any]:

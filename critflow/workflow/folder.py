@@ -55,16 +55,15 @@ class Part:
     i: int  # from 1
     n: int
 
-    def __post_init__(self) -> None:
-        if not 1 <= self.i <= self.n:
-            raise InputError(f"--part {self.i}/{self.n} must be from 1/{self.n} to {self.n}/{self.n}")
-
     @classmethod
     def of(cls, text: str) -> Part | None:
         """The part i/n of a text, None if it is empty."""
-        if text and not re.fullmatch("[0-9]{1,6}/[0-9]{1,6}", text):
-            raise InputError(f"--part {text} must be i/n, as in --part 1/4")
-        return cls(*map(int, text.split("/"))) if text else None
+        if not text:
+            return None
+        i, n = map(int, text.split("/")) if re.fullmatch("[0-9]{1,6}/[0-9]{1,6}", text) else (0, 0)
+        if not 1 <= i <= n:
+            raise InputError(f"--part {text} must be i/n with i from 1 to n, as in --part 1/4")
+        return cls(i, n)
 
     def __str__(self) -> str:
         return f"-{self.i}-of-{self.n}"
@@ -87,12 +86,6 @@ class Note:
     variables: tuple[str, ...]
     table: str  # digest of the table of variables
     code: str
-
-    def selects_like(self, selection: Selection) -> bool:
-        """Whether cases of both have the same ids: the same parameters, version and variables."""
-        study = selection.study
-        settings = (study.version, dict(selection.parameters), study.selected, study.axis_names)
-        return (self.version, self.parameters, self.variables, tuple(self.axes)) == settings
 
 
 class Folder:
@@ -130,7 +123,10 @@ class Folder:
                 with other.acquire(timeout=_PATIENCE):  # free: nobody else holds it
                     pass
             if not self.part:
-                self._delete_temporary()
+                for path in (self.path, self.shards, self.failed, self.figures):
+                    for pattern in (f".*{PARTIAL}", ".*.trace", ".stop*", ".dask-jobqueue.*"):
+                        for file in path.glob(pattern):
+                            file.unlink(missing_ok=True)
         except Timeout:
             lock.release()
             name = holder.read_text(errors="replace")[:200].strip()
@@ -156,12 +152,6 @@ class Folder:
 
     def _lock(self, suffix: str) -> FileLock:
         return FileLock(self.path / f".lock{suffix}", timeout=0, mode=0o660)  # every reader could lock it
-
-    def _delete_temporary(self) -> None:
-        for folder in (self.path, self.shards, self.failed, self.figures):
-            for pattern in (f".*{PARTIAL}", ".*.trace", ".stop*", ".dask-jobqueue.*"):
-                for file in folder.glob(pattern):
-                    file.unlink(missing_ok=True)
 
     def check_owner(self, loaded: StudyFile) -> None:
         """Raise unless the folder is new or belongs to this study."""
@@ -230,21 +220,20 @@ class Folder:
         states = []
         for case in selection.cases():
             if case.id in shards:
-                states.append(self._read_state(selection, case) if read else CaseState(case, DONE))
+                state, reason = DONE, ""
+                try:
+                    if read and read_shard(self.shards, selection.study, case) is None:
+                        state, reason = MISSING, "not computed yet"
+                except OtherTable:
+                    state, reason = CHANGED, "stored with another table of variables"
+                except IntegrityError as error:
+                    state, reason = DAMAGED, str(error).rpartition(" is damaged: ")[2]
+                states.append(CaseState(case, state, reason))
             elif case.id in failed and (reason := failure_reason(self.failed, case)):
                 states.append(CaseState(case, FAILED, reason))
             else:
                 states.append(CaseState(case, MISSING, "not computed yet"))
         return states
-
-    def _read_state(self, selection: Selection, case: Case) -> CaseState:
-        try:
-            shard = read_shard(self.shards, selection.study, case)
-        except OtherTable:
-            return CaseState(case, CHANGED, "stored with another table of variables")
-        except IntegrityError as error:
-            return CaseState(case, DAMAGED, str(error).rpartition(" is damaged: ")[2])
-        return CaseState(case, DONE) if shard else CaseState(case, MISSING, "not computed yet")
 
 
 def reason_lines(states: list[CaseState], most: int = 20) -> list[str]:

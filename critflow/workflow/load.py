@@ -74,7 +74,14 @@ def load_file(path: Path) -> StudyFile:
     Caches in its modules stay valid, and a worker that serves many runs never computes with an outdated file.
     """
     path = path.absolute()
-    source = _source(path)
+    hint = "give the name of a study, or its file NAME.py; critflow list shows the names"
+    if path.exists() and not path.is_file():  # reading a pipe would block
+        raise StudyError(f"{path} is not a file: {hint}")
+    try:
+        source = path.read_bytes()
+    except OSError as error:
+        kind = EnvironmentFailure if error.errno in (errno.EMFILE, errno.ENFILE, errno.EIO) else StudyError
+        raise kind(f"cannot read the study file {path}: {error.strerror}: {hint}") from error
     with _loading:
         module, files = _loaded.get(path, (None, {}))
         if module is None or any(not f.is_file() or _digest(f.read_bytes()) != files[f] for f in files):
@@ -98,17 +105,6 @@ def _digest(content: bytes) -> str:
 def _parts(root: str) -> list[ModuleType]:
     """The modules of a study: its file and its imports from the same package."""
     return [module for name, module in list(sys.modules.items()) if name == root or name.startswith(f"{root}.")]
-
-
-def _source(path: Path) -> bytes:
-    hint = "give the name of a study, or its file NAME.py; critflow list shows the names"
-    if path.exists() and not path.is_file():  # reading a pipe would block
-        raise StudyError(f"{path} is not a file: {hint}")
-    try:
-        return path.read_bytes()
-    except OSError as error:
-        kind = EnvironmentFailure if error.errno in (errno.EMFILE, errno.ENFILE, errno.EIO) else StudyError
-        raise kind(f"cannot read the study file {path}: {error.strerror}: {hint}") from error
 
 
 def _execute(root: str, path: Path, source: bytes) -> ModuleType:
@@ -135,15 +131,10 @@ def _execute(root: str, path: Path, source: bytes) -> ModuleType:
         for part in _parts(root):
             del sys.modules[part.__name__]
         reason = str(error) if isinstance(error, StudyError) else f"{type(error).__name__}: {error}"
-        raise StudyError(f"the study file {path}{_line(error, path)} cannot be loaded: {reason}") from error
+        numbers = [f.lineno for f in traceback.extract_tb(error.__traceback__) if f.filename == str(path)]
+        # The message of a syntax error contains its line.
+        line = f", line {numbers[-1]}," if numbers and not isinstance(error, SyntaxError) else ""
+        raise StudyError(f"the study file {path}{line} cannot be loaded: {reason}") from error
     finally:
         sys.dont_write_bytecode = write_bytecode
     return module
-
-
-def _line(error: BaseException, path: Path) -> str:
-    """Line of the file that raised the error, if known."""
-    if isinstance(error, SyntaxError):  # its message contains the line
-        return ""
-    numbers = [f.lineno for f in traceback.extract_tb(error.__traceback__) if f.filename == str(path)]
-    return f", line {numbers[-1]}," if numbers else ""

@@ -162,16 +162,7 @@ def words_of_case(study: Study, case: Case) -> list[str]:
 
 def decimals(text: str, key: str = "decimals") -> tuple[float, ...]:
     """`start:stop:step` with the stop included, or a comma list; decimal arithmetic gives 0.003 exactly."""
-    if ":" not in text:
-        return tuple(float(_decimal(key, piece)) + 0.0 for piece in _pieces(key, text))  # no negative zero
-    parts = text.split(":")
-    require(len(parts) == 3, f"{key}={text} must be start:stop:step, as in {key}=0.001:0.010:0.001")
-    start, stop, step = (_decimal(key, part) for part in parts)
-    require(step > 0, f"{key}={text} has the step {step}: give a step above zero")
-    require(stop >= start, f"{key}={text} runs backwards: write the smaller end first")
-    count = int((stop - start) / step) + 1 if (stop - start) / step < LONGEST else LONGEST + 1
-    _check_length(key, text, count)
-    return tuple(float(start + i * step) + 0.0 for i in range(count))
+    return _numbers(key, text, float)
 
 
 def _axis_values(axis: Axis, text: str) -> tuple:
@@ -181,7 +172,7 @@ def _axis_values(axis: Axis, text: str) -> tuple:
             hint = nearest(value, axis.choices, "choices")
             require(value in axis.choices, f"{axis.key} has no {value!r}: {hint}")
     else:
-        values = _integers(axis.key, text)
+        values = _numbers(axis.key, text, int)
         _refuse_negative(axis.key, values)
     _refuse_duplicates(axis.key, values)
     return values
@@ -206,8 +197,7 @@ def _parameter(key: str, text: str, default: Any) -> Any:
         require(text in ("true", "false"), f"{key}={text} must be true or false")
         return text == "true"
     sample = default[0] if isinstance(default, tuple) else default
-    read = {int: _integers, float: lambda key, text: decimals(text, key), str: _pieces}[type(sample)]
-    values = read(key, text)
+    values: tuple = _pieces(key, text) if isinstance(sample, str) else _numbers(key, text, type(sample))
     if not isinstance(sample, str) and min(default if isinstance(default, tuple) else (default,)) >= 0:
         _refuse_negative(key, values)
     if isinstance(default, tuple):
@@ -217,18 +207,22 @@ def _parameter(key: str, text: str, default: Any) -> Any:
     return values[0]
 
 
-def _integers(key: str, text: str) -> tuple[int, ...]:
-    values: list[int] = []
+def _numbers(key: str, text: str, kind: type) -> tuple:
+    """Numbers and ranges of a comma list: of whole numbers without the stop, of decimals with a step and the stop."""
+    values, whole = list[Any](), kind is int
     for piece in _pieces(key, text):
-        if ":" not in piece:
-            values.append(_integer(key, piece))
-            continue
-        ends = piece.split(":")
-        require(len(ends) == 2, f"{key}={text} must be start:stop, as in {key}=0:100")
-        start, stop = (_integer(key, end) for end in ends)
-        require(stop > start, f"{key}={piece} is an empty range: the stop is excluded, so give one above {start}")
-        _check_length(key, text, stop - start + len(values))
-        values.extend(range(start, stop))
+        start, *more = (_number(key, part, whole) for part in piece.split(":"))
+        example = f"start:stop, as in {key}=0:100" if whole else f"start:stop:step, as in {key}=0.001:0.010:0.001"
+        require(len(more) in (0, 1 if whole else 2), f"{key}={piece} must be {example}")
+        stop, step = (*more, Decimal(1))[:2] if more else (start + whole, Decimal(1))
+        require(step > 0, f"{key}={piece} has the step {step}: give a step above zero")
+        require(
+            stop > start if whole else stop >= start,
+            f"{key}={piece} is an empty range or runs backwards: give a stop above {start}",
+        )
+        count = min(int((stop - start) / step) + (not whole), LONGEST + 1)
+        _check_length(key, text, len(values) + count)
+        values += [kind(start + i * step) + 0 for i in range(count)]  # no negative zero
     return tuple(values)
 
 
@@ -239,19 +233,17 @@ def _pieces(key: str, text: str) -> tuple[str, ...]:
     return pieces
 
 
-def _integer(key: str, text: str) -> int:
-    valid = re.fullmatch(r"\s*[+-]?[0-9]{1,18}\s*", text) is not None
-    require(valid, f"{key} needs whole numbers, not {text!r}")
-    return int(text)
-
-
-def _decimal(key: str, text: str) -> Decimal:
+def _number(key: str, text: str, whole: bool) -> Decimal:
+    """The number that a text is, exactly."""
+    kind = "whole" if whole else "finite"
     try:
         value = Decimal(text.strip())
     except InvalidOperation:
-        raise StudyError(f"{key} needs numbers, not {text!r}") from None
-    finite = value.is_finite() and math.isfinite(float(value))
-    require(finite, f"{key} needs finite numbers, not {text!r}")
+        raise StudyError(f"{key} needs {kind} numbers, not {text!r}") from None
+    valid = (
+        re.fullmatch(r"\s*[+-]?[0-9]{1,18}\s*", text) if whole else value.is_finite() and math.isfinite(float(value))
+    )
+    require(bool(valid), f"{key} needs {kind} numbers, not {text!r}")
     return value
 
 

@@ -34,13 +34,19 @@ _ENVIRONMENT = ("numpy", "scipy", "qdldl", "clarabel", "pypardiso", "pymetis")  
 
 def code_version(study: Study) -> str:
     """The code that computes a case: version and digest of the library, digest of the study."""
-    return f"critflow {libraries()['critflow']}, study {_study_digest(study)}"
+    module = str(getattr(study.case, "__module__", ""))
+    reports = (*study.figures.values(), *study.animations.values(), study.claims, study.summary, study.verify)
+    reporting = frozenset(str(getattr(report, "__module__", "")) for report in reports)
+    return f"critflow {libraries()['critflow']}, study {_module_digest(module, reporting)}"
 
 
 @cache
 def libraries() -> Mapping[str, str]:
-    """Versions that must be equal in every process of a run, with a digest of the library."""
-    return {"critflow": f"{version('critflow')} {_library_digest()}"} | _versions()
+    """Versions that must be equal in every process of a run, with a digest of the modules that decide numbers."""
+    names = [path.relative_to(_PACKAGE).as_posix() for path in sorted(_PACKAGE.rglob("[!_]*.py"))]
+    names = [name for name in names if name.split("/")[0] not in _NOT_NUMERIC]
+    digest = _digest({name: _PACKAGE / name for name in (*names, *_NUMERIC)})
+    return {"critflow": f"{version('critflow')} {digest}"} | _versions()
 
 
 @cache
@@ -63,10 +69,17 @@ def source_tree(folder: Path = _PACKAGE.parent) -> Mapping[str, str]:
     """
     if not (folder / ".git").exists():
         return {}
+    # Variables set by a hook would select another repository; no lock is taken and no monitor is started.
+    clean = {name: value for name, value in os.environ.items() if not name.startswith("GIT_")}
+
+    def git(*words: str) -> str:
+        command = ["git", "--no-optional-locks", "-c", "core.fsmonitor=false", "-C", str(folder), *words]
+        done = subprocess.run(command, env=clean, capture_output=True, text=True, check=True, timeout=10)
+        return done.stdout.strip()
+
     code = [name for name in ("critflow", "workflows", "pyproject.toml") if (folder / name).exists()]
     try:
-        commit = _git(folder, "rev-parse", "HEAD")
-        changed = _git(folder, "status", "--porcelain", "--", *code)
+        commit, changed = git("rev-parse", "HEAD"), git("status", "--porcelain", "--", *code)
     except (OSError, subprocess.SubprocessError):
         return {}
     return {"commit": commit, "commit_dirty": "true" if changed else "false"}
@@ -88,27 +101,6 @@ def _environment() -> dict[str, str]:
     blas = np.show_config(mode="dicts")["Build Dependencies"]["blas"]
     machine = {"python": platform.python_version(), "processor": platform.machine()}
     return machine | _versions() | {"BLAS": f"{blas['name']} {blas.get('version', '')}".strip()}
-
-
-def _git(folder: Path, *words: str) -> str:
-    # Variables set by a hook would select another repository; no lock is taken and no monitor is started.
-    clean = {name: value for name, value in os.environ.items() if not name.startswith("GIT_")}
-    command = ["git", "--no-optional-locks", "-c", "core.fsmonitor=false", "-C", str(folder), *words]
-    return subprocess.run(command, env=clean, capture_output=True, text=True, check=True, timeout=10).stdout.strip()
-
-
-@cache
-def _library_digest() -> str:
-    """Digest of every module that decides numbers, in all folders of the package."""
-    names = [path.relative_to(_PACKAGE).as_posix() for path in sorted(_PACKAGE.rglob("[!_]*.py"))]
-    names = [name for name in names if name.split("/")[0] not in _NOT_NUMERIC]
-    return _digest({name: _PACKAGE / name for name in (*names, *_NUMERIC)})
-
-
-def _study_digest(study: Study) -> str:
-    module = str(getattr(study.case, "__module__", ""))
-    reports = (*study.figures.values(), *study.animations.values(), study.claims, study.summary, study.verify)
-    return _module_digest(module, frozenset(str(getattr(report, "__module__", "")) for report in reports))
 
 
 @cache

@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import asdict, dataclass, field, replace
 from functools import partial
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import matplotlib.pyplot as plt
 import numpy as np
@@ -42,12 +42,8 @@ class Report:
     left_out: list[str] = field(default_factory=list)
 
 
-class Part(NamedTuple):
-    """A part of the report: its files, and the function that makes their contents from the dataset."""
-
-    name: str
-    paths: list[Path]
-    make: Callable[[xr.Dataset], list[bytes]]
+# A part of the report: its name, its files, and the function that makes their contents from the dataset.
+Part = tuple[str, list[Path], Callable[[xr.Dataset], list[bytes]]]
 
 
 def write_report(study: Study, folder: Folder, format: str = "png") -> Report:
@@ -60,23 +56,26 @@ def write_report(study: Study, folder: Folder, format: str = "png") -> Report:
         raise StudyError(f"figures can be {', '.join(FORMATS)}, not {format!r}")
     report, errors = Report(), dict[str, Exception]()
     with opened_dataset(folder.dataset(study.name)) as dataset:
-        for part in [*_picture_parts(study, folder, format), *text_parts(study, folder)]:
-            if not study.can_report(part.name):
-                report.left_out.append(part.name)
-                for path in part.paths:
+        pictures = [(name, format, partial(_figure, draw, format)) for name, draw in study.figures.items()]
+        pictures += [(name, "gif", partial(_animation, frames)) for name, frames in study.animations.items()]
+        parts: list[Part] = [(name, [folder.figures / f"{name}.{ending}"], make) for name, ending, make in pictures]
+        for name, paths, make in [*parts, *text_parts(study, folder)]:
+            if not study.can_report(name):
+                report.left_out.append(name)
+                for path in paths:
                     path.unlink(missing_ok=True)
                 continue
             try:
-                contents = part.make(dataset)
+                contents = make(dataset)
             except Exception as error:
-                errors[part.name] = error
+                errors[name] = error
                 continue
-            for path, content in zip(part.paths, contents, strict=True):
+            for path, content in zip(paths, contents, strict=True):
                 path.parent.mkdir(exist_ok=True)
                 with replacing(path) as partial_path:
                     partial_path.write_bytes(content)
-            report.written.append(part.name)
-            if part.name == "claims":
+            report.written.append(name)
+            if name == "claims":
                 report.claims.extend(Claim(**claim) for claim in json.loads(contents[0]))
     if errors:
         name, cause = next(iter(errors.items()))
@@ -87,19 +86,13 @@ def write_report(study: Study, folder: Folder, format: str = "png") -> Report:
 
 def text_parts(study: Study, folder: Folder) -> list[Part]:
     """The parts that are text: equal datasets give equal bytes."""
-    parts, path = [], folder.path
+    parts, path = list[Part](), folder.path
     if (claims := study.claims) is not None:
         files = [path / "claims.json", path / "claims.md"]
-        parts.append(Part("claims", files, lambda dataset: _claims_files(study, dataset, claims(dataset))))
+        parts.append(("claims", files, lambda dataset: _claims_files(study, dataset, claims(dataset))))
     if (summary := study.summary) is not None:
-        parts.append(Part("summary", [path / "summary.json"], lambda dataset: [_json(summary(dataset))]))
+        parts.append(("summary", [path / "summary.json"], lambda dataset: [_json(summary(dataset))]))
     return parts
-
-
-def _picture_parts(study: Study, folder: Folder, format: str) -> list[Part]:
-    path, figures, animations = folder.figures, study.figures.items(), study.animations.items()
-    parts = [Part(name, [path / f"{name}.{format}"], partial(_figure, draw, format)) for name, draw in figures]
-    return parts + [Part(name, [path / f"{name}.gif"], partial(_animation, frames)) for name, frames in animations]
 
 
 def _figure(draw: Callable[[xr.Dataset], Figure], format: str, dataset: xr.Dataset) -> list[bytes]:

@@ -47,6 +47,7 @@ class RunPlan:
     states: list[CaseState]
     todo: list[Case]
     messages: list[str]
+    kept: int  # requested cases that are stored
 
 
 @dataclass(frozen=True)
@@ -70,7 +71,8 @@ def plan_run(folder: Folder, requested: Selection, retry_failed: bool) -> RunPla
         if state in (DAMAGED, CHANGED)
         or (_selects(requested, case) and (state == MISSING or (state == FAILED and retry_failed)))
     ]
-    return RunPlan(requested, selection, states, todo, messages)
+    kept = sum(_selects(requested, state.case) for state in states) - sum(_selects(requested, case) for case in todo)
+    return RunPlan(requested, selection, states, todo, messages, kept)
 
 
 def run_study(
@@ -104,7 +106,7 @@ def run_study(
             message = "another run writes the dataset of all parts"
         own = {state.case.id for state in plan.states}
         failed = {case.id: reason for case, state, reason in states if state == FAILED and case.id in own}
-        return RunResult(None, _kept(plan), failed, messages=[message])
+        return RunResult(None, plan.kept, failed, messages=[message])
 
 
 def write_partial_dataset(folder: Folder, origin: Mapping[str, str]) -> str:
@@ -141,16 +143,19 @@ def _dataset_selection(folder: Folder, requested: Selection) -> tuple[Selection,
         return requested, [f"{error}; the dataset will contain the requested cases only"]
     except StudyError:
         return requested, []
-    if note.selects_like(requested):
+    # Cases of both have the same ids.
+    study = requested.study
+    settings = (study.version, dict(requested.parameters), study.selected, study.axis_names)
+    if (note.version, note.parameters, note.variables, tuple(note.axes)) == settings:
         return _with_stored_cases(folder, requested, note)
     if not folder.dataset(requested.study.name).exists():
         return requested, []
-    settings = [f"{k}={spelled(v)}" for k, v in note.parameters.items() if requested.parameters.get(k) != v]
-    settings += [f"{a.key}={spelled(note.axes[a.name])}" for a in requested.study.axes if a.name in note.axes]
-    settings += [f"variables={spelled(note.variables) or 'all'}"] * (note.variables != requested.study.selected)
-    settings += [f"version {note.version} of the study"] * (note.version != requested.study.version)
+    words = [f"{k}={spelled(v)}" for k, v in note.parameters.items() if requested.parameters.get(k) != v]
+    words += [f"{a.key}={spelled(note.axes[a.name])}" for a in requested.study.axes if a.name in note.axes]
+    words += [f"variables={spelled(note.variables) or 'all'}"] * (note.variables != requested.study.selected)
+    words += [f"version {note.version} of the study"] * (note.version != requested.study.version)
     restore = "its cases stay stored, and a run with these settings restores it"
-    return requested, [f"replaces the dataset of {'; '.join(settings)}: {restore}"]
+    return requested, [f"replaces the dataset of {'; '.join(words)}: {restore}"]
 
 
 def _with_stored_cases(folder: Folder, requested: Selection, note: Note) -> tuple[Selection, list[str]]:
@@ -209,7 +214,10 @@ def _finish(plan: RunPlan, folder: Folder, origin: Mapping[str, str], progress: 
     progress.say(agreed(f"{study.name}: writing the dataset of {len(states)} cases"))
     attributes = write_dataset(Assembly(plan.selection, folder.shards, [case.id for case, _ in failed]), path, origin)
     requested = {case.id: reason for case, reason in failed if _selects(plan.requested, case)}
-    messages = _messages_of_changed_code(attributes.get("cases_code", ""), code_version(study))
+    code, codes = code_version(study), attributes.get("cases_code", "").split("; ")
+    others = [text for text in codes if text and not text.startswith(f"{code}:")]
+    advice = "they are kept; raise the study's version to compute them again"
+    messages = [f"cases computed by other code than {code}: {'; '.join(others)}: {advice}"] if others else []
     progress.say(f"{study.name}: drawing the figures and testing the claims")
     try:
         report = write_report(study, folder)
@@ -218,19 +226,7 @@ def _finish(plan: RunPlan, folder: Folder, origin: Mapping[str, str], progress: 
             raise
         report = Report()
         messages.append(str(error))
-    return RunResult(path, _kept(plan), requested, report, messages)
-
-
-def _kept(plan: RunPlan) -> int:
-    cases, todo = [state.case for state in plan.states], plan.todo
-    return sum(_selects(plan.requested, case) for case in cases) - sum(_selects(plan.requested, case) for case in todo)
-
-
-def _messages_of_changed_code(cases_code: str, code: str) -> list[str]:
-    """A message if other code than the present one computed some of the cases."""
-    counts = [text for text in cases_code.split("; ") if text and not text.startswith(f"{code}:")]
-    advice = "they are kept; raise the study's version to compute them again"
-    return [f"cases computed by other code than {code}: {'; '.join(counts)}: {advice}"] if counts else []
+    return RunResult(path, plan.kept, requested, report, messages)
 
 
 class _RunProgress:

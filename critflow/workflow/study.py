@@ -132,9 +132,7 @@ class Variable:
         require(unique, f"{name} names a dimension twice: call the second one {self.dims[-1:]}_")
         require(self.dtype in _DTYPES, f"dtype {self.dtype!r} of {name} must be one of {', '.join(_DTYPES)}")
         if self.dtype[0] == "f":
-            require(
-                not self.flags and self.fill is None, f"{name} has flags or a fill, so its dtype must be an integer"
-            )
+            require(not self.flags and self.fill is None, f"{name} has flags or a fill: give it an integer dtype")
             return
         limits = np.iinfo(self.dtype)
         fill = self.fill if self.fill is not None else limits.min if self.dtype[0] == "i" else limits.max
@@ -157,9 +155,7 @@ class Variable:
         if self.fill is not None:
             require(np.array_equal(array, given), f"{self.name!r} has numbers too large for {self.dtype}")
             missing = not self.flags and bool((array == self.fill).any())
-            require(
-                not missing, f"{self.name!r} contains {self.fill}, which stands for a missing value: declare another"
-            )
+            require(not missing, f"{self.name!r} contains {self.fill}, its value for a missing one: declare another")
         return array
 
 
@@ -262,9 +258,26 @@ class Study:
         for part in (*self.figures, *self.animations):
             _identifier(part, "figure")
         require(self.workers is None or self.workers > 0, f"{name} must allow one worker, or omit `workers`")
-        self._check_case()
-        self._check_needs()
+        self._check_functions()
         self._check_table()
+
+    def _check_functions(self) -> None:
+        """Raise unless the case function takes the axes, and `needs` names parts of the report and variables."""
+        require(callable(self.case), f"case of study {self.name!r} must be a function, not {self.case!r}")
+        signature = inspect.signature(self.case)
+        wanted = {"wanted"} & signature.parameters.keys()
+        try:
+            signature.bind({}, **dict.fromkeys((*self.axis_names, *wanted)))
+        except TypeError as error:
+            expected = f"case(parameters, *, {', '.join(self.axis_names)})"
+            raise StudyError(f"the case function of study {self.name!r} must be {expected}: {error}") from error
+        parts = [*self.figures, *self.animations, "claims", "summary", "verify"]
+        variables = [variable.name for variable in (*self.variables, *self.left_out)]
+        for part, names in self.needs.items():
+            require(part in parts, f"needs of study {self.name!r} names {part!r}: {nearest(part, parts, 'parts')}")
+            require(not isinstance(names, str), f"needs of {part!r} must be a tuple of names: write ({names!r},)")
+            for name in set(names).difference(variables):
+                raise StudyError(f"{part!r} needs {name!r}, not declared: {nearest(name, variables, 'variables')}")
 
     def _check_table(self) -> None:
         """Raise unless names are unique and axes, parameters, coordinates and variables agree."""
@@ -282,27 +295,6 @@ class Study:
         status = [v for v in self.variables if v.name == "status" and v.flags is Status]
         right = [set(v.dims) for v in status] == [set(self.axis_names)]
         require(right, f"{name} needs a variable 'status' over exactly its axes with flags=Status")
-
-    def _check_case(self) -> None:
-        """Raise unless the case function takes the parameters and a value of every axis."""
-        require(callable(self.case), f"case of study {self.name!r} must be a function, not {self.case!r}")
-        signature = inspect.signature(self.case)
-        wanted = {"wanted"} & signature.parameters.keys()
-        try:
-            signature.bind({}, **dict.fromkeys((*self.axis_names, *wanted)))
-        except TypeError as error:
-            expected = f"case(parameters, *, {', '.join(self.axis_names)})"
-            raise StudyError(f"the case function of study {self.name!r} must be {expected}: {error}") from error
-
-    def _check_needs(self) -> None:
-        """Raise unless `needs` names parts of the report and variables of the table."""
-        parts = [*self.figures, *self.animations, "claims", "summary", "verify"]
-        variables = [variable.name for variable in (*self.variables, *self.left_out)]
-        for part, names in self.needs.items():
-            require(part in parts, f"needs of study {self.name!r} names {part!r}: {nearest(part, parts, 'parts')}")
-            require(not isinstance(names, str), f"needs of {part!r} must be a tuple of names: write ({names!r},)")
-            for name in set(names).difference(variables):
-                raise StudyError(f"{part!r} needs {name!r}, not declared: {nearest(name, variables, 'variables')}")
 
     def worker_count(self, requested: int | None, available: int) -> int:
         """Number of worker processes: the requested number, otherwise one per CPU within the limit of the study."""

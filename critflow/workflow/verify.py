@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -21,17 +20,10 @@ _COMPARED = ("study", "study_version", "schema_version", "axes", "parameters")
 _ORIGINS = ("cases_code", "cases_environment", "shards_sha256")
 
 
-@dataclass(frozen=True)
-class Verification:
-    """Number of verified shards, one line per problem, and whether the physics was recomputed."""
-
-    stored: int
-    problems: list[str] = field(default_factory=list)
-    recomputed: bool = False
-
-
-def verify_folder(folder: Folder) -> Verification:
+def verify_folder(folder: Folder) -> tuple[int, list[str], bool]:
     """Compare shards, dataset, texts and physics of the last run; a case that was not computed is no problem.
+
+    Returns the number of verified shards, a line per problem, and whether the physics was recomputed.
 
     Raises `IntegrityError` if the note is damaged, `StudyError` if there is no dataset and no problem.
     """
@@ -50,18 +42,18 @@ def verify_folder(folder: Folder) -> Verification:
             if not problems:
                 problems += _outdated_texts(study, folder, dataset)
             if study.verify is None or not study.can_report("verify"):
-                return Verification(stored, problems)
+                return stored, problems, False
             try:
                 contradictions = [f"{path}: {line}" for line in study.verify(dataset)]
             except Exception:
                 if not problems:  # the physics of a damaged dataset can be anything
                     raise
-                return Verification(stored, problems)
+                return stored, problems, False
     except (IntegrityError, StudyError) as error:
         if isinstance(error, StudyError) and not problems:  # of a run that was stopped
             raise
-        return Verification(stored, [*problems, str(error)])
-    return Verification(stored, problems + contradictions, recomputed=True)
+        return stored, [*problems, str(error)], False
+    return stored, problems + contradictions, True
 
 
 def _differences(assembly: Assembly, dataset: xr.Dataset) -> Iterator[str]:
@@ -102,8 +94,8 @@ def _plain(attributes: dict[Any, Any]) -> dict[str, list]:
 
 def _outdated_texts(study: Study, folder: Folder, dataset: xr.Dataset) -> Iterator[str]:
     """A line for each file of claims or of the summary that differs from the dataset."""
-    for part in text_parts(study, folder):
-        if study.can_report(part.name):
-            for path, content in zip(part.paths, part.make(dataset), strict=True):
+    for name, paths, make in text_parts(study, folder):
+        if study.can_report(name):
+            for path, content in zip(paths, make(dataset), strict=True):
                 if not path.is_file() or path.read_bytes() != content:
                     yield f"{path} differs from the dataset: {REWRITE}"

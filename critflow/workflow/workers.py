@@ -231,7 +231,12 @@ def _client(workers: Workers, processes: int, folder: Path) -> Iterator[Client]:
             raise EnvironmentFailure(f"the scheduler at {workers.scheduler} has no worker: start some") from error
         except BaseException:
             if isinstance(cluster, LocalCluster):
-                _kill_workers(cluster)
+                # Stored cases are complete; only news of broken connections follow.
+                logging.getLogger("distributed").handlers = [logging.NullHandler()]
+                for nanny in cluster.workers.values():
+                    nanny.auto_restart = False
+                    if nanny.pid is not None:
+                        os.kill(nanny.pid, signal.SIGKILL)
             raise
         finally:
             if cluster is not None:
@@ -275,15 +280,6 @@ def _local_cluster(workers: Workers, processes: int) -> LocalCluster:
     except Exception as error:
         advice = "try fewer, or --workers 0"
         raise EnvironmentFailure(f"cannot start {processes} worker processes ({error}): {advice}") from error
-
-
-def _kill_workers(cluster: LocalCluster) -> None:
-    """End the workers at once; stored cases are complete."""
-    logging.getLogger("distributed").handlers = [logging.NullHandler()]  # only news of broken connections follow
-    for nanny in cluster.workers.values():
-        nanny.auto_restart = False
-        if nanny.pid is not None:
-            os.kill(nanny.pid, signal.SIGKILL)
 
 
 def _scheduler_client(workers: Workers) -> Client:

@@ -21,7 +21,7 @@ from critflow import (
 )
 from critflow.command.main import main
 from critflow.examination.page import write_page
-from critflow.exchange import packages
+from critflow.exchange import data as exchange
 from critflow.result import NetworkError
 
 VORONOI = voronoi_network(n_vertices=40, seed=1)
@@ -330,7 +330,7 @@ def test_the_command_makes_a_network_with_targets(tmp_path, capsys):
         (["make", "h.csv", "--out", "m.gml"], 6, "networkx"),
         (["make", "h.csv", "--out", "m.doc"], 2, "ending"),
         (["make", "h.csv", "--out", "nowhere/m.csv"], 2, "folder"),
-        (["make", "h.csv", "--out", "m.stl"], 6, "critflow[solids]"),
+        (["make", "h.csv", "--out", "m.stl"], 6, "critflow[formats]"),
         (["make", "h.csv", "--out", "m.json"], 6, "networkx"),
         (["make", "d.csv", "--out", "m.svg"], 2, "two-dimensional"),
         (["make", "h.csv", "--out", "m.csv", "--picture", "m.doc"], 2, "picture"),
@@ -344,7 +344,7 @@ def test_what_cannot_be_written_is_refused_before_the_computation(tmp_path, monk
     write_network(lattice("honeycomb", 2, 2), tmp_path / "h.csv")
     write_network(critflow.lattice("diamond", 2, 2, 2), tmp_path / "d.csv")
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(packages, "import_module", lambda name: (_ for _ in ()).throw(ImportError(name)))
+    monkeypatch.setattr(exchange, "import_module", lambda name: (_ for _ in ()).throw(ImportError(name)))
     for module, name in (
         ("design.optimize", "optimize"),
         ("design.targets", "design"),

@@ -40,11 +40,11 @@ def by_pairs(data):
 @pytest.mark.parametrize("cell", [None, CELL], ids=["free", "periodic"])
 def test_crossings_are_those_of_all_pairs(seed, cell):
     data = random_data(seed, cell)
-    found = crossings_of(data)
-    assert sorted(map(tuple, found.pairs.tolist())) == by_pairs(data)
-    divided = split(data, found)
+    pairs, parts = crossings_of(data)
+    assert sorted(map(tuple, pairs.tolist())) == by_pairs(data)
+    divided = split(data, pairs, parts)
     owner = divided.edge_numbers
-    assert not len(crossings_of(divided).pairs)
+    assert not len(crossings_of(divided)[0])
     # Parts add up to their edge, and their springs in series to its spring.
     total = np.zeros((data.n_edges, 2))
     np.add.at(total, owner, bond_vectors_of(divided))

@@ -9,9 +9,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial import ConvexHull
 
-import critflow.exchange.packages as packages
+import critflow.exchange.data as exchange
 from critflow import InputError, Network, critical_from_lengths, lattice, network_from, voronoi_network, write_network
-from critflow.exchange.data import data_of
+from critflow.exchange.convert import data_of
 from critflow.exchange.drawings import clipped_segments
 from critflow.result import EnvironmentFailure
 
@@ -217,8 +217,8 @@ def test_what_a_format_cannot_hold_is_one_sentence(tmp_path, thing, file, option
         write_network(thing, tmp_path / file, **options)
 
 
-@pytest.mark.parametrize(("ending", "extra"), [("graphml", "graphs"), ("json", "graphs"), ("3mf", "solids")])
-def test_a_missing_package_is_named_with_its_install_command(tmp_path, monkeypatch, ending, extra):
-    monkeypatch.setattr(packages, "import_module", lambda name: (_ for _ in ()).throw(ImportError(name)))
-    with pytest.raises(EnvironmentFailure, match=rf"critflow\[{extra}\]"):
+@pytest.mark.parametrize(("ending", "package"), [("graphml", "networkx"), ("json", "networkx"), ("3mf", "trimesh")])
+def test_a_missing_package_is_named_with_its_install_command(tmp_path, monkeypatch, ending, package):
+    monkeypatch.setattr(exchange, "import_module", lambda name: (_ for _ in ()).throw(ImportError(name)))
+    with pytest.raises(EnvironmentFailure, match=rf"{package}, .*critflow\[formats\]"):
         write_network(NETWORKS["voronoi"], tmp_path / f"n.{ending}")

@@ -414,17 +414,17 @@ DAMAGED = {
         "neither a number",
     ),
     "one_edges.csv": ("tail,head\n0,1\n", "is one of two tables: give the other one after it"),
-    "deep.json": ("[" * 100_000 + "]" * 100_000, "nested"),
-    "deep.gml": ("graph [ " * 3000 + "]" * 3000, "nested"),
+    "deep.json": ("[" * 100_000 + "]" * 100_000, "cannot be read as graph: maximum recursion"),
+    "deep.gml": ("graph [ " * 3000 + "]" * 3000, "cannot be read as graph: maximum recursion"),
     "deep.graphml": ("<graphml>" * 20_000 + "</graphml>" * 20_000, "graphml"),
     "entity.xdmf": ('<!DOCTYPE x [<!ENTITY a "b">]><Xdmf>&c;</Xdmf>', "entity"),
     "nan.json": (offset(float("nan")), "whole"),
     "large.json": (offset(1e19), "whole"),
-    "own.json": ("[1, 2]", "node_link_data"),
+    "own.json": ("[1, 2]", "needs nodes"),
     "without_an_end.json": (graph_text([{"id": 1}], [{"source": 1, "target": 2}]), "ids"),
     "twice.json": (graph_text([{"id": 1}, {"id": 1}], []), "ids"),
     "open.json": (graph_text([{"id": 1}], [{"source": 1}]), "target"),
-    "numbers.json": (graph_text([1, 2], []), "objects"),
+    "numbers.json": (graph_text([1, 2], []), "needs nodes"),
 }
 
 

@@ -221,16 +221,16 @@ def test_the_subspace_of_a_program_grows_to_its_limit(monkeypatch, n_modes):
     monkeypatch.setattr(second_order, "PROGRAM_MODES", 10)
     stiffness = np.linspace(1.0, 2.0, n_modes)
     forms = -stiffness[:, None, None] * np.eye(n_modes)[:, :, None] * np.eye(n_modes)[:, None, :]
-    found = second_order._program(forms)
+    least, _, obstruction, support = second_order._program(forms)
     # The best stress of unit norm makes all modes of the subspace equally stiff.
-    weight = -stiffness * found.support / np.linalg.norm(found.support)
+    weight = -stiffness * support / np.linalg.norm(support)
     seen = weight > 1e-6
     assert seen.sum() == 25
     equal = 1 / np.sqrt(np.sum(stiffness[seen] ** -2))
     np.testing.assert_allclose(weight[seen], equal, rtol=1e-6)
-    assert found.least == pytest.approx(equal if n_modes == 25 else 0.0, rel=1e-6, abs=1e-9)
+    assert least == pytest.approx(equal if n_modes == 25 else 0.0, rel=1e-6, abs=1e-9)
     # An obstruction on a part of the modes is none on all of them.
-    assert (found.obstruction is None) == (n_modes == 30)
+    assert (obstruction is None) == (n_modes == 30)
 
 
 def test_ambiguous_counts_decide_nothing():
