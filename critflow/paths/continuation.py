@@ -16,10 +16,10 @@ components q of the cell.  A path is a curve z(γ) = (y, q).  One step from γ t
 From one strain to the next (`step`, with the loop in `advance`):
 
 6. An accepted step becomes the last point and the stride doubles.
-7. A refused step from a transition, where the velocity is unknown, is repeated with the velocity there: the limit of
-   that under a stress η σ as η → 0 (`_departure`).
-8. Any other refused step is halved.  The path ends where a stride is below 2⁻¹⁶ of the distance between the strains,
-   with the reason of the longest step that failed: shorter ones may fail by rounding alone.
+7. A refused step is halved.  The path ends where a stride is below 2⁻¹⁶ of the distance between the strains, with the
+   reason of the longest step that failed: shorter ones may fail by rounding alone.
+
+The velocity at a transition is the limit of that under a stress η σ as η → 0 (`_departing`).
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ from critflow.paths.tangent import Tangent, path_rates, relaxations_to, tangent,
 from critflow.response.linear_response import linear_response, strains_of
 from critflow.response.tensor import Elasticity
 from critflow.result import Status
-from critflow.springs.equilibrium import Equilibrium, relaxed
+from critflow.springs.equilibrium import LOOSEST_TOLERANCE, Equilibrium, relaxed
 from critflow.springs.free_cell import FreeCellState, relaxed_with_cell, stretched
 from critflow.springs.laws import HOOKEAN
 from critflow.springs.minimum import ROUNDING_COMPRESSION
@@ -120,13 +120,16 @@ class Course:
             free = FreeCellState.of(start, cell.stretch, cell.free_strains)
             solution, factor, q = relaxed_with_cell(free, self.reference, cell.affine, self.pattern, self.tolerance)
             return solution, factor, replace(cell, stretch=q)
-        solution, factor = relaxed(start, self.pattern, self.method, self.tolerance, condition=False)
+        # Newton's method ends with a correction to the rounding of coordinates for every tolerance, and predictions are
+        # within its reach.
+        tolerance = LOOSEST_TOLERANCE if self.method == "newton" else self.tolerance
+        solution, factor = relaxed(start, self.pattern, self.method, tolerance, condition=False)
         if not solution.ok and start.law.one_sided:
             # On the kinks of cables that are just tight corrections do not converge.
             placed = with_slack_placed(solution.value, solution.value.sigma)
             if placed is not solution.value:
                 steps = solution.stats.steps
-                solution, factor = relaxed(placed, self.pattern, self.method, self.tolerance, condition=False)
+                solution, factor = relaxed(placed, self.pattern, self.method, tolerance, condition=False)
                 solution = replace(solution, stats=replace(solution.stats, steps=steps + solution.stats.steps))
         return solution, factor, cell
 
@@ -226,7 +229,6 @@ class Point:
     stride    length of the next step in strain
     isolated  whether a step can return to this point: an equilibrium, but not the transition itself
     stress    tension over length of each spring at a transition, σ (N_b,) or T/p (N_f,); None elsewhere
-    departs   whether its velocity may be computed from a stress: at a transition, once
     """
 
     cell: Cell
@@ -235,7 +237,6 @@ class Point:
     stride: float = np.inf
     isolated: bool = True
     stress: Array | None = None
-    departs: bool = False
 
 
 @dataclass(frozen=True, eq=False)
@@ -267,7 +268,7 @@ def begin(course: Course, springs: SpringState, stress: Array | None, cell: Cell
     """
     cell = cell or course.cell(0.0, np.zeros(len(course.free_strains)))
     predictor = Predictor.at(cell.strain, cell.point(springs))
-    point = Point(cell, springs, predictor, isolated=False, stress=stress, departs=stress is not None)
+    point = Point(cell, springs, predictor, isolated=False, stress=stress)
     if stress is not None:
         return Progress(point, cell.strain, _unmoved(point), ended=True)
     # Free components of the cell may have stress here, and velocities are unknown.
@@ -294,6 +295,8 @@ def advance(course: Course, point: Point, strain: float) -> Progress:
         return refused(point, strain, Status.ill_conditioned, _UNRESOLVED)
     # F(γ) does not resolve smaller strains.
     smallest = max(_SMALLEST_PART * abs(strain - here.strain), EPS)
+    if point.stress is not None:
+        point = _departing(course, point, point.stress, strain)
     point = replace(point, stride=max(point.stride, smallest))
     progress = Progress(point, strain, _unmoved(point), smallest=smallest)
     for _ in range(_MOST_STEPS):
@@ -306,7 +309,7 @@ def advance(course: Course, point: Point, strain: float) -> Progress:
 
 
 def step(course: Course, progress: Progress) -> Progress:
-    """One attempt towards the strain, and the point and stride that follow from it (steps 6 to 8)."""
+    """One attempt towards the strain, and the point and stride that follow from it (steps 6 and 7)."""
     point, target = progress.point, progress.target
     left = target - point.cell.strain
     ahead = min(point.stride, abs(left))
@@ -320,14 +323,9 @@ def step(course: Course, progress: Progress) -> Progress:
         accepted = Point(end.cell, end.state, predictor, stride)
         inserted = progress.inserted + (not arrived)
         return replace(progress, point=accepted, ended=arrived, inserted=inserted, failed=None)
-    if end.curable and point.departs:
-        departed = _departure(course, point, target)
-        if departed.predictor is not point.predictor:
-            return replace(progress, point=departed)
-        point = departed
     failed = (progress.failed or end) if end.curable else end
     if not end.curable or 0.5 * ahead < progress.smallest:
-        return replace(progress, point=point, end=failed, ended=True)
+        return replace(progress, end=failed, ended=True)
     return replace(progress, point=replace(point, stride=0.5 * ahead), failed=failed)
 
 
@@ -386,14 +384,12 @@ def _measured(course: Course, end: Step, factor: Factor | None) -> Step:
     )
 
 
-def _departure(course: Course, point: Point, strain: float) -> Point:
+def _departing(course: Course, point: Point, stress: Array, strain: float) -> Point:
     """A transition with its velocity on the side of a strain, where it is determined.
 
     It is the limit of the velocity of the same configuration under a stress η σ as η → 0.
     """
-    springs, stress = point.state, point.stress
-    assert stress is not None
-    point = replace(point, departs=False)
+    springs = point.state
     L, rates = springs.bond_vectors, course.rates(point.cell)
     sigma = springs.edge_tension(stress * springs.spring_lengths) / springs.lengths
     work = np.vdot(sigma[:, None] * L, L @ rates[0][0].T)

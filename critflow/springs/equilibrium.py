@@ -244,7 +244,7 @@ def _correction(state: SpringState, pattern: FixedPattern, factor: Factor | None
         if np.isfinite(correction.remainder):
             return correction, factor
     factor = state.factorize(pattern)
-    if factor.sound and not factor.n_negative:
+    if state.taut or (factor.sound and not factor.n_negative):
         # Small pivots may still be accurate; whether corrections shrink decides.
         correction = state.exact_displacement(factor)
         if np.isfinite(correction.remainder):
