@@ -30,8 +30,7 @@ from ..shared.populations import MEANING, POPULATIONS, configuration, prepared
 from ..shared.reports import PAPER
 from .ascent import MEASURES, ascend
 from .figures import animation, ascent_figure, compression_figure, scaling_figure
-from .report import claims
-from .verify import verify
+from .report import claims, verify
 
 METHODS = ("lbfgs", "fire", "newton")
 # Every step at first, then about eight a factor of ten.
