@@ -18,7 +18,6 @@ import scipy.sparse as sp
 from critflow import CriticalConfiguration, CriticalManifold, Network, voronoi_network
 from critflow.critical.transition import dilation, transition_modulus
 from critflow.linalg.backends import available_backends
-from critflow.linalg.matrices import edge_blocks
 from critflow.precision.double_double import Extended
 from critflow.workflow import stable_rng
 
@@ -36,7 +35,7 @@ FAST = {"metis": "pymetis", "pardiso": "pypardiso", "pyamg": "pyamg"}
 TOLERANCES = (1e-2, 1e-4, 1e-6, 1e-8, 1e-10, 1e-12, 1e-14)
 # Where every run of an iterative method takes seconds it has one level, at which its answer is worth something.
 LARGE, _GOOD = 100_000, (1e-10,)
-HESSIAN, ELIMINATION = "Hessian of springs", "elimination without subtraction"
+ELIMINATION = "elimination without subtraction"
 
 Solve = Callable[[np.ndarray], np.ndarray]
 
@@ -89,13 +88,6 @@ def _multigrid(laplacian: _Laplacian, sigma: np.ndarray, level: float) -> Solve:
     hierarchy = peer("pyamg").smoothed_aggregation_solver(laplacian.at(sigma).tocsr())
     solve = partial(hierarchy.solve, tol=level, accel="cg", maxiter=300)
     return lambda right: np.stack([solve(column) for column in right.T], axis=1)
-
-
-def _hessian(manifold: CriticalManifold, sigma: np.ndarray, level: float) -> Solve:
-    """Springs of stiffness σ and no rest length: force balance as an equilibrium, all directions in one matrix."""
-    values = edge_blocks(np.zeros_like(sigma), manifold.network.boundary_vectors, sigma)
-    factor = manifold.hessian.factorize(values)
-    return lambda right: factor.solve(right.ravel()).reshape(right.shape)
 
 
 @dataclass(frozen=True, eq=False)
@@ -157,8 +149,6 @@ def _methods(n_vertices: int, seed: int, gradient: bool) -> list[Method]:
             methods.append(method(backend, by_manifold, manifold, package=package))
     if not gradient:
         methods.append(method("solve", lambda level: Answer(manifold.solve(sigma).value.bond_vectors)))
-    if not huge:
-        methods.append(method(HESSIAN, by_solver, partial(_hessian, manifold)))
     return [*methods, *_peers(method, by_solver, network, sigma, gradient)]
 
 
@@ -190,7 +180,7 @@ TASKS = (
         "σ → configuration",
         "largest relative error of a bond vector",
         (*SIZES, HUGE),
-        ("auto", "solve", *_BACKENDS, HESSIAN, *_PEERS, ELIMINATION),
+        ("auto", "solve", *_BACKENDS, *_PEERS, ELIMINATION),
         "auto",
         partial(_methods, gradient=False),
     ),
@@ -199,7 +189,7 @@ TASKS = (
         "σ → configuration with a gradient",
         "largest error of a component of dB₀/dσ over the largest component",
         SIZES,
-        ("auto", *_BACKENDS, HESSIAN, *_PEERS),
+        ("auto", *_BACKENDS, *_PEERS),
         "auto",
         partial(_methods, gradient=True),
     ),
