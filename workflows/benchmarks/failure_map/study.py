@@ -22,7 +22,7 @@ from ...shared.own_network import check_own, own_network, with_digest
 from .outcomes import Finding, Outcome, Violation
 from .problems import DIFFICULTIES, GENERATED, QUANTITIES
 from .quantities import ASSEMBLED, ASSEMBLIES, assembly_errors, finding
-from .report import MAPS, bound_figure, claims, map_figure, summary
+from .report import MAPS, claims, map_figure, summary
 
 MOST_VERTICES = 64
 
@@ -122,7 +122,7 @@ study = Study(
         ),
         Variable("status", ("difficulty", "seed"), "i1", long_name="whether the case was computed", flags=Status),
     ),
-    figures={**{name: partial(map_figure, name=name) for name in MAPS}, "error_bounds": bound_figure},
+    figures={name: partial(map_figure, name=name) for name in MAPS},
     claims=claims,
     summary=summary,
 )
