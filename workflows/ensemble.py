@@ -14,6 +14,7 @@ import textwrap
 import numpy as np
 from matplotlib.figure import Figure
 
+from critflow import Status, voronoi_network
 from critflow.figures.plot import draw_network, unit_pressure_tensions
 from critflow.generators.random_networks import check_voronoi
 from critflow.paths.strain_path import check_strains
@@ -21,17 +22,33 @@ from critflow.result import StudyError
 from critflow.workflow import Axis, Claim, Coordinate, Study, decimals
 
 from .shared.checks import check_deformation, check_network, check_positive
-from .shared.measurements import DRAWN, planar_member, table, verify
-from .shared.own_network import check_own, own_network, with_digest
+from .shared.measurements import DRAWN, identified, measured, table, verify
+from .shared.own_network import check_own, own_manifold, own_network, with_digest
 from .shared.population_reports import counts, described, of, percolation_claims, population_claims, summary
-from .shared.populations import LABELS, MEANING, NAMES, PAPER_POPULATIONS, POPULATIONS, SPREADS
+from .shared.populations import LABELS, MEANING, NAMES, PAPER_POPULATIONS, POPULATIONS, SPREADS, configuration, prepared
 from .shared.reports import PAPER, parameters
+from .shared.structure import face_anisotropy, force_anisotropy
 from .shared.violins import violins
 
 
 def case(parameters, *, seed, population, wanted):
     """A critical configuration, its structure, and its moduli at the transition and along the strain path."""
-    return planar_member(parameters, seed=seed, population=population, wanted=wanted)
+    own = parameters.get("network", "")
+    if own:
+        manifold = own_manifold(own)
+    else:
+        manifold = prepared(voronoi_network, parameters["n_vertices"], seed, parameters["hard_core"])
+    found = configuration(manifold, parameters, seed, population, random_start=bool(own and seed))
+    if not np.isfinite(found.value.coordinates).all():
+        return identified(manifold.network, found)
+    # Where an edge collapses the infimum is not attained, and its coefficients are not defined.
+    undefined = np.nan if found.status is Status.edge_collapse else 1.0
+    result = measured(manifold, found, parameters, wanted, undefined)
+    for name, anisotropy in (("anisotropy_physical", face_anisotropy), ("anisotropy_force", force_anisotropy)):
+        if name in wanted:
+            known = name == "anisotropy_force" or manifold.network.faces is not None
+            result[name] = np.nanmean(anisotropy(found.value)) if known else np.nan
+    return result
 
 
 def check(parameters, axes):
