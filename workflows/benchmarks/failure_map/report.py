@@ -37,8 +37,6 @@ MAPS = {
     "tasks": (("hard_core", "small_strain", "threshold"), ("contrast", "large_step", "rest_lengths")),
 }
 RIGHT = (Outcome.exact, Outcome.bounded, Outcome.tolerated)
-# The refined factor, which the library uses, and its alternative; larger relative errors count as wrong.
-_RIVALS, _LOST = ("refined factor", "without subtraction"), 1e-6
 ULP = 2.0**-53
 WIDEST = 100.0
 
@@ -118,7 +116,7 @@ def _number(value):
 
 
 def claims(ds):
-    """Silent wrong answers, bounds against errors, and assemblies."""
+    """Silent wrong answers, and bounds against errors."""
     wrong = _violations(ds)
     places = ", ".join(f"{count} {where}" for where, count in wrong.items())
     points = int((ds.outcome != Outcome.absent).sum())
@@ -135,7 +133,6 @@ def claims(ds):
         "answered", "part of all points with a correct answer", "not stated",
         f"{share:.0f} %; the reference fails in {unknown}", "measured",
     )  # fmt: skip
-    yield from _assembly_claims(ds)
 
 
 def _violations(ds):
@@ -172,23 +169,6 @@ def _bound_claims(ds):
             "" if ratio <= WIDEST else "the bound is large; errors and bounds below a rounding count as one",
             f"median ≤ {WIDEST:g}", kind="check",
         )  # fmt: skip
-
-
-def _assembly_claims(ds):
-    """Accuracy of three assemblies of a configuration."""
-    if "stress_spread" not in ds.difficulty.values or not {"plain factor", *_RIVALS} <= set(ds.assembly.values):
-        return
-    one = ds.sel(difficulty="stress_spread")
-    strengths, error = one.strength.values, one.assembly_error.max("seed")
-    wrong = strengths[(error.sel(assembly="plain factor") > _LOST).values]
-    reach = [np.nanmax(strengths[(error.sel(assembly=name) < _LOST).values], initial=0.0) for name in _RIVALS]
-    yield Claim(
-        "assembly", "accuracy of an assembly without subtraction", "not stated",
-        f"σ over 10^±p: accurate up to p = {reach[1]:g}, a refined factor up to p = {reach[0]:g} with a status beyond; "
-        + (f"without refinement, accuracy is lost from p = {wrong.min():g} without warning" if len(wrong) else
-           "accurate without refinement"),
-        "measured", "its time grows as N_v³ (study `speed`), so the library does not use it",
-    )  # fmt: skip
 
 
 def summary(ds):
