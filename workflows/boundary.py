@@ -58,8 +58,6 @@ def case(parameters, *, seed):
         "bond_vectors": critical.bond_vectors,
         "collapsed_bond_vectors": network.bond_vectors(np.zeros_like(critical.coordinates)),
         "sheared_cell": cells,
-        "sheared_coordinates": [solved.coordinates for solved in sheared],
-        "sheared_coordinates_error_bound": [solved.error_bound for solved in sheared],
         "sheared_bond_vectors": [solved.bond_vectors for solved in sheared],
         "sheared_boundary_vectors": [solved.network.boundary_vectors for solved in sheared],
         "nearest_image_wrong": wrong,
@@ -83,9 +81,7 @@ VARIABLES = (
         collapsed_bond_vectors="bond vectors with all vertices at one point",
     ),
     *numbers(("seed",), coordinates_error_bound="bound on the error of coordinates"),
-    *numbers(SHEARED, sheared_coordinates_error_bound="bound on the error of sheared_coordinates"),
     *numbers((*SHEARED, "axis", "axis_"), sheared_cell="cell vectors as rows after the shear"),
-    *numbers((*SHEARED, "vertex", "axis"), sheared_coordinates="coordinates after the shear"),
     *numbers(
         (*SHEARED, "edge", "axis"),
         sheared_bond_vectors="bond vectors after the shear",

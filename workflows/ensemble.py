@@ -9,26 +9,46 @@ With `network=FILE` the network is that of a file; seeds are then those of rando
 
 from __future__ import annotations
 
-import numpy as np
+import textwrap
 
-from critflow.figures.plot import unit_pressure_tensions
+import numpy as np
+from matplotlib.figure import Figure
+
+from critflow import Status, voronoi_network
+from critflow.figures.plot import draw_network, unit_pressure_tensions
 from critflow.generators.random_networks import check_voronoi
 from critflow.paths.strain_path import check_strains
 from critflow.result import StudyError
 from critflow.workflow import Axis, Claim, Coordinate, Study, decimals
 
 from .shared.checks import check_deformation, check_network, check_positive
-from .shared.measurements import DRAWN, planar_member, table, verify
-from .shared.own_network import check_own, own_network, with_digest
-from .shared.panels import Drawing, Panel, gallery_figure, panel_figure
+from .shared.measurements import DRAWN, identified, measured, table, verify
+from .shared.own_network import check_own, own_manifold, own_network, with_digest
 from .shared.population_reports import counts, described, of, percolation_claims, population_claims, summary
-from .shared.populations import LABELS, MEANING, NAMES, PAPER_POPULATIONS, POPULATIONS, SPREADS
+from .shared.populations import LABELS, MEANING, NAMES, PAPER_POPULATIONS, POPULATIONS, SPREADS, configuration, prepared
 from .shared.reports import PAPER, parameters
+from .shared.structure import face_anisotropy, force_anisotropy
+from .shared.violins import violins
 
 
 def case(parameters, *, seed, population, wanted):
     """A critical configuration, its structure, and its moduli at the transition and along the strain path."""
-    return planar_member(parameters, seed=seed, population=population, wanted=wanted)
+    own = parameters.get("network", "")
+    if own:
+        manifold = own_manifold(own)
+    else:
+        manifold = prepared(voronoi_network, parameters["n_vertices"], seed, parameters["hard_core"])
+    found = configuration(manifold, parameters, seed, population, random_start=bool(own and seed))
+    if not np.isfinite(found.value.coordinates).all():
+        return identified(manifold.network, found)
+    # Where an edge collapses the infimum is not attained, and its coefficients are not defined.
+    undefined = np.nan if found.status is Status.edge_collapse else 1.0
+    result = measured(manifold, found, parameters, wanted, undefined)
+    for name, anisotropy in (("anisotropy_physical", face_anisotropy), ("anisotropy_force", force_anisotropy)):
+        if name in wanted:
+            known = name == "anisotropy_force" or manifold.network.faces is not None
+            result[name] = np.nanmean(anisotropy(found.value)) if known else np.nan
+    return result
 
 
 def check(parameters, axes):
@@ -59,25 +79,77 @@ RESPONSE = {
 # Quantities on logarithmic axes, and the least value that is drawn.
 LEAST_DRAWN = {"length_variance": 1e-3, "tension_variance": 1e-3, "shear_modulus_0": 1e-12}
 
+# Characters of a line of the note under a figure of panels, which leave a margin on both sides.
+_NOTE_WIDTH = 190
 _DRAWINGS = "Drawings: medians of the highest and lowest population; dark, wide edges carry the most tension."
 
 
 def structure_figure(ds):
     """`StructuralMetrics`: lengths and faces, tensions and force triangles."""
-    panels = [_panel(ds, name, label, least=LEAST_DRAWN.get(name)) for name, label in STRUCTURE.items()]
     note = f"{_DRAWINGS} $V_L$ of min $V_L$ vanishes to rounding and stands at {LEAST_DRAWN['length_variance']:g}."
-    return panel_figure(panels, _names(ds), "Structure of critical configurations", f"{note} {_random_note(ds)}")
+    return _panels(ds, STRUCTURE, "Structure of critical configurations", note)
 
 
 def response_figure(ds):
     """`ResponseMetrics`: moduli at the transition and how they grow past it."""
-    panels = [_panel(ds, name, label, name.startswith("C_"), LEAST_DRAWN.get(name)) for name, label in RESPONSE.items()]
     note = (
         f"Red lines: no change with strain{_deformation_note(ds)}. Undefined: edges shrink to zero length. {_DRAWINGS}"
     )
-    return panel_figure(
-        panels, _names(ds), "Mechanical response of critical configurations", f"{note} {_random_note(ds)}"
-    )
+    return _panels(ds, RESPONSE, "Mechanical response of critical configurations", note)
+
+
+def _panels(ds, names, title, note):
+    """Panels two by two: distributions of each quantity on the left of one, networks as examples on its right."""
+    lines = textwrap.wrap(f"{note} {_random_note(ds)}", _NOTE_WIDTH)
+    low = 0.15 + 0.17 * len(lines)
+    size = (12.5, 4.3 * 2 + 0.45 + low)
+    figure = Figure(figsize=size, dpi=150)
+    figure.suptitle(title, fontsize=13, y=1 - 0.1 / size[1], va="top")
+    for n, ((name, label), letter) in enumerate(zip(names.items(), "ABCD", strict=True)):
+        left, bottom = 6.25 * (n % 2), low + 4.3 * (1 - n // 2)
+        axes = _axes(figure, left + 0.72, bottom + 0.5, 4.1, 3.55)
+        if name.startswith("C_"):
+            axes.axhline(0.0, color="#C00000", linewidth=1.0, zorder=0)
+        values = ds[name].transpose("population", "seed")
+        drawn = np.maximum(values.values, LEAST_DRAWN.get(name, -np.inf))
+        violins(axes, list(drawn), _names(ds), log=name in LEAST_DRAWN)
+        axes.set_ylabel(label, fontsize=10)
+        axes.set_title(letter, loc="left", fontweight="bold", fontsize=12, y=1.0)
+        for row, (one, caption) in enumerate(_examples(ds, values)):
+            small = _axes(figure, left + 4.93, bottom + 4.05 - 1.8 * (row + 1), 1.25, 1.45)
+            _draw(small, one, caption, 8, width=0.75)
+    figure.supxlabel("\n".join(lines), fontsize=8.5, color="0.25", y=0.07 / size[1], va="bottom")
+    return figure
+
+
+def _axes(figure, left, bottom, width, height):
+    """Axes at a place of a figure in inches: a layout by the sizes of all labels takes longer than the drawing."""
+    across, up = figure.get_size_inches()
+    return figure.add_axes((left / across, bottom / up, width / across, height / up))
+
+
+def _examples(ds, values):
+    """The networks nearest to the median of the populations with the largest and the least one, with captions."""
+    medians = values.median("seed")
+    if np.isfinite(medians).any():
+        for word, population in (("high", medians.idxmax()), ("low", medians.idxmin())):
+            of_population = values.sel(population=population)
+            seed = np.abs(of_population - of_population.median()).idxmin()
+            value = float(of_population.sel(seed=seed))
+            shown = f"{value:.2g}" if abs(value) > 1e-15 else "0"
+            yield ds.sel(population=population, seed=seed), f"{word}: {shown}\n{LABELS[str(population.values)]}"
+
+
+def _draw(axes, one, caption, font_size, width, limits=None):
+    """A small picture of a configuration, by its tensions at unit pressure, with its caption as title."""
+    # A given height is not searched for: that takes as long as the drawing.
+    axes.set_title(caption, fontsize=font_size, y=1.0)
+    arrays = (one[name].values for name in ("edges", "offsets", "cell", "coordinates"))
+    return draw_network(axes, *arrays, _tensions(one), limits=limits, width=width)
+
+
+def _tensions(one):
+    return unit_pressure_tensions(one.sigma.values, one.length.values, float(abs(np.linalg.det(one.cell.values))))
 
 
 def _deformation_note(ds):
@@ -87,14 +159,25 @@ def _deformation_note(ds):
 
 
 def gallery(ds):
-    """`Networks`: the first network in every population, on one colour scale."""
-    drawings = []
-    for population in ds.population.values:
-        one = ds.isel(seed=0).sel(population=population)
-        if np.isfinite(one.sigma.values).all():
-            drawings.append(_drawing(one, f"{{name}}: $B_0$ = {float(one.bulk_modulus_0):.3f}"))
-    title = f"One network of {ds.sizes['vertex']} vertices at the rigidity transition in seven populations"
-    return gallery_figure(drawings, title.replace("seven", _NUMBERS.get(len(drawings), str(len(drawings)))))
+    """`Networks`: the first network in every population on one scale of the tension, and its bar in the last place."""
+    shown = [one for p in ds.population.values if np.isfinite((one := ds.isel(seed=0).sel(population=p)).sigma).all()]
+    columns = min(4, len(shown) + 1)
+    rows = (len(shown) + columns) // columns
+    size = (3.1 * columns, 3.35 * rows + 0.4)
+    figure = Figure(figsize=size, dpi=100)
+    number = _NUMBERS.get(len(shown), len(shown))
+    title = f"One network of {ds.sizes['vertex']} vertices at the rigidity transition in {number} populations"
+    figure.suptitle(title, fontsize=13, y=1 - 0.1 / size[1], va="top")
+    high = float(np.percentile(np.concatenate([np.abs(_tensions(one)) for one in shown]), 97))
+    places = [(3.1 * (n % columns), 3.35 * (rows - 1 - n // columns)) for n in range(rows * columns)]
+    for (left, bottom), one in zip(places, shown, strict=False):
+        caption = f"{LABELS[str(one.population.values)]}: $B_0$ = {float(one.bulk_modulus_0):.3f}"
+        axes = _axes(figure, left + 0.05, bottom + 0.05, 3.0, 3.0)
+        lines = _draw(axes, one, caption, 10, width=1.1, limits=(0.0, high))
+    left, bottom = places[len(shown)]
+    bar = figure.colorbar(lines, cax=_axes(figure, left + 0.4, bottom + 0.2, 0.2, 2.7), extend="max")
+    bar.set_label("edge tension at unit pressure")
+    return figure
 
 
 _NUMBERS = {1: "one", 2: "two", 3: "three", 4: "four", 5: "five", 6: "six", 7: "seven"}
@@ -112,35 +195,6 @@ def _random_note(ds):
         stressed = float(ds.stressed_fraction.sel(population="random_lengths_wide").mean())
         text += f" as printed in the paper, where {100 * stressed:.0f} % of the edges are stressed"
     return f"{text}." if text else ""
-
-
-def _panel(ds, name, label, zero_line=False, least=None):
-    values = ds[name].transpose("population", "seed")
-    medians = values.median("seed")
-    drawings = []
-    if np.isfinite(medians).any():
-        for word, population in (("high", medians.idxmax()), ("low", medians.idxmin())):
-            of_population = values.sel(population=population)
-            seed = np.abs(of_population - of_population.median()).idxmin()
-            value = float(of_population.sel(seed=seed))
-            shown = f"{value:.2g}" if abs(value) > 1e-15 else "0"
-            drawings.append(_drawing(ds.sel(population=population, seed=seed), f"{word}: {shown}\n{{name}}"))
-    groups = list(values.values if least is None else np.maximum(values.values, least))
-    return Panel(label, groups, drawings, least is not None, zero_line)
-
-
-def _drawing(one, caption):
-    """One configuration with its caption, which may contain the {name} of its population."""
-    sigma, lengths, cell = one.sigma.values, one.length.values, one.cell.values
-    tensions = unit_pressure_tensions(sigma, lengths, float(abs(np.linalg.det(cell))))
-    return Drawing(
-        caption.replace("{name}", LABELS[str(one.population.values)]),
-        one.edges.values,
-        one.offsets.values,
-        cell,
-        one.coordinates.values,
-        tensions,
-    )
 
 
 # Claims

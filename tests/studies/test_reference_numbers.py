@@ -1,4 +1,4 @@
-"""The study of reference numbers end to end, small: exact numbers, signs of disagreement, figures."""
+"""The study of reference numbers end to end, small: exact numbers, signs of disagreement."""
 
 import numpy as np
 import pytest

@@ -21,7 +21,7 @@ SETTINGS = {
         **{"deformation=uniaxial_free": "simple_shear"},
     },
     "failure_map": {
-        **{"quantities=colour": "no quantity", "assemblies=none": "no assembly", "n_steps=1": "at least 2"},
+        **{"quantities=colour": "no quantity", "n_steps=1": "at least 2"},
         **{"difficulties=smalest": "did you mean 'smallest'", "n_vertices=7": "n_vertices"},
     },
     "gallery": {

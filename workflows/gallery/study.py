@@ -37,8 +37,7 @@ from ..shared.populations import random_lengths
 from ..shared.reports import PAPER
 from ..shared.structure import relative_variance
 from ..shared.tables import NETWORK, bounded, numbers, outcomes
-from .report import PANELS, claims, gallery
-from .verify import verify
+from .report import PANELS, claims, gallery, verify
 
 # Distance between the faces that panels C and F inflate, in units of the root of the mean area of a vertex.
 SPACING = 4.4

@@ -55,10 +55,7 @@ def network_of(family, n_vertices, z, seed):
 def case(parameters, *, family, seed):
     """γ_c of one family at every z and deformation; of Voronoi networks also surfaces."""
     found = against_coordination(parameters, family, seed)
-    surface = empty_surfaces(parameters)
-    if family == "voronoi":
-        fill_surfaces(surface, parameters, seed)
-    return {"status": Status.ok} | found | surface
+    return {"status": Status.ok} | found | surfaces(parameters, PAPER_POPULATIONS if family == "voronoi" else (), seed)
 
 
 def against_coordination(parameters, family, seed):
@@ -86,34 +83,27 @@ def against_coordination(parameters, family, seed):
     }
 
 
-def empty_surfaces(parameters):
-    """Undefined surfaces."""
-    shape = len(PAPER_POPULATIONS), parameters["n_directions"]
-    sizes = {
-        "surface_strain": (),
-        "surface_strain_error_bound": (),
-        "surface_taut": (),
-        "surface_point": (2,),
-        "surface_normal": (2,),
-    }
-    return {name: np.full((*shape, *size), np.nan) for name, size in sizes.items()}
-
-
-def fill_surfaces(found, parameters, seed):
-    """Points and normals of the rigidity surface of each population, in the plane of pure shear and dilation."""
+def surfaces(parameters, populations, seed):
+    """Points and normals of the rigidity surfaces of populations, in the plane of pure shear and dilation; else NaN."""
     manifold = CriticalManifold(voronoi_network(parameters["surface_vertices"], seed))
     directions = strain_plane(PURE_SHEAR, DILATION, parameters["n_directions"])
-    for n, population in enumerate(PAPER_POPULATIONS):
+    strain, gap, taut = np.full((3, len(PAPER_POPULATIONS), len(directions)), np.nan)
+    point, normal = np.full((2, *strain.shape, 2), np.nan)
+    for n, population in enumerate(populations):
         critical = configuration(manifold, parameters, seed, population).value
         if not np.isfinite(critical.lengths).all():
             continue
         lengths = (1 + parameters["excess"]) * critical.lengths
         surface = rigidity_surface(manifold.network, lengths, directions)
-        found["surface_strain"][n] = surface.strains
-        found["surface_strain_error_bound"][n] = surface.error_bounds
-        found["surface_taut"][n] = np.where(surface.found, surface.taut / len(lengths), np.nan)
-        found["surface_point"][n] = _plane(surface.points)
-        found["surface_normal"][n] = _plane(surface.normals)
+        strain[n], gap[n], point[n] = surface.strains, surface.error_bounds, _plane(surface.points)
+        normal[n], taut[n] = _plane(surface.normals), np.where(surface.found, surface.taut / len(lengths), np.nan)
+    return {
+        "surface_strain": strain,
+        "surface_strain_error_bound": gap,
+        "surface_taut": taut,
+        "surface_point": point,
+        "surface_normal": normal,
+    }
 
 
 def _plane(tensors):

@@ -23,7 +23,7 @@ from critflow.workflow.load import load_study
 from critflow.workflow.study import KINDS
 
 from .paper import EQUATIONS, FIGURES, printed
-from .tables import claim_counts
+from .tables import claim_counts, head, row
 
 ROOT = Path(__file__).parents[2]
 PAGE = ROOT / "results" / "README.md"
@@ -72,14 +72,14 @@ def _holding(claims: list[dict]) -> str:
 
 def _overview(claims: dict[str, list[dict]], runs: dict[str, dict], reference: Path) -> str:
     """One row a study, with the number of claims of each kind that hold, and the counts of all studies."""
-    lines = [_row("study", "command", "seconds", *KINDS.values(), "made by"), "|---" * (4 + len(KINDS)) + "|"]
+    lines = head("study", "command", "seconds", *KINDS.values(), "made by")
     for study, its_claims in claims.items():
         run = runs.get(study, {})
         seconds = f"{run['seconds']:.0f}" if run.get("seconds") else ""
         made_by = f"{run.get('source', '')} {run.get('commit', '')[:7]}".strip()
         counts = [_count([claim for claim in its_claims if claim["kind"] == kind]) for kind in KINDS]
         cells = [f"[{count}](reference/{study}/claims.md)" if count else "" for count in counts]
-        lines.append(_row(f"[{study}](#{study})", f"`critflow run {study}`", seconds, *cells, made_by))
+        lines.append(row(f"[{study}](#{study})", f"`critflow run {study}`", seconds, *cells, made_by))
     text = ["", "The columns count the claims that hold, of those tested.", "", claim_counts(reference), ""]
     return "\n".join([*lines, *text])
 
@@ -122,19 +122,14 @@ def _table(claims: dict[str, list[dict]]) -> str:
         "Functions are in `critflow` unless their folder is named, tests in `tests/`. Equations and figures have the",
         "numbers that the paper prints; its claims stand in the tables of the studies.",
         "",
-        "| paper | meaning | where | checked by | verdict |",
-        "|---|---|---|---|---|",
+        *head("paper", "meaning", "where", "checked by", "verdict"),
     ]
-    lines += [_row(printed(e.label), e.meaning, f"`{e.function}`", f"`{e.test}`", e.verdict) for e in EQUATIONS]
+    lines += [row(printed(e.label), e.meaning, f"`{e.function}`", f"`{e.test}`", e.verdict) for e in EQUATIONS]
     for figure in FIGURES:
         command, table = f"`critflow run {figure.study}`", f"[claims](reference/{figure.study}/claims.md)"
         label = printed(figure.label) if figure.label else "(beyond the paper)"
-        lines.append(_row(label, figure.meaning, command, table, _holding(claims[figure.study])))
+        lines.append(row(label, figure.meaning, command, table, _holding(claims[figure.study])))
     return "\n".join([*lines, ""])
-
-
-def _row(*cells: str) -> str:
-    return "| " + " | ".join(cell.replace("|", "\\|").replace("\n", " ") for cell in cells) + " |"
 
 
 def run_again(names: list[str]) -> None:

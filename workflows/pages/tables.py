@@ -70,12 +70,14 @@ def _read(reference: Path, study: str, name: str) -> dict:
     return json.loads((reference / study / f"{name}.json").read_text(encoding="utf-8"))
 
 
-def _row(*cells: str) -> str:
-    return f"| {' | '.join(cells)} |"
+def row(*cells: str) -> str:
+    """One row of a table in Markdown."""
+    return "| " + " | ".join(cell.replace("|", "\\|") for cell in cells) + " |"
 
 
-def _head(*cells: str) -> list[str]:
-    return [_row(*cells), "|" + "---|" * len(cells)]
+def head(*cells: str) -> list[str]:
+    """The heading of a table, and the line below it."""
+    return [row(*cells), "|" + "---|" * len(cells)]
 
 
 # The ensemble
@@ -96,14 +98,14 @@ def _populations(summary: dict, columns: dict[str, str], outcomes: bool) -> str:
         f"Median and range of 90 % of {summary['networks']} networks of {summary['parameters']['n_vertices']} "
         "vertices, in units of k. n is the number of networks; a second number is that of C_B and C_G:",
         "",
-        *_head("population", "n", *columns.values(), *(["outcomes"] if outcomes else [])),
+        *head("population", "n", *columns.values(), *(["outcomes"] if outcomes else [])),
     ]
     for population, rows in summary["populations"].items():
         n = sorted({rows[name]["n"] for name in columns}, reverse=True)  # edges of zero length leave C_B, C_G undefined
         cells = [NAMES[population], ", ".join(map(str, n)), *(_spread(rows[name]) for name in columns)]
         if outcomes:
             cells.append(", ".join(f"{count} {status}" for status, count in rows["status"].items()))
-        lines.append(_row(*cells))
+        lines.append(row(*cells))
     return "\n".join(lines)
 
 
@@ -124,8 +126,8 @@ def ensemble_claims(reference: Path) -> str:
 def _claim_rows(statement: str, claims: list[dict]) -> list[str]:
     """A table of claims."""
     columns = ("statement", "criterion", "value", "sample", "verdict")
-    rows = (_row(*(claim[name].replace("|", "\\|") for name in columns)) for claim in claims)
-    return [*_head(statement, "criterion", "measured", "sample", "verdict"), *rows]
+    rows = (row(*(claim[name] for name in columns)) for claim in claims)
+    return [*head(statement, "criterion", "measured", "sample", "verdict"), *rows]
 
 
 def claim_counts(reference: Path) -> str:
@@ -146,7 +148,7 @@ def claim_counts(reference: Path) -> str:
 
 def speed(reference: Path) -> str:
     """One row a task and size: the default method, its time and error, the other methods, the reason."""
-    lines = _head(
+    lines = head(
         "task", "N_v", "default", "time", "error", "over the fastest", "others at their best accuracy", "reason"
     )
     for word, task in _read(reference, "speed", "summary")["tasks"].items():
@@ -159,20 +161,20 @@ def speed(reference: Path) -> str:
 
 def programs(reference: Path) -> str:
     """One row a task and size that other programs solve as well: time of critflow, and theirs as multiples of it."""
-    lines = _head("task", "N_v", "critflow", "error", "other programs, each at its best accuracy")
+    lines = head("task", "N_v", "critflow", "error", "other programs, each at its best accuracy")
     for task in _read(reference, "speed", "summary")["tasks"].values():
         for size, cells in task["sizes"].items():
             gains = {name: gain for name, gain in cells.get("gain", {}).items() if name.startswith(PROGRAMS)}
             if gains:
                 seconds, error = min(cells["auto"], key=lambda point: point[1])
                 others = ", ".join(map(_multiple, gains, gains.values()))
-                lines.append(_row(_plain(task["title"]), f"{int(size):,}", _time(seconds), _power(error), others))
+                lines.append(row(_plain(task["title"]), f"{int(size):,}", _time(seconds), _power(error), others))
     return "\n".join(lines)
 
 
 def _speed_row(word: str, task: dict, size: int, cells: dict, first: bool) -> str:
     seconds, error = min(cells["auto"], key=lambda point: point[1])
-    return _row(
+    return row(
         _plain(task["title"]) if first else "", f"{size:,}", task["auto"], _time(seconds), _power(error),
         f"{cells['auto_over_front']:.2g} ×", _others(cells["gain"]), REASONS[word] if first else "",
     )  # fmt: skip
@@ -215,10 +217,10 @@ def sizes(reference: Path) -> str:
     """One row a stage: seconds at every size, and the exponent of the large sizes."""
     summary = _read(reference, "speed", "summary")["stages"]
     powers = summary["exponents_from_10000"]
-    lines = _head("seconds at N_v = ", *(f"{n:,}" for n in summary["n_vertices"]), "exponent from 10⁴")
+    lines = head("seconds at N_v = ", *(f"{n:,}" for n in summary["n_vertices"]), "exponent from 10⁴")
     for stage, seconds in summary["seconds"].items():
         cells = [f"{s:.2g}" if s is not None else "" for s in seconds]
-        lines.append(_row(stage, *cells, f"{powers[stage]:.2f}" if stage in powers else ""))
+        lines.append(row(stage, *cells, f"{powers[stage]:.2f}" if stage in powers else ""))
     return "\n".join(lines)
 
 
@@ -244,7 +246,7 @@ def failures(reference: Path) -> str:
 def equations(page: str) -> str:
     """One row for each equation of the paper that a page of docs/theory explains: its number and its function."""
     rows = sorted((int(e.number), e.meaning, f"`{named(e.function)}`") for e in EQUATIONS if e.page == page)
-    return "\n".join([*_head("paper", "meaning", "function"), *(_row(f"({n})", *cells) for n, *cells in rows)])
+    return "\n".join([*head("paper", "meaning", "function"), *(row(f"({n})", *cells) for n, *cells in rows)])
 
 
 TABLES: dict[str, Callable[[Path], str]] = {

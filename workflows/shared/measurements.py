@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from critflow import CriticalManifold, InputError, Status, stiffening, strain_path, voronoi_network
+from critflow import CriticalManifold, InputError, Status, stiffening, strain_path
 from critflow.critical.backbone import backbone
 from critflow.critical.manifold import require_one_self_stress
 from critflow.networks.deformation import deformation_of
@@ -12,12 +12,10 @@ from critflow.onset.taut_set import NO_STRESS
 from critflow.paths.strain_path import PathSolver
 from critflow.response.at_transition import elasticity_at_transition
 from critflow.response.stiffening import NO_STIFFENING
-from critflow.workflow import Variable
 
-from .own_network import own_manifold
-from .populations import configuration, prepared
 from .reports import parameters as parameters_of
-from .structure import face_anisotropy, force_anisotropy, relative_variance
+from .structure import relative_variance
+from .tables import NETWORK, numbers, outcomes
 from .verification import BALANCED, bond_vectors, contradictions, forces
 from .verification import configuration as configuration_checks
 
@@ -37,26 +35,6 @@ BOUNDED = ("coordinates", *_AT_TRANSITION, *_EXACT, *_OF_PATH)
 def bounds(names):
     """The names of the error bounds of variables."""
     return tuple(f"{name}_error_bound" for name in names)
-
-
-def planar_member(parameters, *, seed, population, wanted):
-    """Arrays of one member of the planar ensemble: configuration, structure, moduli at and past the transition."""
-    own = parameters.get("network", "")
-    if own:
-        manifold = own_manifold(own)
-    else:
-        manifold = prepared(voronoi_network, parameters["n_vertices"], seed, parameters["hard_core"])
-    found = configuration(manifold, parameters, seed, population, random_start=bool(own and seed))
-    if not np.isfinite(found.value.coordinates).all():
-        return identified(manifold.network, found)
-    # Where an edge collapses the infimum is not attained, and its coefficients are not defined.
-    undefined = np.nan if found.status is Status.edge_collapse else 1.0
-    result = measured(manifold, found, parameters, wanted, undefined)
-    for name, anisotropy in (("anisotropy_physical", face_anisotropy), ("anisotropy_force", force_anisotropy)):
-        if name in wanted:
-            known = name == "anisotropy_force" or manifold.network.faces is not None
-            result[name] = np.nanmean(anisotropy(found.value)) if known else np.nan
-    return result
 
 
 def identified(network, found):
@@ -200,63 +178,64 @@ def fitted(strains, moduli, window):
 
 def table(planar):
     """Names, dimensions, types, units and meanings of the stored variables; shapes of faces in the plane only."""
-    network, member, each = ("seed",), ("population", "seed"), ("population", "seed", "strain")
+    member, each = ("population", "seed"), ("population", "seed", "strain")
     # CF has no unit of stiffness: quantities in units of k are dimensionless, and their long names contain the unit.
     in_k = ", in units of k"
     of_modulus = in_k if planar else ", in units of k per length"
-
-    def scalar(name, long_name, dtype="f8", **more):
-        return Variable(name, member, dtype, long_name=long_name, **more)
-
-    def past(name, long_name, dtype="f8", **more):
-        return Variable(name, each, dtype, long_name=long_name, **more)
-
-    yield Variable("edges", (*network, "edge", "end"), "i4", long_name="vertices at tail and head of each edge")
-    yield Variable(
-        "offsets", (*network, "edge", "axis"), "i2", long_name="cell image in which the head of each edge lies"
-    )
-    yield Variable("cell", (*network, "axis", "axis_"), "f8", long_name="cell vectors as rows")
-    yield Variable(
-        "sigma", (*member, "edge"), "f8", long_name="geometric stress (tension per length), sum of squares N_b"
-    )
-    yield Variable("length", (*member, "edge"), "f8", long_name="edge length at the transition")
-    yield Variable("coordinates", (*member, "vertex", "axis"), "f8", long_name="vertex coordinates at the transition")
-    yield scalar("bulk_modulus_0", "bulk modulus at the transition" + of_modulus)
-    yield scalar("shear_modulus_0", "shear modulus at the transition" + of_modulus)
-    yield past("bulk_modulus", "bulk modulus V d2E/dV2" + of_modulus)
-    yield past("shear_modulus", "shear modulus (1/V) d2E/dε2, energy convention" + of_modulus)
-    yield past("shear_modulus_stress_corrected", "shear modulus less half of dE/dV" + of_modulus)
-    yield past("energy", "elastic energy" + in_k)
-    yield past("max_force", "largest unbalanced force component" + in_k)
-    yield past("newton_steps", "Newton steps of the relaxation", dtype="i2")
-    yield past("path_status", "outcome of the strain step", dtype="i1", flags=Status)
+    growths = {}
     for name, modulus in (
         ("C_B", "bulk modulus"),
         ("C_G", "shear modulus (energy convention)"),
         ("C_G_stress_corrected", "stress-corrected shear modulus"),
     ):
-        yield scalar(name, f"growth of the {modulus} with strain, straight line fitted to the path" + of_modulus)
-        yield scalar(f"{name}_error", f"standard error of the fitted growth of the {modulus}" + of_modulus)
-        yield scalar(f"{name}_exact", f"growth of the {modulus} with strain, from the transition alone" + of_modulus)
-    yield scalar("length_variance", "variance of the lengths over their squared mean, V_L")
-    yield scalar("tension_variance", "variance of the tensions over their squared mean, V_τ")
-    if planar:
-        yield scalar("anisotropy_physical", "mean shape anisotropy of the faces")
-        yield scalar("anisotropy_force", "mean shape anisotropy of the force triangles")
-    yield scalar("stressed_fraction", "part of the edges under tension")
-    yield scalar("status", "outcome of finding the configuration", dtype="i1", flags=Status)
-    yield scalar("residual", "largest unbalanced force over the mean tension")
-    yield scalar("optimality", "residual of the method: projected gradient, or force")
-    yield scalar("iterations", "iterations of the method that found the configuration", dtype="i4")
-    of_scale = ", before the stress is scaled to its sum of squares"
+        growths[name] = f"growth of the {modulus} with strain, straight line fitted to the path{of_modulus}"
+        growths[f"{name}_error"] = f"standard error of the fitted growth of the {modulus}{of_modulus}"
+        growths[f"{name}_exact"] = f"growth of the {modulus} with strain, from the transition alone{of_modulus}"
+    shapes = {
+        "anisotropy_physical": "mean shape anisotropy of the faces",
+        "anisotropy_force": "mean shape anisotropy of the force triangles",
+    }
+    yield from NETWORK
+    yield from numbers(
+        (*member, "edge"),
+        sigma="geometric stress (tension per length), sum of squares N_b",
+        length="edge length at the transition",
+    )
+    yield from numbers((*member, "vertex", "axis"), coordinates="vertex coordinates at the transition")
+    yield from numbers(
+        member,
+        bulk_modulus_0="bulk modulus at the transition" + of_modulus,
+        shear_modulus_0="shear modulus at the transition" + of_modulus,
+    )
+    yield from numbers(
+        each,
+        bulk_modulus="bulk modulus V d2E/dV2" + of_modulus,
+        shear_modulus="shear modulus (1/V) d2E/dε2, energy convention" + of_modulus,
+        shear_modulus_stress_corrected="shear modulus less half of dE/dV" + of_modulus,
+        energy="elastic energy" + in_k,
+        max_force="largest unbalanced force component" + in_k,
+    )
+    yield from numbers(each, "i2", newton_steps="Newton steps of the relaxation")
+    yield from outcomes(each, path_status="outcome of the strain step")
+    yield from numbers(
+        member,
+        **growths,
+        length_variance="variance of the lengths over their squared mean, V_L",
+        tension_variance="variance of the tensions over their squared mean, V_τ",
+        **shapes if planar else {},
+        stressed_fraction="part of the edges under tension",
+    )
+    yield from outcomes(member, status="outcome of finding the configuration")
+    yield from numbers(
+        member,
+        residual="largest unbalanced force over the mean tension",
+        optimality="residual of the method: projected gradient, or force",
+    )
+    yield from numbers(member, "i4", iterations="iterations of the method that found the configuration")
     for name in BOUNDED:
         dims = each if name in _OF_PATH else member
-        yield Variable(
-            f"{name}_error_bound",
-            dims,
-            "f8",
-            long_name=f"bound on the rounding error of {name}{of_scale * (name == 'coordinates')}",
-        )
+        of_scale = ", before the stress is scaled to its sum of squares" if name == "coordinates" else ""
+        yield from numbers(dims, **{f"{name}_error_bound": f"bound on the rounding error of {name}{of_scale}"})
 
 
 def verify(ds):

@@ -28,10 +28,10 @@ from critflow.workflow import Axis, Coordinate, Study, Variable, stable_rng
 from ..shared.checks import check_network
 from ..shared.populations import MEANING, POPULATIONS, configuration, prepared
 from ..shared.reports import PAPER
+from ..shared.tables import NETWORK
 from .ascent import MEASURES, ascend
 from .figures import animation, ascent_figure, compression_figure, scaling_figure
-from .report import claims
-from .verify import verify
+from .report import claims, verify
 
 METHODS = ("lbfgs", "fire", "newton")
 # Every step at first, then about eight a factor of ten.
@@ -181,26 +181,24 @@ AT_END = {
     "nearest_singular": "smallest over largest pivot during the ascent",
     "residual": "largest unbalanced force over the mean tension at the end",
 }
-EACH, NETWORK, RECORD = ("seed", "n_vertices"), ("seed",), ("seed", "step")
+EACH, EACH_SEED, RECORD = ("seed", "n_vertices"), ("seed",), ("seed", "step")
 ALGORITHM, PART = (*EACH, "algorithm"), (*EACH, "algorithm", "fraction")
 
 
 def _table():
     """Names, dimensions, types and meanings of the stored variables."""
-    yield Variable("edges", (*NETWORK, "edge", "end"), "i4", long_name="vertices at tail and head of each edge")
-    yield Variable("offsets", (*NETWORK, "edge", "axis"), "i2", long_name="cell image in which each head lies")
-    yield Variable("cell", (*NETWORK, "axis", "axis_"), "f8", long_name="cell vectors as rows")
+    yield from NETWORK
     for name, text in MEASURES.items():
         yield Variable(name, RECORD, "f8", long_name=text)
         yield Variable(f"{name}_of_part", PART, "f8", long_name=f"{text}, where an ascent reaches this part")
         yield Variable(f"{name}_of_end", ALGORITHM, "f8", long_name=f"{text}, at the end of an ascent")
     yield Variable("sigma", (*RECORD, "edge"), "f4", long_name="geometric stress, sum of squares N_b")
     yield Variable("coordinates", (*RECORD, "vertex", "axis"), "f4", long_name="vertex coordinates")
-    yield from (Variable(name, NETWORK, "f8", long_name=text) for name, text in AT_END.items())
-    yield Variable("last_step", NETWORK, "i4", long_name="step that ended the ascent", fill=-1)
-    yield Variable("crossings", NETWORK, "i4", long_name="steps across a singular prestress matrix", fill=-1)
-    yield Variable("negative_pivots", NETWORK, "i4", long_name="negative eigenvalues of the last prestress matrix")
-    yield Variable("ascent_status", NETWORK, "i1", long_name="outcome of the ascent", flags=Status)
+    yield from (Variable(name, EACH_SEED, "f8", long_name=text) for name, text in AT_END.items())
+    yield Variable("last_step", EACH_SEED, "i4", long_name="step that ended the ascent", fill=-1)
+    yield Variable("crossings", EACH_SEED, "i4", long_name="steps across a singular prestress matrix", fill=-1)
+    yield Variable("negative_pivots", EACH_SEED, "i4", long_name="negative eigenvalues of the last prestress matrix")
+    yield Variable("ascent_status", EACH_SEED, "i1", long_name="outcome of the ascent", flags=Status)
     yield Variable("step_of_part", PART, "i4", long_name="step that first reached this part; -1: none", fill=-2)
     yield Variable("crossings_of_algorithm", ALGORITHM, "i4", long_name="steps across a singular matrix", fill=-2)
     yield Variable("algorithm_status", ALGORITHM, "i1", long_name="outcome of an ascent", flags=Status)

@@ -1,4 +1,4 @@
-"""Claims of the three-bar linkage, from its dataset alone."""
+"""Claims and verification of the three-bar linkage, from its dataset alone."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from scipy.ndimage import label
 from critflow.result import Status
 from critflow.workflow import Claim
 
+from ..shared.verification import contradictions
 from .curvature import closed_forms, curvature_error, matrix_error
 from .figures import FAMILIES, family, span_of
 
@@ -195,3 +196,23 @@ def _forms(ds):
         "projection", "N_b − 1 coordinates s give every unit stress but one", "2", f"|σ(s)| = 1 to {size:.1g}",
         size < 1e-14, "the norm is not one", criterion="1e-14", kind="check",
     )  # fmt: skip
+
+
+# Verification
+
+
+def verify(ds):
+    """A line for each grid whose tensions differ in a row, or whose normal or metric contradicts the tangents."""
+    return contradictions(ds, ("grid",), _checks)
+
+
+def _checks(one):
+    good = one.outcome.values == Status.ok
+    tension = np.abs(one.sigma.values * one.length.values)[good]
+    largest = np.abs(one.sigma.values[good]).max(axis=1) * one.length.values[good].max(axis=1)
+    normal, tangents = one.normal.values[good], one.tangents.values[good]
+    size = np.abs(tangents).max(axis=(1, 2))
+    metric = np.einsum("nec,ned->ncd", tangents, tangents)
+    yield "tension", (np.ptp(tension, axis=1) <= 1e-11 * largest).all()
+    yield "normal", (np.abs(np.einsum("ne,nec->nc", normal, tangents)).max(axis=1) <= 1e-11 * size).all()
+    yield "metric", (np.abs(metric - one.metric.values[good]).max(axis=(1, 2)) <= 1e-11 * size**2).all()

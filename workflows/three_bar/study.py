@@ -17,8 +17,7 @@ from critflow.workflow import Axis, Coordinate, Study, Variable, decimals, stabl
 from ..shared.reports import PAPER
 from .curvature import curvature_figure
 from .figures import geometry_figure, manifold_figure
-from .report import claims
-from .verify import verify
+from .report import claims, verify
 
 # Grids of the whole chart and, twice as fine, of its middle, which contains the rigid sheets.
 CHARTS = {"chart": 1.0, "middle": 0.5}

@@ -19,21 +19,18 @@ from critflow.workflow import stable_rng
 from .. import reference
 from .outcomes import Unavailable
 
-# Number of steps of every map; shorter lists of strengths leave the last steps empty.
-STEPS = 16
-
 
 @dataclass(eq=False)
 class Problem:
     """A network with its stresses, strain and rest lengths.
 
-    make       the network
-    stress     σ of the network (N_b,), as it is handed to the library
-    strain     past the transition, and in how many steps the reference goes there
-    lengths    rest lengths of the network (N_b,)
-    threshold  r of the constrained shear modulus; None: no penalty
-    n_stresses, at_rest  self-stresses of the configuration, and of generic coordinates
-    moduli     B_0 and G_0 where one self-stress does not determine them
+    make        the network
+    stress      σ of the network (N_b,), as it is handed to the library
+    strain      past the transition, and in how many steps the reference goes there
+    lengths     rest lengths of the network (N_b,)
+    threshold   r of the constrained shear modulus; None: no penalty
+    n_stresses  self-stresses of the configuration
+    moduli      B_0 and G_0 where one self-stress does not determine them
     """
 
     make: Callable[[], Network]

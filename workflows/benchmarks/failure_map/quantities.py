@@ -25,7 +25,6 @@ from critflow.quantities.stress_hessian import stress_hessian
 
 from ...shared.strain_protocol import critical_by_strain
 from .. import reference
-from ..elimination import subtraction_free_solve
 from ..reference import Unknown
 from .outcomes import Answer, Finding, Unavailable, assessed
 from .problems import METHODS, OBJECTIVES
@@ -290,27 +289,3 @@ QUANTITIES = {
     "lengths_strain": (_lengths(critical_by_strain), _strain_error),
     **{f"{name}_{method}": (_optimum(name, method), _optimum_error(name)) for name in OBJECTIVES for method in METHODS},
 }
-
-
-# Configurations of positive stresses of any range
-
-
-ASSEMBLIES = {
-    "plain factor": lambda manifold, sigma: manifold.network.all_coordinates(manifold.balance(sigma).coordinates),
-    # The solution of the library: NaN where its status is not ok.
-    "refined factor": lambda manifold, sigma: manifold.solve(sigma).value.coordinates,
-    "without subtraction": lambda manifold, sigma: subtraction_free_solve(manifold.network, sigma),
-}
-# Difficulties of positive stresses.
-ASSEMBLED = ("stress_spread", "faint_edge", "faint_cut", "short_edge")
-
-
-def assembly_errors(problem, assemblies):
-    """Largest coordinate error of each assembly, relative to the largest coordinate; NaN where no answer is given."""
-    exact, errors = problem.exact.coordinates, []
-    for name in assemblies:
-        with np.errstate(all="ignore"):
-            x = ASSEMBLIES[name](problem.manifold, problem.sigma)
-        known = np.isfinite(x).all()
-        errors.append(reference.largest_error(x, exact, moved=True) / reference.largest(exact) if known else np.nan)
-    return errors

@@ -19,30 +19,27 @@ from critflow.workflow import Axis, Coordinate, Study, Variable
 
 from ...shared.checks import check_network
 from ...shared.own_network import check_own, own_network, with_digest
+from ...shared.tables import padded
 from .outcomes import Finding, Outcome, Violation
 from .problems import DIFFICULTIES, GENERATED, QUANTITIES
-from .quantities import ASSEMBLED, ASSEMBLIES, assembly_errors, finding
-from .report import MAPS, bound_figure, claims, map_figure, summary
+from .quantities import finding
+from .report import MAPS, claims, map_figure, summary
 
 MOST_VERTICES = 64
 
 
 def case(parameters, *, difficulty, seed):
     """All quantities at all strengths of one difficulty, for one network."""
-    quantities, assemblies, n_steps = (parameters[name] for name in ("quantities", "assemblies", "n_steps"))
+    quantities, n_steps = parameters["quantities"], parameters["n_steps"]
     own, chosen = own_network(parameters), DIFFICULTIES[difficulty]
     strengths = () if own and difficulty in GENERATED else evenly(chosen.strengths, n_steps)
-    strength, assembly_error = np.full(n_steps, np.nan), np.full((len(assemblies), n_steps), np.nan)
-    strength[: len(strengths)] = strengths
+    strength = padded(strengths, n_steps)
     findings = np.full((len(quantities), n_steps), Finding(Outcome.absent), dtype=object)
     for step, value in enumerate(strengths):
         for row, quantity in enumerate(quantities):
             if quantity in chosen.quantities:
                 # A problem keeps what the methods of one quantity compute, so each has its own.
                 findings[row, step] = finding(quantity, chosen.problem(value, seed, own or parameters["n_vertices"]))
-        if difficulty in ASSEMBLED:
-            problem = chosen.problem(value, seed, own or parameters["n_vertices"])
-            assembly_error[:, step] = assembly_errors(problem, assemblies)
     columns = ("error", "bound", "outcome", "violation", "status")
     error, bound, outcome, violation, status = (
         np.array([[getattr(found, name) for found in row] for row in findings]) for name in columns
@@ -55,7 +52,6 @@ def case(parameters, *, difficulty, seed):
         "outcome": outcome,
         "violation": violation,
         "answer_status": status,
-        "assembly_error": assembly_error,
     }
 
 
@@ -72,8 +68,6 @@ def check(parameters, axes):
         raise StudyError(f"there is no quantity {unknown[0]!r}: choose among {', '.join(QUANTITIES)}")
     if parameters["n_steps"] < 2:
         raise StudyError(f"n_steps={parameters['n_steps']} must be at least 2")
-    if unknown := sorted(set(parameters["assemblies"]) - set(ASSEMBLIES)):
-        raise StudyError(f"there is no assembly {unknown[0]!r}: choose among {', '.join(ASSEMBLIES)}")
     if own := own_network(parameters):
         check_own(own)
         if own.n_vertices > MOST_VERTICES:
@@ -95,15 +89,11 @@ study = Study(
     ),
     parameters={
         "quantities": QUANTITIES,
-        "assemblies": tuple(ASSEMBLIES),
         "n_vertices": 16,
         "n_steps": 16,
         "network": "",
     },
-    coordinates=(
-        Coordinate("quantity", "quantities", "computed quantity, and the method"),
-        Coordinate("assembly", "assemblies", "method for a configuration of positive stress"),
-    ),
+    coordinates=(Coordinate("quantity", "quantities", "computed quantity, and the method"),),
     case=case,
     check=check,
     complete=with_digest,
@@ -114,15 +104,9 @@ study = Study(
         Variable("outcome", POINT, "i1", long_name="outcome of the point", flags=Outcome),
         Variable("violation", POINT, "i1", long_name="kind of a silent wrong answer", flags=Violation),
         Variable("answer_status", POINT, "i1", long_name="status of the answer", flags=Status),
-        Variable(
-            "assembly_error",
-            ("difficulty", "seed", "assembly", "step"),
-            "f8",
-            long_name="largest coordinate error of a configuration, relative to the largest coordinate",
-        ),
         Variable("status", ("difficulty", "seed"), "i1", long_name="whether the case was computed", flags=Status),
     ),
-    figures={**{name: partial(map_figure, name=name) for name in MAPS}, "error_bounds": bound_figure},
+    figures={name: partial(map_figure, name=name) for name in MAPS},
     claims=claims,
     summary=summary,
 )

@@ -1,7 +1,4 @@
-"""Charts of error against time: an overview of three tasks, and for every task a figure with a panel a size.
-
-A legend next to the panels lists the methods with their times over that of the default, so that no text lies on points.
-"""
+"""Chart of error against time of three tasks, each with its methods and their times over that of the default below."""
 
 from __future__ import annotations
 
@@ -31,8 +28,7 @@ _PEER_MARKERS, _OWN_MARKERS = "sPXDdhp", "^v<>*8H"
 
 def overview_figure(ds):
     """Three tasks at the size in the middle, each with its methods below."""
-    shown = {word: sizes[_middle(sizes)] for word, sizes in _by_task(ds).items() if word in FIRST}
-    shown = {word: shown[word] for word in FIRST if word in shown}
+    shown = {word: at for word in FIRST if (at := _middle(ds, word))}
     if not shown:
         return nothing()
     # The legends have the height of the longest one.
@@ -50,50 +46,16 @@ def overview_figure(ds):
         axes.set_ylabel(fill(TASKS[word].error, 34), fontsize=_TEXT)
         axes.set_title(title + "\n" * (lines - title.count("\n")), loc="left", fontsize=_TEXT)
         # The panels, not their legends, share the width of the page.
-        _legend(below, curves, default, styles, "upper left", left=-0.3).set_in_layout(False)
+        _legend(below, curves, default, styles).set_in_layout(False)
     sizes = " or ".join(f"{size:,}" for size in dict.fromkeys(size for size, _, _ in shown.values()))
     _explain(figure, ds, f"Error against time of every method, $N_v$ = {sizes}")
     return figure
 
 
-def task_figure(ds, word):
-    """All sizes of one task in panels, with one legend."""
-    sizes = _by_task(ds.sel(task=[word]) if word in ds.task.values else ds.isel(task=slice(0))).get(word)
-    if not sizes:
-        return nothing()
-    cells = len(sizes) + 1
-    columns = {1: 2, 2: 3, 3: 2, 4: 3}.get(len(sizes), 3)
-    rows = -(-cells // columns)
-    figure = Figure(figsize=(_WIDTH, 2.75 * rows + 0.75), dpi=_RESOLUTION, layout="constrained")
-    grid = figure.subplots(rows, columns, squeeze=False, sharey=False)
-    panels = list(grid.flat)
-    # One style a method in all panels.
-    everyone = list({c.name: c for n in sizes for c in sizes[n][1]}.values())
-    _, middle_curves, middle_default = sizes[_middle(sizes)]
-    styles = _styles(everyone, middle_default)
-    for n, (size, (_, curves, default)) in enumerate(sizes.items()):
-        _chart(panels[n], curves, default, styles)
-        panels[n].set_title(f"$N_v$ = {size:,}", loc="left", fontsize=_TEXT)
-        if n % columns == 0:
-            panels[n].set_ylabel(fill(TASKS[word].error, 34), fontsize=_TEXT)
-    for axes in panels[len(sizes) :]:
-        axes.set_axis_off()
-    title = f"at $N_v$ = {_middle(sizes):,}:"
-    _legend(panels[len(sizes)], middle_curves, middle_default, styles, "center left", title, everyone)
-    _explain(figure, ds, _capital(TASKS[word].title))
-    return figure
-
-
-def _by_task(ds):
-    """Size, curves and default of each case, by task and size."""
-    tasks: dict[str, dict] = {}
-    for word, size, curves, default in cases(ds):
-        tasks.setdefault(word, {})[size] = size, curves, default
-    return tasks
-
-
-def _middle(sizes):
-    return min(sizes, key=lambda size: abs(np.log(size / MAIN_SIZE)))
+def _middle(ds, word):
+    """Size, curves and default of the case of a task whose size is nearest to the one in the middle, or None."""
+    of_task = [case for of, *case in cases(ds) if of == word]
+    return min(of_task, key=lambda case: abs(np.log(case[0] / MAIN_SIZE)), default=None)
 
 
 def nothing(text="nothing was timed"):
@@ -105,8 +67,7 @@ def nothing(text="nothing was timed"):
 
 def _capital(title):
     """The title with a capital letter, and without line breaks in equations."""
-    title = title.replace(" = ", "\u00a0=\u00a0")
-    return title if title[0] == "σ" else title[0].upper() + title[1:]
+    return title[0].upper() + title[1:].replace(" = ", "\u00a0=\u00a0")
 
 
 def _number(ratio):
@@ -154,8 +115,8 @@ def _chart(axes, curves, default, styles):
     axes.spines[["top", "right"]].set_visible(False)
 
 
-def _legend(axes, curves, default, styles, place, title="", everyone=(), left=0.0):
-    """The methods from fast to slow, with their times over that of the default, then those of other sizes alone."""
+def _legend(axes, curves, default, styles):
+    """The methods from fast to slow, with their times over that of the default."""
     axes.set_axis_off()
     handles = []
     ratios = {c.name: gain(default, c) if default is not None and c is not default else None for c in curves}
@@ -163,15 +124,10 @@ def _legend(axes, curves, default, styles, place, title="", everyone=(), left=0.
         ratio = ratios[name]
         times = "" if ratio is None else ": more accurate" if not ratio else f": {_number(ratio)} ×"
         handles.append(Line2D([], [], label=name + times, **styles[name]))
-    for curve in everyone:
-        if curve.name not in ratios:
-            handles.append(Line2D([], [], label=f"{curve.name}: other sizes", **styles[curve.name]))
-    compared = f"time over that of {default.name}" if default is not None else ""
-    heading = "\n".join(part for part in (title, compared) if part)
     return axes.legend(
-        handles=handles, loc=place, fontsize=_SMALL, title=heading, title_fontsize=_SMALL, alignment="left",
-        frameon=False, borderaxespad=0, handlelength=2.0, labelspacing=0.35,
-        bbox_to_anchor=(left, 0, 1 - left, 1),
+        handles=handles, loc="upper left", fontsize=_SMALL, title_fontsize=_SMALL, alignment="left",
+        title=f"time over that of {default.name}" if default is not None else "",
+        frameon=False, borderaxespad=0, handlelength=2.0, labelspacing=0.35, bbox_to_anchor=(-0.3, 0, 1.3, 1),
     )  # fmt: skip
 
 

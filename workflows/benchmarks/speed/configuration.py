@@ -18,25 +18,22 @@ import scipy.sparse as sp
 from critflow import CriticalConfiguration, CriticalManifold, Network, voronoi_network
 from critflow.critical.transition import dilation, transition_modulus
 from critflow.linalg.backends import available_backends
-from critflow.linalg.matrices import edge_blocks
 from critflow.precision.double_double import Extended
 from critflow.workflow import stable_rng
 
-from ..elimination import subtraction_free_solve
 from ..timing import Answer, Method, Task, installed, peer
 from . import references
 
 SIZES = (100, 1_000, 10_000, 100_000)
 # From here on only backends and peers that take no more than some seconds.
 HUGE, _AT_HUGE = 1_000_000, ("superlu", "metis", "pardiso")
-# Dense matrices, and eliminations in Python, beyond are out of the question.
-DENSE, ELIMINATED = 2_000, 300
+# Dense matrices beyond are out of the question.
+DENSE = 2_000
 # Backends that require another package.
 FAST = {"metis": "pymetis", "pardiso": "pypardiso", "pyamg": "pyamg"}
 TOLERANCES = (1e-2, 1e-4, 1e-6, 1e-8, 1e-10, 1e-12, 1e-14)
 # Where every run of an iterative method takes seconds it has one level, at which its answer is worth something.
 LARGE, _GOOD = 100_000, (1e-10,)
-HESSIAN, ELIMINATION = "Hessian of springs", "elimination without subtraction"
 
 Solve = Callable[[np.ndarray], np.ndarray]
 
@@ -89,13 +86,6 @@ def _multigrid(laplacian: _Laplacian, sigma: np.ndarray, level: float) -> Solve:
     hierarchy = peer("pyamg").smoothed_aggregation_solver(laplacian.at(sigma).tocsr())
     solve = partial(hierarchy.solve, tol=level, accel="cg", maxiter=300)
     return lambda right: np.stack([solve(column) for column in right.T], axis=1)
-
-
-def _hessian(manifold: CriticalManifold, sigma: np.ndarray, level: float) -> Solve:
-    """Springs of stiffness σ and no rest length: force balance as an equilibrium, all directions in one matrix."""
-    values = edge_blocks(np.zeros_like(sigma), manifold.network.boundary_vectors, sigma)
-    factor = manifold.hessian.factorize(values)
-    return lambda right: factor.solve(right.ravel()).reshape(right.shape)
 
 
 @dataclass(frozen=True, eq=False)
@@ -157,26 +147,12 @@ def _methods(n_vertices: int, seed: int, gradient: bool) -> list[Method]:
             methods.append(method(backend, by_manifold, manifold, package=package))
     if not gradient:
         methods.append(method("solve", lambda level: Answer(manifold.solve(sigma).value.bond_vectors)))
-    if not huge:
-        methods.append(method(HESSIAN, by_solver, partial(_hessian, manifold)))
-    return [*methods, *_peers(method, by_solver, network, sigma, gradient)]
-
-
-def _peers(
-    method: Callable[..., Method], by_solver: Callable, network: Network, sigma: np.ndarray, gradient: bool
-) -> list[Method]:
-    laplacian, n_vertices, methods = _Laplacian(network), network.n_vertices, []
+    laplacian = _Laplacian(network)
     if n_vertices <= DENSE:
         methods += [
             method("dense Cholesky", by_solver, partial(_dense_cholesky, laplacian), package="scipy"),
             method("pseudo-inverse", by_solver, partial(_pseudo_inverse, network), package="numpy"),
         ]
-        if not gradient and n_vertices <= ELIMINATED:
-
-            def eliminated(level: float) -> Answer:
-                return Answer(network.bond_vectors(subtraction_free_solve(network, sigma)))
-
-            methods.append(method(ELIMINATION, eliminated, package="numpy"))
     levels = TOLERANCES if n_vertices < LARGE else _GOOD
     return [*methods, method("pyamg CG", by_solver, partial(_multigrid, laplacian), levels=levels, package="pyamg")]
 
@@ -190,7 +166,7 @@ TASKS = (
         "σ → configuration",
         "largest relative error of a bond vector",
         (*SIZES, HUGE),
-        ("auto", "solve", *_BACKENDS, HESSIAN, *_PEERS, ELIMINATION),
+        ("auto", "solve", *_BACKENDS, *_PEERS),
         "auto",
         partial(_methods, gradient=False),
     ),
@@ -199,7 +175,7 @@ TASKS = (
         "σ → configuration with a gradient",
         "largest error of a component of dB₀/dσ over the largest component",
         SIZES,
-        ("auto", *_BACKENDS, HESSIAN, *_PEERS),
+        ("auto", *_BACKENDS, *_PEERS),
         "auto",
         partial(_methods, gradient=True),
     ),

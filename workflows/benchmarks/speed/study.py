@@ -11,7 +11,6 @@ from __future__ import annotations
 import warnings
 from dataclasses import replace
 from enum import IntEnum
-from functools import partial
 
 import numpy as np
 
@@ -21,9 +20,9 @@ from critflow.result import StudyError
 from critflow.workflow import Axis, Coordinate, Study, Variable
 
 from ...shared.checks import check_network, check_positive
-from ..timing import Backend, Method, Timing, benchmark, installed, one_core
+from ..timing import Backend, Timing, benchmark, installed, one_core
 from . import stages
-from .charts import overview_figure, task_figure
+from .charts import overview_figure
 from .report import claims, summary
 from .sizes import sizes_figure
 from .tasks import ALL_SIZES, METHODS, SIZES, TASKS, has_size
@@ -38,38 +37,44 @@ class Presence(IntEnum):
     not_installed = 3
 
 
-# Arrays of numbers for every level and for every method.
-SECONDS = {
-    "seconds": "processor time of a run, median",
-    "seconds_low": "processor time of a run, lower quartile",
-    "seconds_high": "processor time of a run, upper quartile",
-    "wall_seconds": "wall time of a run, median",
-}
-LEVEL = {
-    "error": "error against the reference, as defined by the task",
-    "claimed_bound": "error bound returned by the method",
-    "level_value": "tolerance, step limit or other parameter of the level",
-}
+# Stored at every level of a method: type, meaning, and its value of a timing.
+POINTS = {
+    "seconds": ("f8", "processor time of a run, median", lambda timing: timing.quartiles[0]),
+    "seconds_low": ("f8", "processor time of a run, lower quartile", lambda timing: timing.quartiles[1]),
+    "seconds_high": ("f8", "processor time of a run, upper quartile", lambda timing: timing.quartiles[2]),
+    "wall_seconds": ("f8", "wall time of a run, median", lambda timing: np.median(timing.wall or np.nan)),
+    "error": ("f8", "error against the reference, as defined by the task", lambda timing: timing.error),
+    "claimed_bound": ("f8", "error bound returned by the method", lambda timing: timing.bound),
+    "level_value": (
+        "f8", "tolerance, step limit or other parameter of the level", lambda timing: timing.method.levels[timing.level]
+    ),
+    "outcome": ("i1", "status returned by the method", lambda timing: timing.status),
+    "iterations": ("i4", "iterations of the method", lambda timing: timing.iterations),
+    "repeats_done": ("i4", "number of timed runs", lambda timing: len(timing.seconds)),
+}  # fmt: skip
+MEASURED = ("seconds", "seconds_low", "seconds_high", "wall_seconds")
 
 
 def case(parameters, *, task, n_vertices):
     """All methods of one task, or all stages, at one size; empty at sizes that are not of the task."""
     names = parameters["contestants"]
     shape = len(names), len(parameters["levels"])
-    arrays = {name: np.full(shape, np.nan) for name in (*SECONDS, *LEVEL)}
-    arrays |= {"outcome": np.full(shape, int(Status.missing))}
-    arrays |= {name: np.zeros(shape, int) for name in ("iterations", "repeats_done")}
-    arrays |= {name: np.zeros(shape[0], int) for name in ("presence", "backend")}
-    arrays |= {"memory": np.full(shape[0], np.nan)}
+    arrays = {name: np.full(shape, np.nan if dtype == "f8" else 0) for name, (dtype, *_) in POINTS.items()}
+    arrays["outcome"][:] = Status.missing
+    presence, backend, memory = np.zeros(shape[0], int), np.zeros(shape[0], int), np.full(shape[0], np.nan)
     timings, change = _timings(parameters, task, n_vertices)
     for timing in timings:
-        if timing.method.name in names:
-            row = names.index(timing.method.name)
-            for name, value in _point(timing).items():
-                arrays[name][row, timing.level] = value
-            for name, value in _origin(timing).items():
-                arrays[name][row] = value
-    return {"status": Status.ok, **arrays, "change_by_refinement": change}
+        method = timing.method
+        if method.name in names:
+            row = names.index(method.name)
+            for name, (*_, value) in POINTS.items():
+                arrays[name][row, timing.level] = value(timing)
+            own = Presence.critflow if method.package == "critflow" else Presence.peer
+            presence[row] = own if installed(method.package) else Presence.not_installed
+            backend[row] = Backend.__members__.get(method.backend or "none", Backend.other)
+            memory[row] = timing.memory
+    found = {"presence": presence, "backend": backend, "memory": memory, "change_by_refinement": change}
+    return {"status": Status.ok, **arrays, **found}
 
 
 def _timings(parameters, task, n_vertices) -> tuple[list[Timing], float]:
@@ -87,34 +92,6 @@ def _timings(parameters, task, n_vertices) -> tuple[list[Timing], float]:
             if m.name in parameters["contestants"]
         ]
         return benchmark(chosen, parameters["repeats"], parameters["patience"], parameters["budget"]), np.nan
-
-
-def _point(timing: Timing) -> dict[str, float]:
-    """Numbers of one level of a method."""
-    median, low, high = timing.quartiles
-    return {
-        "seconds": median,
-        "seconds_low": low,
-        "seconds_high": high,
-        "wall_seconds": np.median(timing.wall) if timing.wall else np.nan,
-        "error": timing.error,
-        "claimed_bound": timing.bound,
-        "level_value": timing.method.levels[timing.level],
-        "outcome": timing.status,
-        "iterations": timing.iterations,
-        "repeats_done": len(timing.seconds),
-    }
-
-
-def _origin(timing: Timing) -> dict[str, object]:
-    """Package and solver of a method, and its memory."""
-    method: Method = timing.method
-    own = Presence.critflow if method.package == "critflow" else Presence.peer
-    return {
-        "presence": own if installed(method.package) else Presence.not_installed,
-        "backend": Backend.__members__.get(method.backend or "none", Backend.other),
-        "memory": timing.memory,
-    }
 
 
 def check(parameters, axes):
@@ -159,19 +136,20 @@ study = Study(
     check=check,
     workers=1,
     variables=(
-        *(Variable(name, POINT, "f8", units="s", long_name=text, volatile=True) for name, text in SECONDS.items()),
-        *(Variable(name, POINT, "f8", long_name=text) for name, text in LEVEL.items()),
-        Variable("outcome", POINT, "i1", long_name="status returned by the method", flags=Status),
-        Variable("iterations", POINT, "i4", long_name="iterations of the method"),
-        Variable("repeats_done", POINT, "i4", long_name="number of timed runs", volatile=True),
+        *(
+            Variable(
+                name, POINT, dtype, long_name=text, units="s" if name in MEASURED else "1",
+                volatile=name in (*MEASURED, "repeats_done"), flags=Status if name == "outcome" else None,
+            )
+            for name, (dtype, text, _) in POINTS.items()
+        ),
         Variable("presence", METHOD, "i1", long_name="package of the method", flags=Presence),
         Variable("backend", METHOD, "i1", long_name="linear solver", flags=Backend),
         Variable("memory", METHOD, "f8", long_name="peak resident memory in a stage", units="MB", volatile=True),
         Variable("change_by_refinement", EACH, "f8", long_name="largest difference of bond vectors, plain and checked"),
         Variable("status", EACH, "i1", long_name="whether the case was computed", flags=Status),
     ),
-    figures={"speed": overview_figure, "sizes": sizes_figure}
-    | {word: partial(task_figure, word=word) for word in TASKS},
+    figures={"speed": overview_figure, "sizes": sizes_figure},
     claims=claims,
     summary=summary,
 )  # fmt: skip
