@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from critflow.critical.manifold import CriticalConfiguration
-from critflow.quantities.largest_modulus import upper_bound
+from critflow.quantities.vocabulary import upper_bound
 from critflow.response.elasticity import elasticity
 from critflow.result import CritflowError, Status
 from critflow.rigidity.counts import certify

@@ -6,7 +6,7 @@ from problems import dense_bond_vectors, modulus_by_formula, oblique, random_sta
 from scipy.optimize import minimize
 
 from critflow import CriticalManifold, InputError, Network, Quantity, SolveError, Status, optimize, voronoi_network
-from critflow.critical.derivatives import evaluate
+from critflow.critical.quantity import evaluate
 from critflow.critical.transition import pure_shear, transition_modulus
 from critflow.critical.variances import LengthVariance
 from critflow.design.optimize import objective_of

@@ -5,7 +5,7 @@ import pytest
 from problems import NETWORKS, modulus_by_formula, random_stress, with_random_stiffness
 
 from critflow import CriticalManifold, InputError, isogonal_modes, lattice, voronoi_network
-from critflow.quantities.stress_hessian import flat_directions, stress_hessian
+from critflow.quantities.properties import flat_directions, stress_hessian
 
 
 def test_hessian_is_the_second_derivative_of_the_value():
