@@ -29,10 +29,10 @@ from critflow.onset.critical_strain import critical_strain as critical_strain
 from critflow.onset.from_lengths import critical_from_lengths as critical_from_lengths
 from critflow.onset.rigidity_surface import rigidity_surface as rigidity_surface
 from critflow.paths.strain_path import strain_path as strain_path
-from critflow.quantities.largest_modulus import upper_bound as upper_bound
 from critflow.quantities.leverage import edge_leverage as edge_leverage
 from critflow.quantities.properties import properties as properties
 from critflow.quantities.vocabulary import quantity as quantity
+from critflow.quantities.vocabulary import upper_bound as upper_bound
 from critflow.response.elasticity import elasticity as elasticity
 from critflow.response.stiffening import stiffening as stiffening
 from critflow.response.weak_forces import weak_forces as weak_forces

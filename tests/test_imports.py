@@ -159,7 +159,7 @@ def test_the_command_starts_without_slow_libraries():
 
 def test_functions_keep_their_names_where_a_folder_has_the_same():
     """The import of a folder would set its name in the package."""
-    import_module("critflow.design.result"), import_module("critflow.rigidity.counts")
+    import_module("critflow.design.targets"), import_module("critflow.rigidity.counts")
     assert all(inspect.isfunction(getattr(critflow, name)) for name in ("design", "rigidity"))
 
 

@@ -23,7 +23,7 @@ from critflow.result import InputError, Solution
 
 if TYPE_CHECKING:
     from critflow.critical.manifold import CriticalConfiguration
-    from critflow.design.result import Design
+    from critflow.design.targets import Design
     from critflow.exchange.repair import ImportedNetwork
     from critflow.networks.network import Network
 

@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from critflow.arguments import checked
 from critflow.critical.manifold import CriticalConfiguration, CriticalManifold, critical_configuration
-from critflow.networks.blocks import components
+from critflow.networks.blocks import components as connected
 from critflow.networks.network import IntArray, Network
 from critflow.result import InputError, Record
 
@@ -56,9 +56,7 @@ class Backbone(Record):
     def configuration(self) -> CriticalConfiguration:
         """The configuration of the only component; `InputError` for several."""
         if len(self.components) > 1:
-            raise InputError(
-                f"the taut part falls into {len(self.components)} components, each with a self-stress: use `components`"
-            )
+            raise InputError(f"the taut part has {len(self.components)} components: use `components`")
         return self.components[0]
 
     @property
@@ -88,24 +86,27 @@ def backbone(critical: CriticalConfiguration) -> Backbone:
     """
     sigma, taut = critical.sigma, critical.sigma != 0
     if not (np.isfinite(sigma).all() and np.isfinite(critical.bond_vectors).all() and taut.any()):
-        raise InputError(
-            "a backbone needs bond vectors and a stress that are finite, and not zero everywhere: look at the status "
-            "of the solution that the configuration comes from"
-        )
+        raise InputError("the configuration has no finite stress: look at the status of its solution")
     if taut.all():
         return Backbone(critical, taut, (critical,))
-    return Backbone(
-        critical, taut, tuple(_component(critical, *part) for part in taut_networks(critical.network, taut))
-    )
+    components = []
+    for part, edges, vertices in taut_networks(critical.network, taut):
+        x, stress = critical.coordinates[vertices], sigma[edges]
+        component = critical_configuration(part, stress, x if part.pins else x - x[0])
+        component = replace(component, bond_vectors=critical.bond_vectors[edges])
+        if np.isfinite(critical.bond_errors[edges]).all():
+            # Scaling rounds the stress once more, which moves the configuration.
+            balance = CriticalManifold(part).solve(stress)
+            component = balance.value if balance.ok else component
+        components.append(component)
+    return Backbone(critical, taut, tuple(components))
 
 
 def taut_edges(network: Network, taut: ArrayLike) -> Mask:
     """A mask of edges (N_b,) that is somewhere true, else an `InputError`."""
     mask = np.asarray(taut)
     if mask.dtype != bool or mask.shape != (network.n_edges,) or not mask.any():
-        raise InputError(
-            f"the taut edges are a mask of shape ({network.n_edges},) with True somewhere, such as critical.sigma != 0"
-        )
+        raise InputError(f"taut edges are a mask of shape ({network.n_edges},), somewhere true: such as sigma != 0")
     return mask
 
 
@@ -113,7 +114,7 @@ def connected_parts(network: Network, kept: Mask) -> list[Mask]:
     """Edges (N_b,) of each connected part of the kept edges, all pins counted as joined."""
     pins = np.fromiter(network.pins, int, len(network.pins))
     joined = np.concatenate([network.edges[kept], np.stack([pins[:-1], pins[1:]], axis=1)])
-    part = components(joined, network.n_vertices)[network.edges[:, 0]]
+    part = connected(joined, network.n_vertices)[network.edges[:, 0]]
     return [kept & (part == number) for number in np.unique(part[kept])]
 
 
@@ -129,27 +130,9 @@ def taut_networks(network: Network, taut: Mask) -> list[tuple[Network, IntArray,
         degree[list(network.pins)] = 0
         if (degree == 1).any():
             vertex = int(np.flatnonzero(degree == 1)[0])
-            raise InputError(
-                f"no stress balances at vertex {vertex}, which has one taut edge: count that edge as slack"
-            )
+            raise InputError(f"no stress balances at vertex {vertex} of one taut edge: count it as slack")
         if not degree.any() or np.ptp(network.edges[edges]) == 0:
-            raise InputError(
-                f"edge {edges[0]} is taut between fixed points or images of one vertex, so that no vertex of it can "
-                "move: divide it by a vertex"
-            )
+            raise InputError(f"no vertex of the taut edge {edges[0]} can move: divide it by a vertex")
         part, vertices = network.part(kept)
         parts.append((part, edges, vertices))
     return parts
-
-
-def _component(
-    critical: CriticalConfiguration, part: Network, edges: IntArray, vertices: IntArray
-) -> CriticalConfiguration:
-    x, sigma = critical.coordinates[vertices], critical.sigma[edges]
-    configuration = critical_configuration(part, sigma, x if part.pins else x - x[0])
-    configuration = replace(configuration, bond_vectors=critical.bond_vectors[edges])
-    if not np.isfinite(critical.bond_errors[edges]).all():
-        return configuration
-    # Scaling rounds the stress once more, which moves the configuration.
-    balance = CriticalManifold(part).solve(sigma)
-    return balance.value if balance.ok else configuration

@@ -36,10 +36,7 @@ def dense(operator: LinearOperator) -> Array:
     """The matrix of an operator, column by column; raises `InputError` where it would take more than a gigabyte."""
     rows, columns = operator.shape
     if 8 * rows * columns > DENSE_BYTES:
-        raise InputError(
-            f"a dense {rows} × {columns} matrix takes {8e-9 * rows * columns:.3g} GB: apply the operator instead, or "
-            "request a few principal curvatures"
-        )
+        raise InputError(f"a dense {rows} × {columns} matrix is too large: apply the operator, or give k")
     return operator @ np.eye(columns)
 
 
@@ -110,10 +107,7 @@ class StereographicChart(Record):
     def _checked(self, s: ArrayLike) -> Array:
         at = np.asarray(s, dtype=float)
         if at.shape != (len(self.pole) - 1,) or not np.isfinite(at).all():
-            raise InputError(
-                f"s must be {len(self.pole) - 1} finite numbers, not an array of shape {at.shape}: one coordinate less "
-                "than edges"
-            )
+            raise InputError(f"s must be {len(self.pole) - 1} finite numbers, one less than edges, not {at.shape}")
         return at
 
 
@@ -215,7 +209,7 @@ def principal_curvatures(
         status = Status.edge_collapse
     elif found.ok:
         try:
-            candidate = _all(manifold, found.value) if k is None else _few(manifold, found.value, k)
+            candidate = _candidates(manifold, found.value, k)
         except ArpackNoConvergence:
             status = Status.stalled
         else:
@@ -233,23 +227,17 @@ _NOTES = {
 }
 
 
-def _all(manifold: CriticalManifold, configuration: CriticalConfiguration) -> PrincipalCurvatures:
-    """Every one, by the eigenvalues of −|σ|B in an orthonormal basis of σ^⊥."""
-    v = StereographicChart.about(configuration.sigma).basis
-    B = unit_response(manifold, configuration)
-    small = dense(-(v.T @ B @ v))
-    radii, vectors = scipy.linalg.eigh((small + small.T) / 2)
-    order = np.argsort(-np.abs(radii))
-    w = np.array([v @ vector for vector in vectors.T[order]])
-    return PrincipalCurvatures(radii[order], w, _residuals(-B, w, radii[order]))
-
-
-def _few(manifold: CriticalManifold, configuration: CriticalConfiguration, k: int) -> PrincipalCurvatures:
-    """The k flattest, by Lanczos iteration with −|σ|B."""
-    operator = -unit_response(manifold, configuration)
-    radii, vectors = eigsh(operator, k=k, which="LM", v0=quasi_random(manifold.network.n_edges) - 0.5)
-    order = np.argsort(-np.abs(radii))
-    return PrincipalCurvatures(radii[order], vectors.T[order], _residuals(operator, vectors.T[order], radii[order]))
+def _candidates(manifold: CriticalManifold, configuration: CriticalConfiguration, k: int | None) -> PrincipalCurvatures:
+    """Eigenvalues of −|σ|B: all but the zero of σ by a dense matrix, or the k largest by Lanczos iteration."""
+    operator, n = -unit_response(manifold, configuration), manifold.network.n_edges
+    if k is None:
+        matrix = dense(operator)
+        radii, vectors = scipy.linalg.eigh((matrix + matrix.T) / 2)
+    else:
+        radii, vectors = eigsh(operator, k=k, which="LM", v0=quasi_random(n) - 0.5)
+    order = np.argsort(-np.abs(radii))[: n - 1]
+    radii, directions = radii[order], vectors.T[order]
+    return PrincipalCurvatures(radii, directions, _residuals(operator, directions, radii))
 
 
 def _residuals(operator: LinearOperator, vectors: Array, values: Array) -> Array:

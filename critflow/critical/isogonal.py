@@ -107,14 +107,9 @@ class IsogonalModes(Record):
         if found.status == 2:
             raise InputError(f"no isogonal change makes every edge {shortest:g} or longer: choose a smaller length")
         ok = found.status == 0
-        value = self.walk(found.x) if ok else critical
-        solution = IsogonalOptimum(
-            value=value,
-            status=Status.ok if ok else Status.stalled,
-            stats=Stats("linear program", int(found.nit)),
-            note="" if ok else found.message,
-            amplitudes=found.x,
-        )
+        value, status = (self.walk(found.x), Status.ok) if ok else (critical, Status.stalled)
+        stats, note = Stats("linear program", int(found.nit)), "" if ok else found.message
+        solution = IsogonalOptimum(value, status, stats, note, amplitudes=found.x)
         return solution.or_raise("no best isogonal change was found") if throw else solution
 
     def _elongation(self, amplitudes: ArrayLike) -> Array:
@@ -147,10 +142,7 @@ def face_modes(critical: CriticalConfiguration) -> IsogonalModes:
     faces = network.faces
     degree = np.bincount(network.edges.ravel(), minlength=network.n_vertices)
     if network.dimension != 2 or network.pins or faces is None or not (degree == 3).all():
-        raise InputError(
-            "modes of faces need a periodic planar network with known faces and three edges at every vertex: "
-            "use isogonal_modes instead"
-        )
+        raise InputError("faces, a cell of the plane and three edges a vertex are needed: use isogonal_modes")
     outward = np.argsort(network.edges.T.ravel(), kind="stable").reshape(-1, 3)
     edge, sign = outward % network.n_edges, np.where(outward < network.n_edges, 1.0, -1.0)
     pull = critical.sigma[:, None] * critical.bond_vectors
@@ -191,10 +183,7 @@ def isogonal_modes(critical: CriticalConfiguration, tolerance: float = 1e-8) -> 
         raise InputError("isogonal modes are implemented in two dimensions only")
     size = 2 * len(network.free)
     if size**2 > LARGEST_DENSE:
-        raise InputError(
-            f"a matrix of {size} × {size} is too large to find all modes at once: where every vertex has three edges, "
-            "face_modes() finds them"
-        )
+        raise InputError(f"{size} × {size} is too large at once: face_modes() finds those of three edges a vertex")
     unit = _directions(critical)
     across = spread_columns(network, np.stack([-unit[:, 1], unit[:, 0]], axis=1))
     _, values, right = np.linalg.svd(across.toarray())
@@ -209,9 +198,7 @@ def isogonal_modes(critical: CriticalConfiguration, tolerance: float = 1e-8) -> 
 def _directions(critical: CriticalConfiguration) -> Array:
     """Unit vectors along the edges, (N_b, d), else an `InputError`."""
     if len(critical.collapsed_edges):
-        raise InputError(
-            f"edge {critical.collapsed_edges[0]} has no length, so no direction to keep: change its stress"
-        )
+        raise InputError(f"edge {critical.collapsed_edges[0]} has no length, so no direction: change its stress")
     return critical.bond_vectors / critical.lengths[:, None]
 
 

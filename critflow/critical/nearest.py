@@ -20,7 +20,7 @@ from scipy.sparse.linalg import ArpackNoConvergence, LinearOperator, eigsh, splu
 
 from critflow.arguments import checked
 from critflow.critical.manifold import Balance, CriticalConfiguration, CriticalManifold
-from critflow.critical.pressure_inference import NearestPressures, infer_pressures
+from critflow.critical.pressures import NearestPressures, infer_pressures
 from critflow.linalg.factor import Entries, FixedPattern
 from critflow.linalg.matrices import end_pairs, free_ends, spread_columns
 from critflow.linalg.tolerances import LARGEST_DENSE

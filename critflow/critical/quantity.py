@@ -1,18 +1,21 @@
 """Quantities of critical configurations: a value, its partial derivatives, and what else is known about it.
 
 A quantity is a function of a stress σ (N_b,) and the bond vectors L (N_b, d) that it balances on one network.  The
-manifold converts its two partial derivatives into a gradient.  No quantity depends on the scale of σ, as the
-configuration does not.  Quantities hold no network, so that one of them serves a network and its parts alike.
+manifold converts its two partial derivatives into a gradient and products with the Hessian of O(σ) = O(σ, L(σ))
+(`evaluate`).  No quantity depends on the scale of σ, as the configuration does not.  Quantities hold no network, so
+that one of them serves a network and its parts alike.
 """
 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from dataclasses import dataclass
+from types import SimpleNamespace
 from typing import ClassVar, NamedTuple, Protocol
 
 import numpy as np
 
-from critflow.critical.manifold import CriticalConfiguration, CriticalManifold
+from critflow.critical.manifold import Balance, CriticalConfiguration, CriticalManifold
 from critflow.linalg.tolerances import EPS
 from critflow.networks.network import Array, Network
 from critflow.result import InputError, Record
@@ -54,7 +57,7 @@ class Quantity(Record, ABC):
     exact            method that finds the optimum without a descent, or an empty string
     """
 
-    maximise: ClassVar[bool] = False
+    maximise: bool = False
     one_self_stress: ClassVar[bool] = False
     elastic: ClassVar[bool] = False
     exact: ClassVar[str] = ""
@@ -83,7 +86,10 @@ class Quantity(Record, ABC):
             for sign in (1, -1):
                 stiffness = network.stiffness.copy()
                 stiffness[edge] = k * (1 + sign * DIFFERENCE)
-                ends.append(self.evaluate(_Changed(network.with_stiffness(stiffness), balance))[0])
+                changed = network.with_stiffness(stiffness)
+                there = SimpleNamespace(network=changed, sigma=balance.sigma, bond_vectors=balance.bond_vectors)
+                there.manifold = CriticalManifold.of(changed)
+                ends.append(self.evaluate(there)[0])
             rows[edge] = (ends[0] - ends[1]) / (2 * DIFFERENCE * k)
         return rows
 
@@ -119,9 +125,42 @@ class Quantity(Record, ABC):
         return 0.0
 
 
-class _Changed:
-    """The same stress and bond vectors with other stiffnesses."""
+class SpringResponse(Quantity):
+    """A response of springs, by a formula that is valid for one self-stress only."""
 
-    def __init__(self, network: Network, balance: Balanced):
-        self.network, self.sigma, self.bond_vectors = network, balance.sigma, balance.bond_vectors
-        self.manifold = CriticalManifold.of(network)
+    one_self_stress: ClassVar[bool] = True
+    elastic: ClassVar[bool] = True
+
+
+@dataclass(frozen=True, eq=False)
+class Evaluation:
+    """A quantity at one stress, with the factor that products with its Hessian need."""
+
+    quantity: Quantity
+    balance: Balance
+    value: float  # O
+    gradient: Array  # dO/dσ, (N_b,) (`TotalDeriv`)
+    adjoint: Array  # g P⁻¹ gᵀ ∂O/∂L, (N_b, d)
+
+    def hessian_product(self, dsigma: Array) -> Array:
+        """(∂²O/∂σ∂σ) σ̇, (N_b,), by two solves; by differences of gradients, to nine digits, without a differential."""
+        balance = self.balance
+        if not self.quantity.has_differential:
+            step = DIFFERENCE / float(np.abs(dsigma / balance.sigma).max())
+            ends = [evaluate(balance.manifold, self.quantity, balance.sigma + s * dsigma) for s in (step, -step)]
+            return (ends[0].gradient - ends[1].gradient) / (2 * step)
+        dL = balance.tangent(dsigma)
+        second = self.quantity.differential(balance, dsigma, dL)
+        return balance.pull_back_tangent(dL, self.adjoint, dsigma, second)
+
+
+def evaluate(manifold: CriticalManifold, quantity: Quantity, sigma: Array) -> Evaluation:
+    """Value and gradient of a quantity at a stress σ (N_b,), unchecked, by one factorisation and 2d solves."""
+    return evaluate_at(manifold.balance(sigma), quantity)
+
+
+def evaluate_at(balance: Balance, quantity: Quantity) -> Evaluation:
+    """Value and gradient of a quantity at a balance, by d solves."""
+    value, partials = quantity.evaluate(balance)
+    gradient, adjoint = balance.pull_back(*partials)
+    return Evaluation(quantity, balance, value, gradient, adjoint)

@@ -3,6 +3,10 @@
     W = Σ σ L·A L,   D = Σ σ²|L|²/k,   μ_A = W²/(V D),   S:A/√D = W/√D,   C = S⊗S/(V D).
 All are functions f(W, D), so that ∂O/∂σ = f_W ∂W/∂σ + f_D ∂D/∂σ and likewise for L and for their differentials.
 The configuration does not depend on k, and ∂D/∂k = −σ²|L|²/k².
+
+Virtual work gives Σσ L·A L = Σσ L·A L* with L* the configuration at σ = k, so by the inequality of Cauchy and Schwarz
+    μ_A ≤ (1/V) Σ k|F L*|²,   F = A + W,  Wᵀ = −W,  FM symmetric for the moments M = Σ k L*L*ᵀ,
+for stresses of any sign, with equality for the forces T = kFL*.
 """
 
 from __future__ import annotations
@@ -12,15 +16,17 @@ from functools import cache, cached_property
 from typing import ClassVar
 
 import numpy as np
+import scipy.linalg
 
 from critflow.arguments import checked
-from critflow.critical.extreme import largest_value, modulus_form
 from critflow.critical.manifold import CriticalManifold
-from critflow.critical.quantity import Balanced, OfStress, Partials, Quantity
+from critflow.critical.quantity import Balanced, OfStress, Partials, SpringResponse
 from critflow.linalg.vectors import dot
 from critflow.networks.deformation import Deformable, deformation_of, strain_basis
 from critflow.networks.network import Array, Network
 from critflow.result import InputError
+
+ISOTROPIC = 1e-14  # anisotropy of a strain that is a dilation up to rounding
 
 
 class _WorkAndCost:
@@ -63,24 +69,18 @@ class _WorkAndCost:
 
 
 @dataclass(frozen=True, eq=False)
-class TransitionModulus(Quantity):
+class TransitionModulus(SpringResponse):
     """Modulus at the transition for b → (1 + γA) b: μ_A = (Σ σḣ)²/(V Σ σ²|L|²/k), ḣ = L·A L (`GenericModulus`).
 
     strain  (d, d) the affine strain A; only its symmetric part matters
-    label   its name
+    name    in tables, targets and messages
     """
 
     strain: Array
-    label: str = "modulus"
+    name: str = "modulus"
 
-    maximise: ClassVar[bool] = True
-    one_self_stress: ClassVar[bool] = True
-    elastic: ClassVar[bool] = True
+    maximise = True
     exact: ClassVar[str] = "closed_form"
-
-    @property
-    def name(self) -> str:
-        return self.label
 
     def evaluate(self, balance: Balanced) -> tuple[float, Partials]:
         terms, volume = _WorkAndCost(balance, self.symmetric), balance.network.volume
@@ -118,22 +118,18 @@ class TransitionModulus(Quantity):
 
 
 @dataclass(frozen=True, eq=False)
-class PenalisedModulus(Quantity):
+class PenalisedModulus(SpringResponse):
     """μ_A − (1/N_b) Σ (s_α/r)^(−10), s = σ scaled to Σs² = N_b (`ShearMod+Constraint`): keeps every s above about r."""
 
     modulus: TransitionModulus
     threshold: float = 0.1
 
-    maximise: ClassVar[bool] = True
-    one_self_stress: ClassVar[bool] = True
-    elastic: ClassVar[bool] = True
+    maximise = True
     exponent: ClassVar[int] = 10
 
     def __post_init__(self) -> None:
         if not self.threshold > 0:
-            raise InputError(
-                f"the threshold r must be positive, not {self.threshold}: it keeps every stress above about r"
-            )
+            raise InputError(f"the threshold must be positive, not {self.threshold}: stresses stay above it")
 
     @property
     def name(self) -> str:
@@ -176,22 +172,15 @@ class PenalisedModulus(Quantity):
 
 
 @dataclass(frozen=True, eq=False)
-class StressComponent(Quantity):
+class StressComponent(SpringResponse):
     """Component S:A/√D of the stress, S = Σσ L⊗L, D = Σσ²|L|²/k: all that linear elasticity is at the transition.
 
     strain  (d, d) A, symmetric
-    label   its name
+    name    in tables, targets and messages
     """
 
     strain: Array
-    label: str = "S"
-
-    one_self_stress: ClassVar[bool] = True
-    elastic: ClassVar[bool] = True
-
-    @property
-    def name(self) -> str:
-        return self.label
+    name: str = "S"
 
     def evaluate(self, balance: Balanced) -> tuple[float, Partials]:
         terms = _WorkAndCost(balance, self.strain)
@@ -219,7 +208,7 @@ class StressComponent(Quantity):
 
 
 @dataclass(frozen=True, eq=False)
-class TensorComponent(Quantity):
+class TensorComponent(SpringResponse):
     """Component C_ab of the elasticity tensor; at the transition C_ab = S_a S_b/(V D).
 
     first, second  `StressComponent`s a and b
@@ -227,9 +216,6 @@ class TensorComponent(Quantity):
 
     first: StressComponent
     second: StressComponent
-
-    one_self_stress: ClassVar[bool] = True
-    elastic: ClassVar[bool] = True
 
     @property
     def name(self) -> str:
@@ -269,6 +255,42 @@ class TensorComponent(Quantity):
         W[a, b] += 0.5
         W[b, a] += 0.5
         return W
+
+
+def is_dilation(A: Array) -> bool:
+    """Whether a strain A (d, d) is a dilation up to rounding."""
+    return bool(np.abs(A - A[0, 0] * np.eye(len(A))).max() <= ISOTROPIC * np.abs(A).max())
+
+
+def largest_value(manifold: CriticalManifold, A: Array) -> float:
+    """The largest modulus for the symmetric strain A (d, d), over all stresses of any sign."""
+    F, moment = force_map(manifold.network, manifold.balance(manifold.network.stiffness).bond_vectors, A)
+    return float(np.trace(F @ moment @ F.T)) / manifold.network.volume
+
+
+def force_map(network: Network, L_star: Array, A: Array) -> tuple[Array, Array]:
+    """F = A + W of the best force network T = kFL*, and the moments M = Σ k L*L*ᵀ: F M is symmetric."""
+    M = (network.stiffness[:, None] * L_star).T @ L_star
+    if is_dilation(A):
+        return A, M
+    W = scipy.linalg.solve_sylvester(M, M, M @ A - A @ M)
+    return A + 0.5 * (W - W.T), M
+
+
+def modulus_form(manifold: CriticalManifold, strains: Array) -> Array:
+    """The largest μ_A as a quadratic form of the strain A in a basis (m, d, d), from sums of two strains: (m, m)."""
+    m = len(strains)
+    form = np.empty((m, m))
+    for a in range(m):
+        for b in range(a + 1):
+            form[a, b] = form[b, a] = largest_value(manifold, strains[a] + strains[b])
+    single = np.diag(form) / 4
+    return np.asarray(0.5 * (form - single[:, None] - single[None]))
+
+
+def vanishes(F: Array, moment: Array, A: Array) -> bool:
+    """Whether the bound Σk|FL*|² is zero up to rounding: the strain A (d, d) changes no length to first order."""
+    return bool(np.trace(F @ moment @ F.T) <= ISOTROPIC**2 * np.sum(A**2) * np.trace(moment))
 
 
 def strain_components(A: Array) -> Array:

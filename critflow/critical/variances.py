@@ -42,7 +42,11 @@ class _RelativeVariance(_OfLengths):
         weight, dweight = (balance.sigma, dsigma) if self.of_tensions else (np.ones_like(length), 0.0)
         unit = L / length[:, None]
         dlength = dot(unit, dL)
-        derivative, change = _relative_variance_differential(weight * length, dweight * length + weight * dlength)
+        values, dvalues = weight * length, dweight * length + weight * dlength
+        variance, derivative = _relative_variance(values)
+        mean, dmean = values.mean(), dvalues.mean()
+        change = dvalues - dmean - (derivative @ dvalues) * mean - variance * dmean
+        change = 2 / (len(values) * mean**2) * change - 2 * dmean / mean * derivative
         stretching = (change * weight + derivative * dweight)[:, None] * unit
         turning = (derivative * weight / length)[:, None] * (dL - dlength[:, None] * unit)
         return self.of_tensions * (change * length + derivative * dlength), stretching + turning
@@ -144,12 +148,3 @@ def _relative_variance(values: Array) -> tuple[float, Array]:
     deviation = values - mean
     variance = float(np.mean(deviation**2) / mean**2)
     return variance, 2 / (len(values) * mean**2) * (deviation - variance * mean)
-
-
-def _relative_variance_differential(values: Array, change: Array) -> tuple[Array, Array]:
-    """The derivative of the relative variance, and its change when the values change."""
-    mean, dmean = values.mean(), change.mean()
-    variance, derivative = _relative_variance(values)
-    dvariance = derivative @ change
-    second = 2 / (len(values) * mean**2) * (change - dmean - dvariance * mean - variance * dmean)
-    return derivative, second - 2 * dmean / mean * derivative

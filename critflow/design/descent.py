@@ -14,7 +14,7 @@ from critflow.design.stress_objective import SignedStressObjective, StressObject
 from critflow.linalg.vectors import dot
 from critflow.networks.network import Array
 from critflow.progress import tell
-from critflow.quantities.optimum import Optimum
+from critflow.quantities.largest_modulus import Optimum
 from critflow.result import Stats, Status
 from critflow.solvers.minimize import METHODS, Fire, Method, Minimum, Point, minimise
 from critflow.solvers.saddles import Descent, minimise_past_saddles

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from copy import copy
-from dataclasses import dataclass
+from types import SimpleNamespace
 
 import numpy as np
 import scipy.sparse as sp
@@ -20,10 +20,9 @@ from scipy.sparse.linalg import splu
 from critflow.critical.isogonal import IsogonalModes, face_modes, isogonal_modes
 from critflow.critical.manifold import CriticalConfiguration, CriticalManifold
 from critflow.critical.quantity import Quantity
-from critflow.design.limits import EdgeLimits, Target, limit_sizes
-from critflow.design.variables import Designed, Variables
+from critflow.design.problem import Designed, EdgeLimits, Target, Variables, limit_sizes
 from critflow.linalg.vectors import dot
-from critflow.networks.network import Array, Network
+from critflow.networks.network import Array
 from critflow.quantities.vocabulary import quantity
 from critflow.result import InputError
 from critflow.solvers.constrained import Minimum, Problem, minimise_constrained
@@ -35,17 +34,6 @@ STIFFEST = 1e-9  # relative distance from the largest B_0 at which C_B is the cl
 _LENGTHS = 10.0
 
 
-@dataclass(frozen=True, eq=False)
-class Stretched:
-    """Lengths ℓ (N_b,) at the directions and tensions of a configuration, as a balance."""
-
-    network: Network
-    sigma: Array
-    bond_vectors: Array
-    lengths: Array
-    manifold: CriticalManifold
-
-
 class FaceAmplitudes(Variables):
     """Amplitudes of the isogonal modes of a configuration, in units of its mean length."""
 
@@ -54,7 +42,7 @@ class FaceAmplitudes(Variables):
 
     def __init__(self, critical: CriticalConfiguration, limits: Sequence[EdgeLimits] = ()):
         if not (critical.sigma != 0).all():
-            raise InputError("edges without stress have no isogonal modes: use the configuration of the taut part")
+            raise InputError("some edges have no stress: use the configuration of the taut part")
         self.critical, self.network, self.manifold = critical, critical.network, CriticalManifold(critical.network)
         self.unit = float(critical.lengths.mean())
         self.modes = _modes(critical)
@@ -69,27 +57,29 @@ class FaceAmplitudes(Variables):
         self.least = (1 - 1e-6) * shortest
         self.low, self.high = shortest / self.reach, longest / self.reach
 
-    def at(self, z: Array) -> Stretched:
+    def at(self, z: Array) -> SimpleNamespace:
+        """Lengths ℓ (N_b,) at the directions and tensions of the configuration, as a balance."""
         lengths = self.critical.lengths + self.lengths_of @ z
-        sigma = self.critical.tensions / lengths
-        return Stretched(self.network, sigma, lengths[:, None] * self.directions, lengths, self.manifold)
+        L, sigma = lengths[:, None] * self.directions, self.critical.tensions / lengths
+        whole = {"network": self.network, "manifold": self.manifold}
+        return SimpleNamespace(sigma=sigma, bond_vectors=L, lengths=lengths, **whole)
 
-    def values(self, state: Stretched, quantities: Sequence[Quantity]) -> tuple[Array, Array]:
+    def values(self, state: SimpleNamespace, quantities: Sequence[Quantity]) -> tuple[Array, Array]:
         values, rows = np.empty(len(quantities)), np.empty((len(quantities), self.network.n_edges))
         for n, one in enumerate(quantities):
             values[n], (by_sigma, by_L) = one.evaluate(state)
             rows[n] = dot(self.directions, by_L) - state.sigma / state.lengths * by_sigma
         return values, rows @ self.lengths_of
 
-    def change(self, state: Stretched, z: Array) -> tuple[float, Array]:
+    def change(self, state: SimpleNamespace, z: Array) -> tuple[float, Array]:
         # Lengths that are not positive are outside the domain.
         change = np.log(np.where(state.lengths > self.least, state.lengths, np.nan) / self.critical.lengths)
         return 0.5 * float(change @ change), self.lengths_of.T @ (change / state.lengths)
 
-    def limited(self, state: Stretched) -> Array:
+    def limited(self, state: SimpleNamespace) -> Array:
         return state.lengths / self.reach
 
-    def limited_rows(self, state: Stretched, indices: NDArray[np.intp]) -> Array:
+    def limited_rows(self, state: SimpleNamespace, indices: NDArray[np.intp]) -> Array:
         return self.lengths_of[indices].toarray() / self.reach
 
     def sizes(self, targets: Sequence[Target]) -> Array:

@@ -14,9 +14,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from critflow.arguments import checked
-from critflow.critical.derivatives import evaluate, evaluate_at
 from critflow.critical.manifold import CriticalConfiguration, CriticalManifold, require_one_self_stress
-from critflow.critical.quantity import Quantity
+from critflow.critical.quantity import Quantity, evaluate, evaluate_at
 from critflow.critical.transition import PenalisedModulus, dilation
 from critflow.design.descent import DESCENTS, Observer, descend
 from critflow.design.stress_objective import SignedStressObjective, StressObjective
@@ -25,8 +24,7 @@ from critflow.networks.checks import edge_values
 from critflow.networks.network import Array, Network
 from critflow.onset.from_lengths import critical_from_lengths
 from critflow.onset.length_iteration import iterate_lengths
-from critflow.quantities.largest_modulus import largest_modulus
-from critflow.quantities.optimum import Optimum
+from critflow.quantities.largest_modulus import Optimum, largest_modulus
 from critflow.quantities.vocabulary import quantity
 from critflow.response.at_transition import transition_modulus_error
 from critflow.result import InputError, Stats

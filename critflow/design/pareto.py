@@ -20,7 +20,7 @@ from numpy.typing import ArrayLike, NDArray
 from critflow.arguments import checked
 from critflow.critical.manifold import Balance, CriticalConfiguration, CriticalManifold, require_one_self_stress
 from critflow.design.descent import SOUND
-from critflow.design.limits import Target, edge_limits, parse_targets
+from critflow.design.problem import Target, edge_limits, parse_targets
 from critflow.design.stresses import Stresses
 from critflow.linalg.vectors import norms
 from critflow.networks.network import Array, Network
@@ -118,9 +118,7 @@ def pareto(
 def _pair(manifold: CriticalManifold, objectives: Mapping[Any, str] | Sequence[Any]) -> list[Target]:
     """The two objectives; `InputError` where there are not two, or one is no objective."""
     if len(objectives) != 2:
-        raise InputError(
-            f"a front has two objectives, such as {{'B_0': 'largest', 'V_L': 'smallest'}}, not {len(objectives)}"
-        )
+        raise InputError(f"a front has two objectives, such as ['B_0', 'V_L'], not {len(objectives)}")
     if not isinstance(objectives, Mapping):
         best = {key: quantity(manifold.network, key).maximise for key in objectives}
         objectives = {key: "largest" if maximise else "smallest" for key, maximise in best.items()}
@@ -202,7 +200,11 @@ class _Search:
 
     def _between(self, ends: list[_Point], n: int) -> list[_Point]:
         """The ends and the points between them, each from its neighbour, and back where that is not the best."""
-        if n == 2 or self._unlimited(ends) or not all(end.minimum.reached for end in ends):
+        without_limit = any(
+            end.status in (Status.edge_collapse, Status.slack_edges) and not np.isfinite(self._extreme(target))
+            for end, target in zip(ends, self._pair, strict=True)
+        )
+        if n == 2 or without_limit or not all(end.minimum.reached for end in ends):
             return ends
         found = [ends[0]]
         first, last = (float(end.values[0] - end.values[1]) for end in ends)
@@ -234,9 +236,7 @@ class _Search:
                     _, edge, change = leaving
                     best = f"{_BEST[target.goal]} {target.name}"
                     raise InputError(f"there is no {best}: it has no limit as edge {edge} {change}; {_LIMIT_EDGES}")
-            raise InputError(
-                "both objectives have the same best configuration, so there is no front between them: change one"
-            )
+            raise InputError("both objectives have the same best configuration: change one")
         self._ideal, self.units = np.diag(values).copy(), spread
         weights = ((1 - END_WEIGHT, END_WEIGHT), (END_WEIGHT, 1 - END_WEIGHT))
         ends = [self._point(_Weighted(self, pair), z) for pair, z in zip(weights, alone, strict=True)]
@@ -266,13 +266,6 @@ class _Search:
     def _extreme(self, target: Target) -> float:
         """The best value that the objective can have."""
         return float(target.quantity.extreme(self.stresses.manifold, True)[target.goal < 0])
-
-    def _unlimited(self, ends: list[_Point]) -> bool:
-        """Whether an end is not attained and its objective has no limit."""
-        return any(
-            end.status in (Status.edge_collapse, Status.slack_edges) and not np.isfinite(self._extreme(target))
-            for end, target in zip(ends, self._pair, strict=True)
-        )
 
     def _alone(self, weights: tuple[float, float], more: list[Array]) -> Array:
         """The best z of one objective, from the start, where B_0 and C_B may be stationary, one near it, and more."""

@@ -22,7 +22,7 @@ from scipy.linalg.blas import dger
 
 from critflow.arguments import checked, generator
 from critflow.critical.manifold import CriticalConfiguration, CriticalManifold
-from critflow.design.limits import Target, parse_targets
+from critflow.design.problem import Target, parse_targets
 from critflow.linalg.tolerances import LARGEST_DENSE
 from critflow.networks.network import Array, IntArray, Network
 from critflow.networks.pruning import pruned
@@ -136,13 +136,9 @@ def _goal(critical: CriticalConfiguration, targets: Mapping[Any, Any], cuts: int
     if cuts is not None and not 0 <= cuts < network.n_edges:
         raise InputError(f"the number of cuts must be from 0 to {network.n_edges - 1}, not {cuts}")
     if not (critical.sigma != 0).all():
-        raise InputError(
-            "edges without stress change nothing when they are cut: use the configuration of the taut part"
-        )
+        raise InputError("some edges have no stress: use the configuration of the taut part")
     if network.n_edges**2 > LARGEST_DENSE:
-        raise InputError(
-            f"a matrix of {network.n_edges}² numbers is too large: use edge_leverage and cut, one edge at a time"
-        )
+        raise InputError(f"{network.n_edges}² numbers are too many: use edge_leverage, one cut at a time")
     return goal
 
 

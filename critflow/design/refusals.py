@@ -13,11 +13,10 @@ from itertools import product
 
 import numpy as np
 
-from critflow.critical.extreme import largest_value, modulus_form
 from critflow.critical.manifold import CriticalManifold
 from critflow.critical.quantity import OfStress
-from critflow.critical.transition import dilation, pure_shear, strain_components
-from critflow.design.limits import Target
+from critflow.critical.transition import dilation, largest_value, modulus_form, pure_shear, strain_components
+from critflow.design.problem import Target
 from critflow.networks.deformation import strain_basis
 from critflow.networks.network import Array
 from critflow.quantities.largest_modulus import largest_modulus
@@ -73,9 +72,7 @@ def _beyond_stress(manifold: CriticalManifold, targets: Sequence[Target], positi
     for target, function in _of_stress(targets, network.dimension):
         implied = float(np.sum(matrix * function.strain)) ** 2 / network.volume
         if function.squared and not target.low * (1 - 1e-9) <= implied <= target.high * (1 + 1e-9):
-            raise InputError(
-                f"the targets contradict each other: these components of S/√D make {target.name} {implied:.8g}"
-            )
+            raise InputError(f"the targets contradict each other: those of S/√D make {target.name} {implied:.8g}")
     return ""
 
 

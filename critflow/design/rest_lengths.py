@@ -13,8 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from critflow.critical.quantity import Quantity
-from critflow.design.limits import Target
-from critflow.design.variables import Designed, Variables
+from critflow.design.problem import Designed, Target, Variables
 from critflow.networks.checks import edge_values
 from critflow.networks.deformation import Deformation
 from critflow.networks.network import Array

@@ -8,15 +8,14 @@ exactly and without another solve: C is stationary in the relaxations u.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from critflow.arguments import checked
 from critflow.critical.quantity import Quantity
-from critflow.design.limits import EdgeLimits, Target, limit_sizes
-from critflow.design.variables import Designed, Variables
+from critflow.design.problem import Designed, EdgeLimits, Target, Variables, limit_sizes
 from critflow.linalg.matrices import block_laplacian, edge_blocks
 from critflow.networks.checks import edge_values
 from critflow.networks.deformation import strain_basis
@@ -32,8 +31,7 @@ POSITIVE_TENSOR = 1e-12  # eigenvalues of a requested tensor below this part of 
 _SMALL = 1e-2
 
 
-@dataclass(frozen=True, eq=False)
-class AtRest:
+class AtRest(NamedTuple):
     """Stiffnesses k (N_b,), the tensor C (m, m) of the springs at rest, and the relaxed extensions (N_b, m)."""
 
     stiffness: Array

@@ -1,15 +1,15 @@
 """A quantity as a function of the unknowns of a descent, with its gradient and Hessian-vector products.
 
-The unknowns are θ = log σ, or σ itself where compression is allowed.
+The unknowns are θ = log σ, or σ itself where compression is allowed.  The scale of σ changes no quantity, so that
+derivatives by the unknowns x are those of σ(x) without its scaling to Σσ² = N_b, with ∂σ/∂x diagonal.
 """
 
 from __future__ import annotations
 
 import numpy as np
 
-from critflow.critical.derivatives import Evaluation, evaluate
 from critflow.critical.manifold import CriticalManifold
-from critflow.critical.quantity import DIFFERENCE, Quantity
+from critflow.critical.quantity import Evaluation, Quantity, evaluate
 from critflow.networks.network import Array
 from critflow.solvers.minimize import Function, Point
 
@@ -33,17 +33,9 @@ class StressObjective(Function):
         sigma = np.exp(x - x.max())
         return sigma * np.sqrt(len(x) / (sigma @ sigma))
 
-    def pushforward(self, x: Array, sigma: Array, direction: Array) -> Array:
-        """σ̇ of a direction of θ, up to a multiple of σ, which does not change the configuration."""
-        return sigma * direction
-
-    def gradient(self, x: Array, sigma: Array, dO_dsigma: Array) -> Array:
-        """dO/dθ from dO/dσ."""
-        return sigma * dO_dsigma
-
-    def hessian_term(self, x: Array, sigma: Array, dO_dsigma: Array, direction: Array) -> Array:
-        """The product of dO/dσ with the second derivative of σ(θ), times a direction."""
-        return sigma * direction * dO_dsigma
+    def rate(self, x: Array, sigma: Array) -> tuple[Array | float, Array | float]:
+        """First and second derivatives of each σ by its own unknown."""
+        return sigma, sigma
 
     def moderate(self, x: Array, ratio: float) -> Array | None:
         """x with stresses between 1/ratio and ratio times their median; None where signs may change."""
@@ -62,7 +54,7 @@ class StressObjective(Function):
             sigma = self.sigma(x)
             evaluation = evaluate(self.manifold, self.goal, sigma)
         residual = float(np.abs(evaluation.gradient).max())
-        gradient = self.sign * self.gradient(x, sigma, evaluation.gradient)
+        gradient = self.sign * (self.rate(x, sigma)[0] * evaluation.gradient)
         return Point(
             x, self.sign * evaluation.value, gradient, residual if np.isfinite(residual) else np.inf, evaluation
         )
@@ -72,18 +64,10 @@ class StressObjective(Function):
 
     def hessian_product(self, point: Point, direction: Array) -> Array:
         """The Hessian at a point times a direction (N_b,), by two solves; by differences without a differential."""
-        if not self.goal.has_differential:
-            return self._by_differences(point, direction)
         evaluation: Evaluation = point.state
-        x, sigma, dO_dsigma = point.x, evaluation.balance.sigma, evaluation.gradient
-        change = evaluation.hessian_product(self.pushforward(x, sigma, direction))
-        return self.sign * (self.hessian_term(x, sigma, dO_dsigma, direction) + self.gradient(x, sigma, change))
-
-    def _by_differences(self, point: Point, direction: Array) -> Array:
-        """The Hessian-vector product of an objective without a differential, to about nine digits."""
-        step = DIFFERENCE / float(np.abs(direction).max())
-        forward, backward = self.at(point.x + step * direction), self.at(point.x - step * direction)
-        return (forward.gradient - backward.gradient) / (2 * step)
+        rate, second = self.rate(point.x, evaluation.balance.sigma)
+        curved = rate * evaluation.hessian_product(rate * direction)
+        return self.sign * (second * direction * evaluation.gradient + curved)
 
 
 class SignedStressObjective(StressObjective):
@@ -95,17 +79,8 @@ class SignedStressObjective(StressObjective):
     def sigma(self, x: Array) -> Array:
         return x * np.sqrt(len(x) / (x @ x))
 
+    def rate(self, x: Array, sigma: Array) -> tuple[Array | float, Array | float]:
+        return np.sqrt(len(x) / (x @ x)), 0.0
+
     def moderate(self, x: Array, ratio: float) -> Array | None:
         return None
-
-    def pushforward(self, x: Array, sigma: Array, direction: Array) -> Array:
-        size = x @ x
-        return np.sqrt(len(x) / size) * (direction - (x @ direction / size) * x)
-
-    def gradient(self, x: Array, sigma: Array, dO_dsigma: Array) -> Array:
-        # dO/dσ has no component in the direction of σ.
-        return np.sqrt(len(x) / (x @ x)) * dO_dsigma
-
-    def hessian_term(self, x: Array, sigma: Array, dO_dsigma: Array, direction: Array) -> Array:
-        size = x @ x
-        return -np.sqrt(len(x) / size) * (x @ direction / size) * dO_dsigma

@@ -1,20 +1,24 @@
-"""Stresses as the variables of a design: z = log |σ| for prescribed signs, which every step keeps, or z = σ."""
+"""Stresses as the variables of a design: z = log |σ| for prescribed signs, which every step keeps, or z = σ.
+
+With pressures in the faces z = (log σ, p): lengths, areas and tensions of a tissue.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from critflow.critical.manifold import Balance, CriticalManifold, require_one_self_stress
+from critflow.critical.pressures import PressureBalance, PressureManifold
 from critflow.critical.quantity import Quantity
-from critflow.design.limits import EdgeLimits, Target
 from critflow.design.optimize import optimize
+from critflow.design.problem import Designed, EdgeLimits, Target, Variables
 from critflow.design.refusals import excluded, limiting_stress
-from critflow.design.variables import Designed, Variables
 from critflow.networks.checks import edge_values
-from critflow.networks.network import Array
+from critflow.networks.network import Array, Network
 from critflow.result import InputError
 from critflow.solvers.constrained import Minimum, Problem, minimise_constrained
 
@@ -158,6 +162,48 @@ class Stresses(Variables):
         return float(np.sqrt(np.mean(change**2)))
 
 
+class StressesAndPressures(Variables):
+    """log σ (N_b,) and pressures p (N_f,), from stresses and pressures of a scale at which ⟨σ²⟩ = 1.
+
+    Configurations whose matrix P + iQ is not positive definite are outside the domain.
+    """
+
+    longest = 0.4
+    tolerance = 2e-2  # of the least change, which only selects, as for stresses
+
+    def __init__(self, network: Network, sigma: ArrayLike | None = None, pressures: ArrayLike | None = None):
+        self.network, self.manifold = network, PressureManifold(network)
+        self.n_edges, n_faces = self.manifold.jumps.shape
+        stress = np.ones(self.n_edges) if sigma is None else edge_values(sigma, self.n_edges, "sigma")
+        p = np.zeros(n_faces) if pressures is None else edge_values(pressures, n_faces, "pressures", False, "face")
+        scale = np.sqrt(np.mean(stress**2))
+        self.origin = np.concatenate([np.log(stress / scale), p / scale])
+
+    def at(self, z: Array) -> PressureBalance:
+        balance = self.manifold.balance(np.exp(z[: self.n_edges]), z[self.n_edges :])
+        if balance.factor.indefinite:
+            return replace(balance, bond_vectors=np.full_like(balance.bond_vectors, np.nan))
+        return balance
+
+    def values(self, state: PressureBalance, quantities: Sequence[Quantity]) -> tuple[Array, Array]:
+        values, rows = np.empty(len(quantities)), np.empty((len(quantities), len(self.origin)))
+        for n, quantity in enumerate(quantities):
+            values[n], partials = quantity.evaluate(state)  # type: ignore[arg-type]
+            by_stress, by_pressure = state.pull_back(*partials)
+            rows[n] = np.concatenate([state.sigma * by_stress, by_pressure])
+        return values, rows
+
+    def excluded(self, targets: Sequence[Target]) -> str:
+        elastic = [target.name for target in targets if target.quantity.elastic]
+        if elastic:
+            raise InputError(f"{elastic[0]} is a response of springs, which pressures change: give lengths or areas")
+        return ""
+
+    def designed(self, z: Array, quantities: Sequence[Quantity]) -> Designed:
+        solved = self.manifold.solve(np.exp(z[: self.n_edges]), z[self.n_edges :])
+        return self.at_configuration(solved, z, quantities)
+
+
 def _signs(signs: str | ArrayLike, m: int) -> Array | None:
     if isinstance(signs, str):
         if signs not in ("positive", "any"):
@@ -176,10 +222,7 @@ def _free(free: ArrayLike | None, m: int) -> NDArray[np.intp]:
     if array.dtype == bool and array.shape == (m,):
         array = np.flatnonzero(array)
     if array.ndim != 1 or array.dtype.kind not in "iu" or not len(array):
-        raise InputError(
-            f"free must be indices of edges whose stress may change, or a mask of {m}, and name at least one edge; for "
-            "stiffnesses and rest lengths give change"
-        )
+        raise InputError(f"free must name at least one edge whose stress may change, by indices or a mask of {m}")
     if array.min() < 0 or array.max() >= m:
         raise InputError(f"free names edge {array.min() if array.min() < 0 else array.max()}: edges are 0 to {m - 1}")
     return np.unique(array).astype(np.intp)

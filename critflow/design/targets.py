@@ -8,29 +8,92 @@ All gradients are exact.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any
+from dataclasses import dataclass, field
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from critflow.arguments import checked
-from critflow.critical.manifold import CriticalConfiguration, CriticalManifold
+from critflow.critical.manifold import Balance, CriticalConfiguration, CriticalManifold
 from critflow.critical.pressures import PressurisedConfiguration
+from critflow.critical.quantity import Quantity
+from critflow.critical.variances import LengthVariance, TensionVariance
 from critflow.design.faces import FaceAmplitudes
-from critflow.design.limits import Target, edge_limits, parse_targets
-from critflow.design.pressures import StressesAndPressures
-from critflow.design.problem import TargetProblem, preference_of
+from critflow.design.problem import (
+    Preference,
+    Target,
+    TargetProblem,
+    Variables,
+    edge_limits,
+    parse_targets,
+    require_unused,
+)
 from critflow.design.rest_lengths import RestLengths
-from critflow.design.result import Achieved, Design, cosines
 from critflow.design.stiffnesses import Stiffnesses
-from critflow.design.stresses import Stresses
-from critflow.design.variables import Variables, require_unused
-from critflow.networks.network import Network
-from critflow.result import InputError, Stats, Status
+from critflow.design.stresses import Stresses, StressesAndPressures
+from critflow.networks.network import Array, Network, validated_coordinates
+from critflow.quantities.vocabulary import ALIASES
+from critflow.result import InputError, Record, Solution, Stats, Status
 from critflow.solvers.constrained import Minimum, minimise_constrained
 from critflow.springs.state import SpringState
 
+# Least eigenvalue of the cosines of the gradients of targets that can be changed independently.
+INDEPENDENT_TARGETS = 1e-6
+
+Value = TypeVar("Value")
+
+# Component of the gradient of a preference along the surface of the targets, relative to 1 plus the largest component
+# of the gradient, below which it is least.
+TARGET_OPTIMAL = 1e-3
+
+PREFERENCES: dict[str, type[Quantity]] = {"V_L": LengthVariance, "V_tau": TensionVariance}
+"""Preferences that are quantities, by name."""
+
 CHANGES = ("stress", "stiffness", "faces", "rest_lengths", "pressures")
+
+
+@dataclass(frozen=True)
+class Achieved(Record):
+    """What a design has of one target.
+
+    value         of the quantity
+    error         of the value (estimate): from the errors of the bond vectors, and rounding
+    multiplier    cost of the target: derivative of the least preference by its value, 0 inside an interval
+    independence  sine of the angle between the gradient of the target and the span of the others, which is the part of
+                  a unit change of this target alone; 0 where the others determine it
+    """
+
+    value: float
+    error: float
+    multiplier: float
+    independence: float
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Design(Solution[Value]):
+    """A configuration or a state with requested properties.
+
+    reached     whether all targets are reached, whatever became of the preference
+    targets     what is achieved of each target, by name
+    preference  value of the preference: ½|z − z_0|² of the variables z, unless `design` was given another one
+    distance    root mean square of the change: of log σ (of σ where `signs` is "any"), log lengths, log k or log ℓ
+    gram        (n, n) cosines between the gradients of the targets, in their order; 0 in the row of a target that no
+                variable changes
+    solved      the solve that gives the values: the balance of forces, the elasticity at rest, or the onset
+    """
+
+    reached: bool
+    targets: dict[str, Achieved]
+    preference: float
+    distance: float
+    gram: Array = field(repr=False)
+    solved: Solution[Any] = field(repr=False)
+
+    @property
+    def independent(self) -> bool:
+        """Whether all targets can be changed independently here: the least eigenvalue of `gram` is not zero."""
+        return bool(np.isfinite(self.gram).all() and np.linalg.eigvalsh(self.gram)[0] > INDEPENDENT_TARGETS)
 
 
 @checked
@@ -130,6 +193,62 @@ def _variables(
     return Stiffnesses(start, initial, limits) if change == "stiffness" else RestLengths(start, ratios, initial)
 
 
+def least_change(variables: Variables) -> Preference:
+    """The change that the variables define."""
+    return Preference("change", variables.tolerance, variables.change)
+
+
+def best_value(variables: Variables, quantity: Quantity, name: str, sign: float) -> Preference:
+    """V_L, V_τ, or a target that is to be largest or smallest, times its sign and the number of edges."""
+    # Times the number of edges, so that components of the gradient are of order one.
+    size = sign * getattr(variables, "n_edges", len(variables.origin))
+
+    def at(state: Any, z: Array) -> tuple[float, Array]:
+        values, rows = variables.values(state, [quantity])
+        return size * float(values[0]), size * rows[0]
+
+    return Preference(name, TARGET_OPTIMAL, at, size)
+
+
+def nearness(stresses: Stresses, coordinates: Array) -> Preference:
+    """½Σ|x + c − x̂|² over the number of vertices, with the translation c of periodic networks."""
+
+    def at(state: Balance, z: Array) -> tuple[float, Array]:
+        network = state.network
+        apart = network.all_coordinates(state.coordinates) - coordinates
+        if not network.pins:
+            apart -= apart.mean(axis=0)
+        y = state.factor.solve(apart[network.free])
+        by_sigma = -np.einsum("ad,ad->a", state.bond_vectors, network.free_incidence @ y) / len(apart)
+        return 0.5 * float(np.sum(apart**2)) / len(apart), stresses.gradients(by_sigma, state.sigma)
+
+    return Preference("distance", TARGET_OPTIMAL, at)
+
+
+def preference_of(
+    variables: Variables, network: Network, prefer: str | CriticalConfiguration | ArrayLike, goal: Target | None
+) -> Preference:
+    """The preference of the arguments of `design`; `InputError` for unknown ones."""
+    change = isinstance(prefer, str) and prefer == "least_change"
+    if goal is not None:
+        if not change:
+            word = {1: "smallest", -1: "largest"}[goal.goal]
+            raise InputError(f"{goal.name} is to be {word}, which leaves no choice: omit prefer")
+        return best_value(variables, goal.quantity, goal.name, float(goal.goal))
+    if change:
+        return least_change(variables)
+    if not isinstance(variables, Stresses):
+        raise InputError("other preferences than 'least_change' are those of a change of stress: omit prefer")
+    if isinstance(prefer, str):
+        name = ALIASES.get(prefer, prefer)
+        if name not in PREFERENCES:
+            names = ", ".join(("least_change", *PREFERENCES))
+            raise InputError(f"no preference is called {prefer!r:.40}: choose from {names}, or give coordinates")
+        return best_value(variables, PREFERENCES[name](), name, 1.0)
+    x = prefer.coordinates if isinstance(prefer, CriticalConfiguration) else prefer
+    return nearness(variables, validated_coordinates(network, x))
+
+
 def _note(problem: TargetProblem, end: Minimum) -> str:
     """The error that remains, and the next step."""
     if end.reached:
@@ -155,7 +274,7 @@ def _report(problem: TargetProblem, targets: Sequence[Target], end: Minimum, sta
     names = [target.name for target in problem.targets]
     # dpreference/dlimit = −μ of the constraint in units of its size.
     multipliers = -end.multipliers[: len(names)] / problem.sizes
-    costs = {name: preference.shown(float(one)) for name, one in zip(names, multipliers, strict=True)}
+    costs = {name: float(one) / preference.size for name, one in zip(names, multipliers, strict=True)}
     gram, independence = cosines(made.rows)
     achieved = {
         target.name: Achieved(float(value), float(error), costs.get(target.name, 0.0), float(sine))
@@ -170,8 +289,18 @@ def _report(problem: TargetProblem, targets: Sequence[Target], end: Minimum, sta
         note=note,
         reached=end.reached,
         targets=achieved,
-        preference=preference.shown(end.point.value),
+        preference=end.point.value / preference.size,
         distance=variables.distance(z),
         gram=gram,
         solved=made.solved,
     )
+
+
+def cosines(rows: Array) -> tuple[Array, Array]:
+    """Cosines (n, n) between gradients (n, N), and the sine of each to the span of the others (n,)."""
+    if not np.isfinite(rows).all():
+        return np.full((len(rows), len(rows)), np.nan), np.full(len(rows), np.nan)
+    norm = np.linalg.norm(rows, axis=1)
+    unit = rows / np.where(norm > 0, norm, 1.0)[:, None]
+    gram = unit @ unit.T
+    return gram, np.sqrt(1 / np.maximum(np.diag(np.linalg.pinv(gram)), 1.0)) * (norm > 0)

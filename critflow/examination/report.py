@@ -16,8 +16,8 @@ from critflow.exchange.repair import described
 from critflow.networks.blocks import components
 from critflow.networks.network import Array, Network
 from critflow.onset.critical_strain import CriticalStrain
-from critflow.quantities.largest_modulus import upper_bound
 from critflow.quantities.leverage import EdgeLeverage
+from critflow.quantities.vocabulary import upper_bound
 from critflow.response.elasticity import Elasticity, elasticity
 from critflow.result import CritflowError, InputError, Record, Solution, Status
 from critflow.rigidity.counts import Rigidity, certify, zero_modes

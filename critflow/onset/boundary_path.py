@@ -11,7 +11,6 @@ from functools import cached_property
 import numpy as np
 
 from critflow.critical.manifold import CriticalManifold
-from critflow.linalg.saddle import Saddle
 from critflow.networks.deformation import Deformation
 from critflow.networks.network import Array, Network
 
@@ -31,11 +30,6 @@ class BoundaryPath:
     @property
     def network(self) -> Network:
         return self.manifold.network
-
-    @property
-    def saddle(self) -> Saddle:
-        """Systems of stresses and displacements of the whole network."""
-        return self.manifold.saddle
 
     @cached_property
     def free_strains(self) -> Array:

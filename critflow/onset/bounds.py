@@ -7,7 +7,7 @@ bounds on lengths, on sums, and on the unbalanced forces times the size of any a
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 import scipy.sparse as sp
@@ -26,8 +26,7 @@ RETREATS = (1e-12, 3e-11, 1e-10, 3e-10)
 _CLOSE = 1e-10  # distance of a bound, relative to 1 + |γ|, beyond which those from the start are tried too
 
 
-@dataclass(frozen=True)
-class StrainBounds:
+class StrainBounds(NamedTuple):
     """Floppy at strain `lower`, rigid at `upper`; each is a proof, or an estimate where no proof was found."""
 
     lower: float

@@ -9,7 +9,7 @@ are floppy where t < 1 and rigid where t > 1.  The onset is the largest strain w
 3. Newton's method on the taut edges gives the critical configuration to rounding: forces f_α = σ_α L_α in balance,
    |L_α| = ℓ_α where σ_α > 0 (`taut_set.polish_taut`).
 4. Where tensions are too weak to be told from slack, the central path separates them, and step 3 starts from its end;
-   if that fails too, its end without the stresses of slack edges is the answer (`central_path`).
+   if that fails too, its end without the stresses of slack edges is the answer (`taut_set.follow_central_path`).
 5. A floppy configuration below γ_c and balanced forces above it are bounds (`bounds.onset_bounds`).
 
 With Σ |f_α| ℓ_α = 1 the derivatives of t are the macroscopic stress, ∂t/∂F_ij = Σ f_αi b_αj, and ∂t/∂ℓ_α = −|f_α|.
@@ -31,11 +31,10 @@ from critflow.networks.deformation import Deformable, deformation_of
 from critflow.networks.network import Array, Network
 from critflow.onset.boundary_path import BoundaryPath
 from critflow.onset.bounds import StrainBounds, onset_bounds
-from critflow.onset.central_path import follow_central_path
 from critflow.onset.length_iteration import NEAR, iterate_lengths, mean_strain
 from critflow.onset.search import ONSET_CONE, SIDES_MEET, Interior, NotFloppy, Search, floppy_start, search_onset
 from critflow.onset.taut_edges import FITTED, OnsetState, newton_taut, unknown_configuration
-from critflow.onset.taut_set import polish_taut, resolved, settled, stressed, without_slack_stress
+from critflow.onset.taut_set import follow_central_path, polish_taut, resolved, settled, stressed, without_slack_stress
 from critflow.result import InputError, Record, Solution, Stats, Status
 from critflow.rigidity.counts import rigidity
 

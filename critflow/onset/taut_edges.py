@@ -47,26 +47,16 @@ Change = tuple[Array, Array, Array]
 
 @dataclass(frozen=True, eq=False)
 class OnsetState:
-    """A boundary (s, q), coordinates and stresses.
+    """A boundary (s, q), coordinates and stresses."""
 
-    strain       s ≥ 0
-    free         q of the free components, (m,)
-    coordinates  of the free vertices, (n_free, d)
-    sigma        σ (N_b,), zero on slack edges
-    taut         (N_b,)
-    error        largest relative error of lengths, forces and free stresses; infinite where it is unknown
-    steps        steps of Newton's method so far
-    part         the taut edges as a network, where Newton's method made it
-    """
-
-    strain: float
-    free: Array
-    coordinates: Array
-    sigma: Array
-    taut: Mask
-    error: float = np.inf
-    steps: int = 0
-    part: TautPart | None = None
+    strain: float  # s ≥ 0
+    free: Array  # q of the free components, (m,)
+    coordinates: Array  # of the free vertices, (n_free, d)
+    sigma: Array  # σ (N_b,), zero on slack edges
+    taut: Mask  # (N_b,)
+    error: float = np.inf  # largest relative error of lengths, forces and free stresses; infinite where it is unknown
+    steps: int = 0  # steps of Newton's method so far
+    part: TautPart | None = None  # the taut edges as a network, where Newton's method made it
 
     def bond_vectors(self, path: BoundaryPath) -> Array:
         """L = F b + g x, (N_b, d)."""
@@ -111,40 +101,26 @@ def newton_taut(path: BoundaryPath, lengths: Array, start: OnsetState, damping: 
 
 @dataclass(frozen=True, eq=False)
 class Residuals:
-    """The equations at a state, of the taut edges.
+    """The equations at a state, of the taut edges."""
 
-    velocities  A_k of (q, s), (k, d, d)
-    L           bond vectors
-    force       gᵀ(σ ∘ L)
-    elongation  ½(ℓ² − |L|²)
-    changes     c_k, of |L|²/2 by (q, s)
-    error       the largest relative error
-    """
-
-    velocities: Array
-    L: Array
-    force: Array
-    elongation: Array
-    changes: Array
-    error: float
+    velocities: Array  # A_k of (q, s), (k, d, d)
+    L: Array  # bond vectors
+    force: Array  # gᵀ(σ ∘ L)
+    elongation: Array  # ½(ℓ² − |L|²)
+    changes: Array  # c_k, of |L|²/2 by (q, s)
+    error: float  # the largest relative error
 
 
 @dataclass(frozen=True, eq=False)
 class TautPart:
-    """The taut edges as a network whose components are grounded at one vertex each.
-
-    taut      its edges in the whole network, (N_b,)
-    vertices  its vertices in the whole network
-    rows      of its free vertices among the free vertices of the whole network
-    several   whether they fall into several components
-    """
+    """The taut edges as a network whose components are grounded at one vertex each."""
 
     network: Network
     saddle: Saddle
-    taut: Mask
-    vertices: IntArray
-    rows: IntArray
-    several: bool
+    taut: Mask  # its edges in the whole network, (N_b,)
+    vertices: IntArray  # its vertices in the whole network
+    rows: IntArray  # of its free vertices among the free vertices of the whole network
+    several: bool  # whether they fall into several components
 
     def residuals(self, path: BoundaryPath, lengths: Array, state: OnsetState) -> Residuals:
         """The equations at a state."""
@@ -221,7 +197,7 @@ def taut_part(path: BoundaryPath, taut: Mask) -> TautPart | None:
         return None
     row = np.full(network.n_vertices, -1)
     row[network.free] = np.arange(len(network.free))
-    saddle = path.saddle if part is network else Saddle(part)
+    saddle = path.manifold.saddle if part is network else Saddle(part)
     return TautPart(part, saddle, taut, vertices, row[vertices[part.free]], len(components) > 1)
 
 

@@ -7,6 +7,11 @@ program, which tells taut from slack edges to about the root of its tolerance:
 2. Newton's method; if it fails, once more from the end of a damped attempt.
 3. If it failed, leave out the weakest edges, σ < w ⟨σ⟩ in the program; w grows from attempt to attempt.
 4. If it converged, release edges with σ ≤ 0 and add those with |L| > ℓ, each at most once; end where there are none.
+
+Programs end with relative errors of about 1e-10, which hide stresses below 1e-5 of the mean, as those of straight
+fibres whose crossings hardly deflect them.  The central path separates them: the onset is the largest strain s with
+½|L_α|² + h_α = ½ℓ_α², h ≥ 0, whose multipliers are the stresses σ ≥ 0 in balance, and Newton's method on σ_α h_α = μ,
+with refined factors, follows decreasing μ (`follow_central_path`).
 """
 
 from __future__ import annotations
@@ -19,6 +24,7 @@ import scipy.sparse as sp
 from critflow.networks.network import Array, Network
 from critflow.onset.boundary_path import BoundaryPath
 from critflow.onset.taut_edges import FITTED, Mask, OnsetState, newton_taut, taut_part
+from critflow.result import InputError
 from critflow.solvers.cone import fit_lengths
 
 ONSET_ROUNDS = 16  # attempts to separate taut from slack edges; standard networks need one, diluted lattices up to four
@@ -31,6 +37,12 @@ EXACT_CONE = (1e-12, 1e-13)
 DAMPING = 1e-3  # compliance of taut edges with several self-stresses, relative to their stress, far from the solution
 SHORTENING_STEPS = 20  # least motions that shorten slack edges; chains of equal edges need one to four
 VIOLATED = 1e-8  # excess of |L|/ℓ over 1 of a slack edge that becomes a candidate; errors of the program are smaller
+CENTRAL_START = 1e-9  # σ h of an edge at the start of a central path, relative to ⟨σ⟩⟨ℓ²⟩: that where cone programs end
+CENTRAL_END = 1e-17  # the same at its end: stresses above 1e-8 of the mean are separated from slack
+CENTRAL_DECREASE = 0.1  # factor of the mean σ h in one step
+CENTRAL_FITTED = 1e-13  # relative error of ½|L|² + h at which it ends
+CENTRAL_STEPS = 30  # steps of Newton's method on it; ten to twenty are needed
+TO_BOUNDARY = 0.95  # part of the step to a vanishing stress or slack
 
 
 def polish_taut(path: BoundaryPath, lengths: Array, start: OnsetState) -> OnsetState:
@@ -44,7 +56,11 @@ def polish_taut(path: BoundaryPath, lengths: Array, start: OnsetState) -> OnsetS
         candidate = without_hanging(network, state.taut)
         if not candidate.any():
             break
-        end = _newton(path, lengths, replace(state, taut=candidate))
+        begin = replace(state, taut=candidate)
+        end = newton_taut(path, lengths, begin)
+        if end is not None and not end.error < FITTED:
+            damped = newton_taut(path, lengths, begin, damping=DAMPING)
+            end = damped and newton_taut(path, lengths, damped)
         steps = steps if end is None else end.steps
         if end is None or not end.error < FITTED:
             mean = float(start.sigma[candidate].mean())
@@ -69,13 +85,42 @@ def polish_taut(path: BoundaryPath, lengths: Array, start: OnsetState) -> OnsetS
     return replace(best, steps=steps)
 
 
-def _newton(path: BoundaryPath, lengths: Array, start: OnsetState) -> OnsetState | None:
-    """Newton's method, once more from a damped attempt where it does not converge."""
-    end = newton_taut(path, lengths, start)
-    if end is not None and not end.error < FITTED:
-        damped = newton_taut(path, lengths, start, damping=DAMPING)
-        end = damped and newton_taut(path, lengths, damped)
-    return end
+def follow_central_path(path: BoundaryPath, lengths: Array, start: OnsetState) -> OnsetState | None:
+    """The state at the end of the central path, σ > 0 on all edges, with those that are taut; None without an end."""
+    everything = np.ones(path.network.n_edges, bool)
+    part = taut_part(path, everything)
+    if part is None or not start.taut.any():
+        return None
+    square = lengths**2
+    unit = float(start.sigma[start.taut].mean() * square.mean())
+    L = start.bond_vectors(path)
+    h = np.maximum(0.5 * (square - np.einsum("ad,ad->a", L, L)), CENTRAL_START * square)
+    state = replace(start, sigma=np.maximum(start.sigma, CENTRAL_START * unit / h), taut=everything)
+    for _ in range(CENTRAL_STEPS):
+        mean = float(np.mean(state.sigma * h))
+        try:
+            at = part.residuals(path, lengths, state)
+            # At the end of the path steps remain until lengths are right.
+            ended = mean < CENTRAL_END * unit
+            if ended and float((np.abs(at.elongation - h) / square).max()) < CENTRAL_FITTED:
+                break
+            factor = part.saddle.factorize(state.sigma, at.L, compliance=h / state.sigma)
+            target = (1.0 if ended else CENTRAL_DECREASE) * mean / state.sigma
+            change = part.change(path, state, at, factor, at.elongation - target)
+            h_change = target - h - h * change[1] / state.sigma
+            fraction = min(_fraction(state.sigma, change[1]), _fraction(h, h_change))
+            state, h = part.moved(path, state, change, fraction), h + fraction * h_change
+        except (InputError, np.linalg.LinAlgError):
+            return None
+        if not (np.isfinite(state.strain) and np.isfinite(state.sigma).all()):
+            return None
+    return replace(state, taut=state.sigma / state.sigma.mean() > h / square.mean())
+
+
+def _fraction(values: Array, change: Array) -> float:
+    """The part of a change that leaves positive values positive, at most 1."""
+    steepest = float((-change / values).max())
+    return min(1.0, TO_BOUNDARY / steepest) if steepest > 0 else 1.0
 
 
 def stressed(state: OnsetState) -> Mask:

@@ -90,9 +90,7 @@ def edge_leverage(critical: CriticalConfiguration, name: str | Quantity = "B_0")
     network, sigma = critical.network, critical.sigma
     goal = quantity(network, name)
     if not (sigma != 0).all():
-        raise InputError(
-            "edges without stress change nothing when they are cut: use the configuration of the taut part"
-        )
+        raise InputError("some edges have no stress: use the configuration of the taut part")
     manifold = critical.manifold
     solved, factor = manifold.solve(sigma), manifold.prestress.factorize_signed(sigma)
     L, m = solved.value.bond_vectors, network.n_edges

@@ -8,14 +8,12 @@ one bordered solve for the responses and one with P for the pull-back (`third_or
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import ClassVar
 
 import numpy as np
 
-from critflow.critical.extreme import largest_value
 from critflow.critical.manifold import Balance, CriticalConfiguration, CriticalManifold
-from critflow.critical.quantity import Balanced, Partials, Quantity
-from critflow.critical.transition import TransitionModulus, dilation, pure_shear
+from critflow.critical.quantity import Balanced, Partials, SpringResponse
+from critflow.critical.transition import TransitionModulus, dilation, largest_value, pure_shear
 from critflow.networks.deformation import Deformation
 from critflow.networks.network import Array
 from critflow.response.third_order import Term, ThirdOrderEnergy, cubed, squared
@@ -24,38 +22,27 @@ from critflow.springs.laws import HOOKEAN
 
 
 @dataclass(frozen=True, eq=False)
-class Stiffening(Quantity):
+class Stiffening(SpringResponse):
     """C of the modulus (1/V) d²E/dγ² = M_0 + Cγ along a path of deformations, C = E_γγγ/V − M_0 tr A (`stiffening`).
 
     deformation  the path, without free components; None: C_B = dB/dγ, or C_G = dG/dγ by the energy convention
                  (`of_shear`), under dilation (`ModulusStrainScaling`)
-    largest      whether the largest value is the best
+    maximise     whether the largest value is the best
     """
 
     deformation: Deformation | None = None
     of_shear: bool = False
-    largest: bool = False
-
-    one_self_stress: ClassVar[bool] = True
-    elastic: ClassVar[bool] = True
+    maximise: bool = False
 
     def __post_init__(self) -> None:
         if self.deformation is not None and self.deformation.free:
-            raise InputError(
-                f"the free components of {self.deformation.name} relax the self-stress, so nothing stiffens at the "
-                "transition: choose a path with a fixed cell"
-            )
+            raise InputError(f"free components of {self.deformation.name} relax the self-stress: fix the cell")
 
     @property
     def name(self) -> str:
         if self.deformation is not None:
             return f"stiffening[{self.deformation.name}]"
         return "C_G" if self.of_shear else "C_B"
-
-    @property
-    def maximise(self) -> bool:  # type: ignore[override]
-        """Whether the largest value is the best."""
-        return self.largest
 
     def evaluate(self, balance: Balanced) -> tuple[float, Partials]:
         energy, terms, V = *self._energy(balance), balance.network.volume

@@ -13,13 +13,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from typing import ClassVar
 
 import numpy as np
 
 from critflow.arguments import checked
 from critflow.critical.manifold import CriticalConfiguration
-from critflow.critical.quantity import Balanced, Partials, Quantity
+from critflow.critical.quantity import Balanced, Partials, SpringResponse
 from critflow.linalg.factor import Factor
 from critflow.networks.deformation import Deformable, Deformation, deformation_of, strain_basis
 from critflow.networks.network import Array, Network
@@ -79,14 +78,12 @@ def strained_response(
     E'(λe, λℓ, k) = λ E'(e, ℓ, k); `SolveError` where the path stops before γ and `throw` is set.
     """
     path = deformation_of(deformation, network.dimension)
-    measures = _measures(path, strain, quantities)
+    forms = _forms(path, strain, quantities)
     if network.cell is None:
         raise InputError("moduli at finite strain are those of a periodic cell: give a network without pins")
     springs = isinstance(start, CriticalConfiguration)
     if isinstance(start, CriticalConfiguration) and not (start.sigma > 0).all():
-        raise InputError(
-            "gradients at finite strain need tension on every edge: give a configuration of positive stress"
-        )
+        raise InputError("gradients at finite strain need tension on every edge: give positive stresses")
     found = strain_path(start, [strain], deformation=path, law=law, taut_only=springs, throw=False)
     if not found.ok:
         nothing = StrainedResponse(None, found.status, found.stats, found.note)
@@ -94,9 +91,15 @@ def strained_response(
     state, stretch = found.value.states[-1], found.value.free_components[-1]
     _require_homogeneous(state)
     adjoint = _Adjoint(state, path, strain, stretch)
-    linearised = {name: measure(adjoint.tensors) for name, measure in measures.items()}
+    linearised = {name: _linearised(form, adjoint.tensors) for name, form in forms.items()}
     rows = {name: adjoint.gradients(form) for name, (_, form) in linearised.items()}
     by_rest, by_k = ({name: pair[n] for name, pair in rows.items()} for n in (0, 1))
+    by_stress: Gradients = {}
+    if isinstance(start, CriticalConfiguration):
+        # ℓ = |L(σ)|
+        balance, unit = start.manifold.balance(start.sigma), start.bond_vectors / start.lengths[:, None]
+        partials = ((name, (np.zeros_like(row), row[:, None] * unit)) for name, row in by_rest.items())
+        by_stress = {name: balance.pull_back(*pair)[0] for name, pair in partials}
     tensor = found.value.elasticity[-1]
     error = float(tensor.errors.tensor.max() / np.abs(tensor.tensor).max())
     return StrainedResponse(
@@ -106,30 +109,22 @@ def strained_response(
         achieved={name: value for name, (value, _) in linearised.items()},
         by_rest_length=by_rest,
         by_stiffness=by_k,
-        by_stress=_pulled_back(start, by_rest) if isinstance(start, CriticalConfiguration) else {},
+        by_stress=by_stress,
     )
 
 
 @dataclass(frozen=True)
-class StrainedQuantity(Quantity):
+class StrainedQuantity(SpringResponse):
     """A property at strain γ as a quantity of the stresses at the transition.
 
     quantity  its name in `strained_response`
-    largest   whether the largest value is the best
+    maximise  whether the largest value is the best
     """
 
     quantity: str
     strain: float
     deformation: str = "dilation"
-    largest: bool = False
-
-    one_self_stress: ClassVar[bool] = True
-    elastic: ClassVar[bool] = True
-
-    @property
-    def maximise(self) -> bool:  # type: ignore[override]
-        """Whether the largest value is the best."""
-        return self.largest
+    maximise: bool = False
 
     @property
     def name(self) -> str:
@@ -145,13 +140,6 @@ class StrainedQuantity(Quantity):
             return np.nan, (np.full_like(sigma, np.nan), np.full_like(L, np.nan))
         by_length = found.by_rest_length[self.quantity] / np.linalg.norm(L, axis=1)
         return found.achieved[self.quantity], (np.zeros_like(sigma), by_length[:, None] * L)
-
-
-def _pulled_back(critical: CriticalConfiguration, by_rest: Gradients) -> Gradients:
-    """Gradients by σ (N_b,) from those by ℓ = |L(σ)|."""
-    balance, unit = critical.manifold.balance(critical.sigma), critical.bond_vectors / critical.lengths[:, None]
-    nothing = np.zeros(len(critical.sigma))
-    return {name: balance.pull_back(nothing, row[:, None] * unit)[0] for name, row in by_rest.items()}
 
 
 def _require_homogeneous(state: SpringState) -> None:
@@ -173,69 +161,58 @@ def _require_homogeneous(state: SpringState) -> None:
 
 Form = Callable[[Elasticity], float]
 """A function that is linear in the tensor C and the stress S."""
-Measure = Callable[[Elasticity], tuple[float, Form]]
-"""A quantity: its value at a tensor and a stress, and its change with them."""
 
 
-def _linear(form: Form) -> Measure:
-    return lambda tensors: (float(form(tensors)), form)
+def _linearised(form: Form | str, tensors: Elasticity) -> tuple[float, Form]:
+    """The value of a quantity and its change with C and S: of a form, or of E = 1/s_xxxx or ν = −s_yyxx/s_xxxx.
 
-
-def _compliant(poisson: bool) -> Measure:
-    """Young's modulus 1/s_xxxx or Poisson's ratio −s_yyxx/s_xxxx, with s the inverse of the stress-strain tensor."""
-
-    def measure(tensors: Elasticity) -> tuple[float, Form]:
-        s = np.linalg.inv(tensors.stress_strain)
-        stretched, across = float(s[0, 0]), float(s[1, 0])
-        # ds = −s dB s, entry by entry.
-        by_stretched, by_across = -np.outer(s[0], s[:, 0]), -np.outer(s[1], s[:, 0])
-        if poisson:
-            value, by_B = -across / stretched, -by_across / stretched + across / stretched**2 * by_stretched
-        else:
-            value, by_B = 1 / stretched, -by_stretched / stretched**2
-        return value, lambda unit: float(np.vdot(by_B, unit.stress_strain))
-
-    return measure
+    s is the inverse of the stress-strain tensor B, whose change is −s dB s.
+    """
+    if callable(form):
+        return float(form(tensors)), form
+    s = np.linalg.inv(tensors.stress_strain)
+    stretched, across = float(s[0, 0]), float(s[1, 0])
+    value = 1 / stretched if form == "youngs_modulus" else -across / stretched
+    by_stretched = -value / stretched
+    by_across = 0.0 if form == "youngs_modulus" else -1 / stretched
+    by_B = -np.outer(by_stretched * s[0] + by_across * s[1], s[:, 0])
+    return value, lambda unit: float(np.vdot(by_B, unit.stress_strain))
 
 
 def _components(form: Form, tensors: Elasticity) -> list[Array]:
     """Derivatives of a form by C (m, m) and by S (d, d), shared by both entries of a symmetric pair."""
-    zeros, parts = [np.zeros_like(tensors.tensor), np.zeros_like(tensors.stress)], list[Array]()
-    for place, zero in enumerate(zeros):
-        part = zero.copy()
+    parts = [np.zeros_like(tensors.tensor), np.zeros_like(tensors.stress)]
+    for place, part in enumerate(parts):
         for a, b in zip(*np.triu_indices(len(part)), strict=True):
-            unit = zero.copy()
-            unit[a, b] = unit[b, a] = 1.0
-            C, S = (unit, zeros[1]) if place == 0 else (zeros[0], unit)
-            value = form(Elasticity(C, zeros[0], S, tensors.volume))
+            C, S = units = [np.zeros_like(one) for one in parts]
+            units[place][a, b] = units[place][b, a] = 1.0
+            value = form(Elasticity(C, np.zeros_like(C), S, tensors.volume))
             part[a, b] = part[b, a] = value if a == b else value / 2
-        parts.append(part)
     return parts
 
 
-def _measures(deformation: Deformation, strain: float, quantities: Sequence[str]) -> dict[str, Measure]:
-    """The requested quantities; `InputError` for unknown ones."""
+def _forms(deformation: Deformation, strain: float, quantities: Sequence[str]) -> dict[str, Form | str]:
+    """The requested quantities, names for those that are not linear; `InputError` for unknown ones."""
     d = deformation.dimension
     if d < 2:
         raise InputError("moduli at finite strain need two or three dimensions")
     if not np.isfinite(strain) or strain == 0:
         raise InputError(f"the strain must be finite and not zero, not {strain}: at the transition call stiffening()")
     names = strain_basis(d)[0]
-    table: dict[str, Measure] = {
-        "bulk_modulus": _linear(lambda tensors: tensors.bulk),
-        "shear_modulus": _linear(lambda tensors: tensors.shear),
-        "shear_modulus_stress_corrected": _linear(lambda tensors: tensors.shear_stress_corrected),
-        "youngs_modulus": _compliant(poisson=False),
-        "poissons_ratio": _compliant(poisson=True),
+    table: dict[str, Form | str] = {
+        "bulk_modulus": lambda tensors: tensors.bulk,
+        "shear_modulus": lambda tensors: tensors.shear,
+        "shear_modulus_stress_corrected": lambda tensors: tensors.shear_stress_corrected,
+        **{name: name for name in ("youngs_modulus", "poissons_ratio")},
     }
     if not deformation.free:
         A, W = deformation.velocity(strain), deformation.acceleration(strain)
-        table["modulus"] = _linear(lambda tensors: tensors.second(A, A) + float(np.vdot(tensors.stress, W)))
+        table["modulus"] = lambda tensors: tensors.second(A, A) + float(np.vdot(tensors.stress, W))
     for a, name in enumerate(names):
         i, j = ("xyz".index(axis) for axis in name)
-        table[f"S_{name}"] = _linear(lambda tensors, i=i, j=j: float(tensors.stress[i, j]))  # type: ignore[misc]
+        table[f"S_{name}"] = lambda tensors, i=i, j=j: float(tensors.stress[i, j])  # type: ignore[misc]
         for b in range(a, len(names)):
-            table[f"C_{name}{names[b]}"] = _linear(lambda tensors, a=a, b=b: float(tensors.tensor[a, b]))  # type: ignore[misc]
+            table[f"C_{name}{names[b]}"] = lambda tensors, a=a, b=b: float(tensors.tensor[a, b])  # type: ignore[misc]
     if isinstance(quantities, str) or not len(quantities):
         raise InputError("quantities must be a list of at least one name, such as ['bulk_modulus']")
     unknown = [name for name in quantities if name not in table]

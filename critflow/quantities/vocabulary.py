@@ -22,6 +22,7 @@ from functools import cache
 import numpy as np
 
 from critflow.arguments import checked
+from critflow.critical.manifold import CriticalManifold
 from critflow.critical.quantity import Balanced, Partials, Quantity
 from critflow.critical.transition import (
     StressComponent,
@@ -83,7 +84,12 @@ def quantity(network: Network, name: str | Quantity) -> Quantity:
     if match := _INDEXED.fullmatch(symbol):
         kind, index = match.groups()
         if kind in _COUNTED and index.isdecimal():
-            return _counted(network, kind, int(index))
+            n_faces = 0 if network.faces is None else network.faces.n_faces
+            count = {"length": network.n_edges, "area": n_faces}[kind]
+            if int(index) >= count:
+                noun = {"length": "edges", "area": "faces"}[kind]
+                raise InputError(f"{symbol} does not exist: the network has {count} {noun}, counted from 0")
+            return _COUNTED[kind](int(index))
         if kind in _DEFORMED and index in DEFORMATIONS:
             return _DEFORMED[kind](network, index)
     listed = names(network)
@@ -96,6 +102,23 @@ def quantity(network: Network, name: str | Quantity) -> Quantity:
         f"no quantity is called {name!r:.40}: {hint}choose from {plainest}, S_xx, C_xxyy, length[EDGE], area[FACE], "
         f"and modulus[D], stiffening[D] or onset[D] of a deformation D: {', '.join(DEFORMATIONS)}"
     )
+
+
+@checked
+def upper_bound(network: Network | CriticalManifold, name: str | Quantity, signs: str = "positive") -> float:
+    """The largest possible value of a quantity over all stresses of a network in closed form; infinite without one.
+
+    Error bound (proof, up to rounding).  B_0 ≤ (1/d²V) Σ k|L*|² with L* the configuration at σ = k; every other modulus
+    at the transition likewise.  `quantity(network, name).extreme` has the smallest possible value too.
+
+    signs  "positive", or "any" for stresses of both signs
+
+    >>> import critflow as cf
+    >>> round(cf.upper_bound(cf.lattice("honeycomb", 2, 2), 'B_0'), 6)
+    0.288675
+    """
+    manifold = CriticalManifold.of(network)
+    return quantity(manifold.network, name).extreme(manifold, signs == "positive")[1]
 
 
 def names(network: Network) -> list[str]:
@@ -118,15 +141,6 @@ def _plain(d: int) -> dict[str, Quantity]:
 
 
 _COUNTED: dict[str, Callable[[int], Quantity]] = {"length": EdgeLength, "area": FaceArea}
-
-
-def _counted(network: Network, kind: str, number: int) -> Quantity:
-    counts = {"length": network.n_edges, "area": 0 if network.faces is None else network.faces.n_faces}
-    if number >= counts[kind]:
-        noun = {"length": "edges", "area": "faces"}[kind]
-        raise InputError(f"{kind}[{number}] does not exist: the network has {counts[kind]} {noun}, counted from 0")
-    return _COUNTED[kind](number)
-
 
 _DEFORMED: dict[str, Callable[[Network, str], Quantity]] = {
     "modulus": transition_modulus,

@@ -7,12 +7,11 @@ that by x is a derivative by bond vectors, σ ∘ g y, which the pull-back needs
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import ClassVar
 
 import numpy as np
 
 from critflow.critical.manifold import CriticalConfiguration
-from critflow.critical.quantity import Balanced, Partials, Quantity
+from critflow.critical.quantity import Balanced, Partials, SpringResponse
 from critflow.networks.deformation import Deformable, Deformation
 from critflow.networks.network import Array
 from critflow.response.weak_forces import WeakForces, weak_forces
@@ -24,7 +23,7 @@ _ACCURACY = 1e-8
 
 
 @dataclass(frozen=True, eq=False)
-class WeakModulus(Quantity):
+class WeakModulus(SpringResponse):
     """(1/V) d²E/dγ² under a weak energy κU, along a deformation and at a strain γ counted from the transition.
 
     energy, deformation  as for `weak_forces`; `Temperature()` alone: κ is T
@@ -40,9 +39,7 @@ class WeakModulus(Quantity):
     strain: float = 0.0
     deformation: Deformable = "dilation"
 
-    maximise: ClassVar[bool] = True
-    one_self_stress: ClassVar[bool] = True
-    elastic: ClassVar[bool] = True
+    maximise = True
 
     def __post_init__(self) -> None:
         if not (np.isfinite(self.strain) and 0 < self.kappa < np.inf):

@@ -106,17 +106,12 @@ def response_at_rest(
 
 
 class _Springs(NamedTuple):
-    """Springs at rest.
+    """Springs at rest."""
 
-    directions  changes of length by unit motions, (n, d·n_free) sparse
-    extension   by the strains of `strain_basis`, (n, m)
-    errors      relative rounding of the directions, (n,)
-    """
-
-    directions: sp.csr_array
-    extension: Array
+    directions: sp.csr_array  # changes of length by unit motions, (n, d·n_free) sparse
+    extension: Array  # by the strains of `strain_basis`, (n, m)
     stiffness: Array
-    errors: Array
+    errors: Array  # relative rounding of the directions, (n,)
 
 
 def _springs(network: Network, coordinates: Array, L: Array, length: Array, faces: FaceSprings | None) -> _Springs:

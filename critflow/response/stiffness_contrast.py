@@ -33,19 +33,13 @@ _CLEAR_STRAIN = 1e3
 
 
 class FormAtRest(NamedTuple):
-    """The tensor V C (m, m) of springs at rest, and what it is made of.
-
-    errors           of V C (estimate), (m, m)
-    n_self_stresses  independent self-stresses of all edges
-    largest_zero     largest singular value that counts as zero
-    doubtful         a singular value that is neither zero to rounding nor clearly different; NaN without one
-    """
+    """The tensor V C (m, m) of springs at rest, and what it is made of."""
 
     form: Array
-    errors: Array
-    n_self_stresses: int
-    largest_zero: float
-    doubtful: float = np.nan
+    errors: Array  # of V C (estimate), (m, m)
+    n_self_stresses: int  # independent self-stresses of all edges
+    largest_zero: float  # largest singular value that counts as zero
+    doubtful: float = np.nan  # a singular value that is neither zero to rounding nor clearly different; NaN without one
 
 
 def hierarchical_response(R: Array, extension: Array, stiffness: Array, row_errors: Array) -> FormAtRest:

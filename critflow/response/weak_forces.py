@@ -51,21 +51,15 @@ _MOST_EXTENSIONS = 12  # of the nodes, until they span all requested tensions
 
 @dataclass(frozen=True, eq=False)
 class WeakState:
-    """Solutions of the scalar equation, arrays of one shape.
-
-    s       τ/κ of the stress amplitude τ
-    load    f − γ r on the modes, (..., m)
-    error   estimate of the error of s
-    status  codes of `Status`
-    """
+    """Solutions of the scalar equation, arrays of one shape."""
 
     strain: Array
     kappa: Array
-    s: Array
-    load: Array
+    s: Array  # τ/κ of the stress amplitude τ
+    load: Array  # f − γ r on the modes, (..., m)
     resistance: Array
-    error: Array
-    status: NDArray[np.int64]
+    error: Array  # estimate of the error of s
+    status: NDArray[np.int64]  # codes of `Status`
 
 
 @dataclass(frozen=True, eq=False)
@@ -193,9 +187,7 @@ class WeakForces(Record):
     def _solve(self, strain: ArrayLike, kappa: ArrayLike) -> WeakState:
         gamma, kappa_ = np.broadcast_arrays(_numbers(strain, "strain"), _numbers(kappa, "kappa"))
         if not (kappa_ > 0).all():
-            raise InputError(
-                f"kappa must be positive, the weak energy or temperature, not {kappa_.min()}: leave out zero"
-            )
+            raise InputError(f"kappa must be positive, not {kappa_.min()}: leave out zero")
         model, closest = self._model, _CLOSEST * self._model.scale
         for _ in range(_MOST_EXTENSIONS):
             x = self._roots(gamma, kappa_, model.modes, model.end)

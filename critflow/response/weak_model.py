@@ -28,6 +28,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 import scipy
@@ -49,8 +50,7 @@ _END_ACCURACY = 1e-9  # relative, of the end of the branch
 _STRAIN = 1e-4  # of the differences of n_2: the tension is small, and H keeps ten digits of the soft band
 
 
-@dataclass(frozen=True, eq=False)
-class _Node:
+class _Node(NamedTuple):
     """Solutions v and dv/ds (2·n_sources, d·n_free) at one s, and the neglected energies (3,) of the first source."""
 
     s: float
@@ -97,21 +97,21 @@ class WeakModel:
     def cover(self, low: float, high: float) -> None:
         """Add nodes until they span the distances low … high from the end of the branch."""
         exponents = np.arange(np.floor(np.log(low) / np.log(NODE_RATIO)), np.log(high) / np.log(NODE_RATIO) + 1)
-        known = {node.s for node in self._nodes}
+        known = {s for s, *_ in self._nodes}
         for distance in NODE_RATIO**exponents:
             s = self.end + float(distance)
             if s not in known:
                 factor = self.system.factorize(s)
                 if factor.positive:
                     self._nodes.append(self._node(s, factor))
-        self._nodes.sort(key=lambda node: node.s)
+        self._nodes.sort(key=lambda node: node[0])
         for outdated in ("modes", "coarse", "_splines"):
             self.__dict__.pop(outdated, None)
 
     @property
     def covered(self) -> tuple[float, float]:
         """Least and largest distance of nodes from the end of the branch."""
-        return self._nodes[0].s - self.end, self._nodes[-1].s - self.end
+        return self._nodes[0][0] - self.end, self._nodes[-1][0] - self.end
 
     def _node(self, s: float, factor: WeakFactor) -> _Node:
         solved = [factor.solve(load) for load in self.loads]
@@ -149,23 +149,22 @@ class WeakModel:
         return self._projected(self._nodes[::2])
 
     def _projected(self, nodes: list[_Node]) -> Modes:
-        vectors = np.concatenate([node.vectors for node in nodes])
+        vectors = np.concatenate([solutions for _, solutions, _ in nodes])
         sizes = np.linalg.norm(vectors, axis=1)
         vectors = (vectors[sizes > 0] / sizes[sizes > 0, None]).T
         U, values, _ = np.linalg.svd(vectors, full_matrices=False)
         Q = U[:, values > _INDEPENDENT * values.max(initial=0.0)]
         P, H = Q.T @ (self.system.prestress @ Q), Q.T @ (self.system.hessian @ Q)
-        theta, Y = (
-            scipy.linalg.eigh(0.5 * (H + H.T), 0.5 * (P + P.T)) if Q.shape[1] else (np.zeros(0), np.zeros((0, 0)))
-        )
-        Y = Q @ Y
-        return Modes(theta, Y, self.loads @ Y)
+        if not Q.shape[1]:
+            return Modes(np.zeros(0), Q, self.loads @ Q)
+        theta, Y = scipy.linalg.eigh(0.5 * (H + H.T), 0.5 * (P + P.T))
+        return Modes(theta, Q @ Y, self.loads @ (Q @ Y))
 
     @cached_property
     def _splines(self) -> scipy.interpolate.CubicSpline:
         """Of the neglected energies times distance³, over log distance: as such they vary little between two nodes."""
-        distance = np.array([node.s - self.end for node in self._nodes])
-        scaled = np.array([node.neglected for node in self._nodes]) * distance[:, None] ** 3
+        distance = np.array([s - self.end for s, *_ in self._nodes])
+        scaled = np.array([neglected for *_, neglected in self._nodes]) * distance[:, None] ** 3
         return scipy.interpolate.CubicSpline(np.log(distance), scaled)
 
     def leading(self) -> ExactModel:

@@ -27,26 +27,16 @@ _NO_LENGTH = 1e-150
 
 @dataclass(frozen=True, eq=False)
 class ConeSolution:
-    """Solution of a cone program.
+    """Solution of a cone program."""
 
-    coordinates  x of the free vertices, (n, d)
-    parameters   y of the boundary, (k,)
-    sigma        stresses σ ≥ 0, (N_b,)
-    multipliers  tensions of the edges (N_b,) or of the cells (N_c,), of a common scale with σ|L|
-    stressed     edges (N_b,) or cells (N_c,) under tension
-    ratio        t; 1 where the lengths are limits
-    outcome      "solved", "unbounded" (any y), "infeasible" (no y), or "stalled" (by rounding)
-    steps        interior-point iterations
-    """
-
-    coordinates: Array
-    parameters: Array
-    sigma: Array
-    multipliers: Array
-    stressed: NDArray[np.bool_]
-    ratio: float
-    outcome: Outcome
-    steps: int
+    coordinates: Array  # x of the free vertices, (n, d)
+    parameters: Array  # y of the boundary, (k,)
+    sigma: Array  # stresses σ ≥ 0, (N_b,)
+    multipliers: Array  # tensions of the edges (N_b,) or of the cells (N_c,), of a common scale with σ|L|
+    stressed: NDArray[np.bool_]  # edges (N_b,) or cells (N_c,) under tension
+    ratio: float  # t; 1 where the lengths are limits
+    outcome: Outcome  # "solved", "unbounded" (any y), "infeasible" (no y), or "stalled" (by rounding)
+    steps: int  # interior-point iterations
 
     @property
     def solved(self) -> bool:
@@ -183,19 +173,15 @@ def _solve(
     cost[-1] = 1.0
     right = np.concatenate([b.ravel(), np.zeros(n_limits)])
     no_squares = sp.csc_matrix((len(cost),) * 2)
-    answer = clarabel.DefaultSolver(no_squares, cost, A, right, cones, _settings(d, tolerance)).solve()
-    z, multipliers = np.array(answer.x), np.array(answer.z)
-    tension = multipliers[: (d + 1) * m].reshape(m, d + 1)[:, 0]
-    outcome = _OUTCOMES.get(str(answer.status).removeprefix("Almost"), "stalled")
-    return z[: d * n].reshape(n, d), z[d * n :], tension, multipliers[(d + 1) * m :], outcome, answer.iterations
-
-
-def _settings(dimension: int, tolerance: float) -> clarabel.DefaultSettings:
     settings = clarabel.DefaultSettings()
     settings.verbose = False
     # One thread, so one order of the sums and one result.
     settings.max_threads = 1
     # In the plane factors are so sparse that blocks of columns, which are several times faster in space, do not pay.
-    settings.direct_solve_method = "qdldl" if dimension == 2 else "auto"
+    settings.direct_solve_method = "qdldl" if d == 2 else "auto"
     settings.tol_gap_abs = settings.tol_gap_rel = settings.tol_feas = tolerance
-    return settings
+    answer = clarabel.DefaultSolver(no_squares, cost, A, right, cones, settings).solve()
+    z, multipliers = np.array(answer.x), np.array(answer.z)
+    tension = multipliers[: (d + 1) * m].reshape(m, d + 1)[:, 0]
+    outcome = _OUTCOMES.get(str(answer.status).removeprefix("Almost"), "stalled")
+    return z[: d * n].reshape(n, d), z[d * n :], tension, multipliers[(d + 1) * m :], outcome, answer.iterations

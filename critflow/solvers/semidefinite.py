@@ -22,18 +22,12 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class Relaxation:
-    """Solution of a relaxation.
+    """Solution of a relaxation."""
 
-    bound        lower bound of |(zᵀQ_I z)_I| (estimate: the dual value to the tolerance of the solver)
-    multipliers  a
-    moments      relaxed products X (second order only)
-    solved       whether the program converged
-    """
-
-    bound: float
-    multipliers: Array
-    moments: Array
-    solved: bool
+    bound: float  # lower bound of |(zᵀQ_I z)_I| (estimate: the dual value to the tolerance of the solver)
+    multipliers: Array  # a
+    moments: Array  # relaxed products X (second order only)
+    solved: bool  # whether the program converged
 
 
 def second_order_relaxation(forms: Array) -> Relaxation:

@@ -10,6 +10,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import ClassVar
 
 import numpy as np
@@ -181,55 +182,37 @@ def checked_law(law: SpringLaw, rest: Array, k: Array) -> SpringLaw:
         raise InputError(f"law must be a SpringLaw such as Hookean() or PowerLaw(4), not {law!r:.60}")
     if type(law) in _LIBRARY_LAWS:
         return law
-    _check_rest(law, rest, k)
-    _check_derivatives(law, rest, k)
-    if law.convex:
-        _check_convexity(law, rest, k)
-    return law
-
-
-def _check_rest(law: SpringLaw, rest: Array, k: Array) -> None:
-    name = type(law).__name__
-    energy, tension, stiffness, _ = (f(np.zeros_like(rest), rest, k) for f in _functions(law))
+    name, functions = type(law).__name__, (law.energy, law.tension, law.stiffness, law.stiffening)
+    nothing = np.zeros_like(rest)
+    energy, tension, stiffness = (f(nothing, rest, k) for f in functions[:3])
     if not (np.abs(energy) <= LAW_AT_REST * k * rest**2).all() or not (np.abs(tension) <= LAW_AT_REST * k * rest).all():
         raise InputError(f"the law {name} must have no energy and no tension at rest: subtract its values at e = 0")
     if not (np.abs(stiffness - k) <= LAW_STIFFNESS_AT_REST * k).all():
         found = float(np.ravel(stiffness / k)[0])
         advice = "scale it" if found > 0 else "give an energy with a minimum at rest"
         raise InputError(f"the law {name} has {found:.3g} k as its stiffness at rest where E'' must be k: {advice}")
-
-
-def _check_derivatives(law: SpringLaw, rest: Array, k: Array) -> None:
-    for reach in _REACHES:
-        # Far inside the largest extension of the law.
-        if np.isfinite(law.energy(reach * rest, rest, k)).all():
-            break
-    step = 0.02 * reach * rest
-    for function, derivative, order in zip(_functions(law), _functions(law)[1:], (1, 2, 3), strict=False):
-        for e in (-0.2 * reach * rest, np.zeros_like(rest), 0.2 * reach * rest):
-            value, scale = derivative(e, rest, k), k * (reach * rest) ** (2 - order)
-            difference = _derivative(lambda e, f=function: f(e, rest, k), e, step)  # type: ignore[misc]
-            if not (np.abs(value - difference) <= LAW_CONSISTENCY * np.maximum(scale, np.abs(value))).all():
+    # Far inside the largest extension of the law.
+    reach = next((r for r in _REACHES if np.isfinite(law.energy(r * rest, rest, k)).all()), _REACHES[-1]) * rest
+    for order, (function, derivative) in enumerate(pairwise(functions), 1):
+        for e in (-0.2 * reach, nothing, 0.2 * reach):
+            value, size = derivative(e, rest, k), k * reach ** (2 - order)
+            error = np.abs(value - _difference(function, e, rest, k, 0.02 * reach))
+            if not (error <= LAW_CONSISTENCY * np.maximum(size, np.abs(value))).all():
                 raise InputError(
-                    f"the law {type(law).__name__} is not consistent: its {derivative.__name__} is not the derivative "
-                    f"of its {function.__name__} at small extensions"
+                    f"the law {name} is not consistent: its {derivative.__name__} is not the derivative of its "
+                    f"{function.__name__} at small extensions"
                 )
-
-
-def _check_convexity(law: SpringLaw, rest: Array, k: Array) -> None:
-    for stretch in _STRETCHES:
+    for stretch in _STRETCHES if law.convex else ():
         reached = np.isfinite(law.energy(stretch * rest, rest, k))
         if (law.stiffness(stretch * rest, rest, k)[reached] < 0).any():
             raise InputError(
-                f"the law {type(law).__name__} has a negative stiffness at an extension of {stretch:g} ℓ, so it is "
-                "not convex: remove its `convex = True`"
+                f"the law {name} has a negative stiffness at an extension of {stretch:g} ℓ, so it is not convex: "
+                "remove its `convex = True`"
             )
+    return law
 
 
-def _functions(law: SpringLaw) -> tuple[Callable[[Array, Array, Array], Array], ...]:
-    return law.energy, law.tension, law.stiffness, law.stiffening
-
-
-def _derivative(function: Callable[[Array], Array], e: Array, h: Array) -> Array:
-    """Central difference of fourth order."""
-    return (8 * (function(e + h) - function(e - h)) - (function(e + 2 * h) - function(e - 2 * h))) / (12 * h)
+def _difference(function: Callable[[Array, Array, Array], Array], e: Array, rest: Array, k: Array, h: Array) -> Array:
+    """The derivative by the extension as a central difference of fourth order."""
+    ends = [function(e + n * h, rest, k) for n in (-2, -1, 1, 2)]
+    return (8 * (ends[2] - ends[1]) - (ends[3] - ends[0])) / (12 * h)

@@ -14,7 +14,8 @@ from critflow.networks.network import Array
 from critflow.result import Status
 from critflow.springs.state import SpringState
 
-ROUNDING_COMPRESSION, HESSIAN_ROUNDING = 16, 1e-14  # A stress −σ below this number of its roundings may be rounding
+ROUNDING_COMPRESSION = 16  # a stress −σ below this number of its roundings may be rounding
+HESSIAN_ROUNDING = 1e-14  # eigenvalues of the Hessian that rounding may change in sign, over the largest stiffness
 
 SADDLE = "the equilibrium is a saddle of the energy: perturb it, or take smaller strain steps"
 UNDECIDED = "rounding hides whether this equilibrium is a minimum or a saddle of the energy: perturb it"
@@ -32,14 +33,9 @@ def compressed_edges(state: SpringState) -> Array:
     return np.where(state.sigma < -ROUNDING_COMPRESSION * state.stress_rounding, -state.sigma, 0.0)
 
 
-def rounding_stiffness(state: SpringState) -> float:
-    """Size δ of eigenvalues of the Hessian that rounding may change in sign."""
-    return HESSIAN_ROUNDING * state.largest_stiffness
-
-
 def minimum_factor(state: SpringState, pattern: FixedPattern) -> Factor | None:
     """A factor of H − δ, if that is positive definite: the state is then a minimum."""
-    factor = state.factorize(pattern, -rounding_stiffness(state))
+    factor = state.factorize(pattern, -HESSIAN_ROUNDING * state.largest_stiffness)
     return factor if factor.sound and not factor.n_negative else None
 
 
@@ -51,11 +47,11 @@ def stability_of(state: SpringState, pattern: FixedPattern) -> tuple[Status, str
     softening = compressed_edges(state)
     if not softening.any() and (state.edge_stiffness >= 0).all():
         return Status.ok, ""
-    delta = rounding_stiffness(state)
+    delta = HESSIAN_ROUNDING * state.largest_stiffness
     below = state.factorize(pattern, -delta)
-    if below.sound and not below.n_negative:
-        return Status.ok, ""
     near_zero = below.n_negative
+    if below.sound and not near_zero:
+        return Status.ok, ""
     above = state.factorize(pattern, delta)
     if above.sound and above.n_negative:
         return Status.unstable, SADDLE

@@ -132,9 +132,7 @@ class PointForces(Record):
         if forces.shape != shape or not np.isfinite(forces).all():
             raise InputError(f"forces must be finite and of shape {shape}, not {forces.shape}: one row a vertex")
         if not network.pins and (np.abs(forces.sum(axis=0)) > _BALANCED_LOAD * np.abs(forces).sum(axis=0)).any():
-            raise InputError(
-                "forces on a network without pins must sum to zero, or nothing holds it: subtract the mean"
-            )
+            raise InputError("forces on a network without pins must sum to zero: subtract the mean")
         nothing = sp.csr_array((forces.size, forces.size))
         return lambda x, F: (-float(np.vdot(forces, x)), -forces, nothing)
 

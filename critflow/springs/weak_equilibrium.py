@@ -215,11 +215,7 @@ def _equilibria(
     tension, stress, energy = np.full((3, len(gammas)), np.nan)
     for n, (gamma, state) in enumerate(zip(gammas, found, strict=True)):
         if state is not None:
-            energy[n], pulled = (
-                state.energy,
-                state.tension,
-            )
-            tension[n] = weight @ (pulled / state.network.stiffness)
+            energy[n], tension[n] = state.energy, weight @ (state.tension / state.network.stiffness)
             stress[n] = _stress(state, path, float(gamma))
     return WeakEquilibria(gammas, tension, stress, energy, np.array(status, dtype=np.int64), tuple(found))
 

@@ -18,7 +18,7 @@ from critflow import (
     voronoi_network,
 )
 from critflow.critical.pressures import PressureManifold, unbalanced_forces
-from critflow.design.pressures import StressesAndPressures
+from critflow.design.stresses import StressesAndPressures
 
 
 def loaded(n_vertices=20, seed=1, size=0.1):

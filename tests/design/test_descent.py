@@ -6,7 +6,7 @@ from problems import dense_bond_vectors, modulus_by_formula, random_start, squar
 from scipy.optimize import minimize
 
 from critflow import CriticalManifold, Network, Quantity, SolveError, Status, optimize, voronoi_network
-from critflow.critical.derivatives import evaluate
+from critflow.critical.quantity import evaluate
 from critflow.critical.transition import pure_shear, transition_modulus
 from critflow.design.optimize import objective_of
 from critflow.design.stress_objective import StressObjective

@@ -20,8 +20,8 @@ from critflow import (
 )
 from critflow.critical.isogonal import face_modes
 from critflow.design.faces import FaceAmplitudes
-from critflow.design.limits import parse_targets
-from critflow.design.problem import Preference, TargetProblem
+from critflow.design.problem import TargetProblem, parse_targets
+from critflow.design.targets import least_change
 
 
 @cache
@@ -37,7 +37,7 @@ def changed(before, targets, **options):
 
 def test_gradients_are_those_of_central_differences():
     variables, targets = FaceAmplitudes(critical()), dict.fromkeys(("C_B", "C_G", "length[7]", "area[3]", "V_L"), 1.0)
-    family = TargetProblem(variables, Preference(variables), parse_targets(variables.network, targets))
+    family = TargetProblem(variables, least_change(variables), parse_targets(variables.network, targets))
     rng = np.random.default_rng(2)
     a, step = 0.05 * rng.standard_normal((2, variables.n_modes))
     rows = family.at(a).rows(np.arange(len(family.low)))

@@ -15,7 +15,7 @@ from critflow import (
     upper_bound,
     voronoi_network,
 )
-from critflow.critical.derivatives import evaluate
+from critflow.critical.quantity import evaluate
 from critflow.critical.transition import pure_shear
 from critflow.design.optimize import objective_of
 

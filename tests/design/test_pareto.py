@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from critflow import CriticalManifold, InputError, Status, design, pareto, properties, quantity, voronoi_network
-from critflow.critical.derivatives import evaluate
+from critflow.critical.quantity import evaluate
 from critflow.design.pareto import dominated
 
 MANIFOLD = CriticalManifold(voronoi_network(16, seed=1))

@@ -19,8 +19,8 @@ from critflow import (
     upper_bound,
     voronoi_network,
 )
-from critflow.design.limits import LIMITED, EdgeLimits
-from critflow.design.result import cosines
+from critflow.design.problem import LIMITED, EdgeLimits
+from critflow.design.targets import cosines
 
 MANIFOLD = CriticalManifold(voronoi_network(n_vertices=60, seed=1))
 NETWORK = MANIFOLD.network

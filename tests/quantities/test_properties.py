@@ -15,8 +15,8 @@ from critflow import (
     stiffening,
     voronoi_network,
 )
-from critflow.design.problem import Nearness
 from critflow.design.stresses import Stresses
+from critflow.design.targets import nearness
 from critflow.networks.deformation import DEFORMATIONS
 from workflows.benchmarks import reference
 from workflows.benchmarks.high_precision import MP, dot, numbers, roots
@@ -65,7 +65,7 @@ def test_gradients_by_stress_and_stiffness_agree_with_differences_in_sixty_digit
     # The distance from positions at the origin, whose gradient `design` uses.
     stresses = Stresses(CriticalManifold(NETWORK), SIGMA, signs="any")
     size = SIGMA[0] / stresses.start[0]
-    gradient = 2 * 8 * Nearness(stresses, np.zeros((8, 2))).at(stresses.at(stresses.origin), stresses.origin)[1] / size
+    gradient = 2 * 8 * nearness(stresses, np.zeros((8, 2))).at(stresses.at(stresses.origin), stresses.origin)[1] / size
     assert gradient @ CHANGE == pytest.approx(by_stress["x"], rel=1e-12)
 
 

@@ -25,7 +25,7 @@ from critflow import (
     upper_bound,
     voronoi_network,
 )
-from critflow.critical.derivatives import evaluate
+from critflow.critical.quantity import evaluate
 from critflow.critical.transition import PenalisedModulus, TransitionModulus, pure_shear, transition_modulus
 from critflow.quantities.vocabulary import ALIASES, names, same
 

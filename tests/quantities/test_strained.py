@@ -135,7 +135,7 @@ def test_values_are_those_of_the_path_and_rigid_networks_have_the_sign_of_their_
 
 def test_a_modulus_at_finite_strain_is_an_objective():
     manifold = CriticalManifold(voronoi_network(16, seed=1))
-    objective = StrainedQuantity("shear_modulus", 0.05, largest=True)
+    objective = StrainedQuantity("shear_modulus", 0.05, maximise=True)
     best = optimize(manifold, objective, "lbfgs", max_steps=4, throw=False)
     start = objective.evaluate(manifold.balance(np.ones(24)))[0]
     assert best.objective > 1.005 * start

@@ -21,10 +21,10 @@ from matplotlib.figure import Figure
 from scipy.optimize import NonlinearConstraint, minimize
 
 from critflow import CriticalManifold, delaunay_network, spring_state, voronoi_network
-from critflow.design.limits import parse_targets
-from critflow.design.problem import Preference, TargetProblem
+from critflow.design.problem import TargetProblem, parse_targets
 from critflow.design.stiffnesses import Stiffnesses, isotropic_targets
 from critflow.design.stresses import Stresses
+from critflow.design.targets import least_change
 from critflow.solvers.constrained import Point, minimise_constrained
 
 from .. import design_stiffening, design_stress
@@ -135,13 +135,13 @@ def problems(n_vertices, n_problems):
             ("B₀, C_B, C_G", design_stiffening.NAMES, design_stiffening.triple(stressed)),
         ):
             parsed = parse_targets(manifold.network, dict(zip(names, targets.tolist(), strict=True)))
-            yield kind, TargetProblem(stresses, Preference(stresses), parsed), start
+            yield kind, TargetProblem(stresses, least_change(stresses), parsed), start
         cell = delaunay_network(n_vertices // 3, seed)
         ratio = float(np.linspace(-0.6, 0.7, n_problems)[seed])
         lengths = np.linalg.norm(cell.bond_vectors(cell.positions), axis=1)
         stiffnesses = Stiffnesses(spring_state(cell, lengths, cell.positions))
         parsed = parse_targets(cell, isotropic_targets(2, 1.0, ratio))
-        problem = TargetProblem(stiffnesses, Preference(stiffnesses), parsed)
+        problem = TargetProblem(stiffnesses, least_change(stiffnesses), parsed)
         yield "isotropic tensor", problem, stiffnesses.origin
 
 

@@ -26,7 +26,7 @@ from critflow import (
 )
 from critflow.critical.isogonal import affine_bulk_modulus, face_modes
 from critflow.generators.random_networks import check_voronoi
-from critflow.quantities.stress_hessian import flat_directions
+from critflow.quantities.properties import flat_directions
 from critflow.result import StudyError
 from critflow.workflow import Axis, Study, stable_rng
 

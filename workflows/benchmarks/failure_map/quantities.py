@@ -18,10 +18,10 @@ from critflow import (
     stiffening,
     strain_path,
 )
-from critflow.critical.derivatives import evaluate
+from critflow.critical.quantity import evaluate
 from critflow.critical.transition import pure_shear, transition_modulus
 from critflow.design.optimize import objective_of
-from critflow.quantities.stress_hessian import stress_hessian
+from critflow.quantities.properties import stress_hessian
 
 from ...shared.strain_protocol import critical_by_strain
 from .. import reference

@@ -27,7 +27,7 @@ import numpy as np
 from scipy.optimize import minimize
 
 from critflow import CriticalManifold, Network, Status, optimize, voronoi_network
-from critflow.critical.derivatives import evaluate
+from critflow.critical.quantity import evaluate
 from critflow.design.optimize import objective_of
 from critflow.design.stress_objective import StressObjective
 from critflow.solvers.cone import fit_lengths
