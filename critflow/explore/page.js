@@ -45,6 +45,7 @@ let legendOf = null,
   waiting = false,
   queue = [],
   sequence = 0,
+  sentAt = new Map(),
   drag = null,
   picked = null,
   requested = null;
@@ -73,6 +74,7 @@ const HELP = {
 };
 const SLOW =
   "This network is large: at 10,000 vertices a change takes about 0.2 s, errors half a second more, and counts another second.";
+window.latencies = [];
 window.replies = 0;
 
 // Messages: one at a time; a later position of the same slider replaces one that waits.
@@ -82,15 +84,16 @@ function send(message, playing = false) {
   const last = queue[queue.length - 1],
     moves = (m) => m && m.do === "change" && m.change[0] + "/" + (m.change.length === 3 ? m.change[1] : "");
   if (last && message.do === "change" && message.change[0] !== "cut" && moves(last) === moves(message)) queue.pop();
-  queue.push({ ...message });
+  queue.push({ ...message, at: performance.now() });
   pump();
 }
 function pump() {
   if (waiting || !queue.length || !socket || socket.readyState !== 1) return;
-  const message = queue.shift();
+  const { at, ...message } = queue.shift();
   waiting = true;
   message.seq = ++sequence;
   message.series = seriesKey;
+  sentAt.set(message.seq, at);
   socket.send(JSON.stringify(message));
 }
 function change(...values) {
@@ -171,6 +174,8 @@ function receive(buffer) {
   });
 }
 function painted(header) {
+  if (sentAt.has(header.seq)) window.latencies.push(performance.now() - sentAt.get(header.seq));
+  sentAt.delete(header.seq);
   window.shown = header.seq;
   if (player && header.seq === sequence) played(header);
 }

@@ -1,1 +1,1 @@
-"""The page of `critflow explore` in a browser: the driver of its tests, and its pictures."""
+"""The page of `critflow explore` in a browser: its speed and its pictures."""
