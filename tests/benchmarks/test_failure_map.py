@@ -138,7 +138,7 @@ def small(tmp_path_factory):
 
 def test_the_study_writes_its_figures_and_claims(small, assert_picture):
     dataset, folder = small
-    for name in report.MAPS:
+    for name in (*report.MAPS, "error_bounds"):
         assert_picture(folder / "figures" / f"{name}.png")
     claims = {claim["key"]: claim for claim in json.loads((folder / "claims.json").read_text())}
     wrong = int((dataset.outcome == Outcome.violation).sum())

@@ -7,8 +7,11 @@ from matplotlib.colors import ListedColormap
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch, Rectangle
 
+from critflow.figures.plot import COLOURS
+from critflow.result import Status
 from critflow.workflow import Claim
 
+from ...shared.figures import lettered
 from ...shared.reports import parameters
 from .outcomes import Outcome, Violation
 from .problems import DIFFICULTIES, METHODS, OBJECTIVES
@@ -37,6 +40,8 @@ MAPS = {
     "tasks": (("hard_core", "small_strain", "threshold"), ("contrast", "large_step", "rest_lengths")),
 }
 RIGHT = (Outcome.exact, Outcome.bounded, Outcome.tolerated)
+# Difficulties and quantities whose error and bound are drawn.
+SHOWN = (("stress_spread", "configuration"), ("near_singular", "transition_moduli"), ("short_edge", "stiffening"))
 ULP = 2.0**-53
 WIDEST = 100.0
 
@@ -113,6 +118,61 @@ def _number(value):
     power = f"{int(exponent)}".replace("-", "−")
     sign = "−" if value < 0 else ""
     return f"{sign}10$^{{{power}}}$" if mantissa.lstrip("-") == "1" else f"{mantissa}e{power}"
+
+
+def bound_figure(ds):
+    """True error and claimed bound against strength, up to the strength with a status."""
+    present = [(d, q) for d, q in SHOWN if d in ds.difficulty.values and q in ds.quantity.values]
+    figure = Figure(figsize=(11, 3.8), dpi=110, layout="constrained")
+    if not present:
+        return figure
+    row = figure.subplots(1, len(present), squeeze=False)[0]
+    for axes, (difficulty, quantity) in zip(row, present, strict=True):
+        _draw_bounds(axes, ds, difficulty, quantity)
+    row[0].legend(fontsize=8, frameon=False, loc="upper left")
+    lettered(*row)
+    wrong = (ds.violation == Violation.above_bound).any()
+    relation = "is not always" if wrong else "is always"
+    figure.suptitle(
+        f"The claimed bound {relation} above the true error; where it ends, a status has the reason", fontsize=12
+    )
+    return figure
+
+
+def _draw_bounds(axes, ds, difficulty, quantity):
+    one = ds.sel(difficulty=difficulty, quantity=quantity).transpose("seed", "step", ...)
+    strengths = one.strength.values
+    n = int(np.isfinite(strengths).sum())
+    steps, floor = np.arange(n), 1e-18
+    answered = np.isin(one.outcome.values[:, :n], [*RIGHT, Outcome.violation])
+    for seed in range(ds.sizes["seed"]):
+        error = np.where(answered[seed], np.maximum(one.error.values[seed, :n], floor), np.nan)
+        bound = np.where(answered[seed], one.bound.values[seed, :n], np.nan)
+        wrong = one.outcome.values[seed, :n] == Outcome.violation
+        axes.plot(steps, bound, "-", color=COLOURS[4], linewidth=2, label="claimed bound" if not seed else None)
+        axes.plot(
+            steps, error, "o-", color=COLOURS[0], markersize=3.5, linewidth=1, label="true error" if not seed else None
+        )
+        if wrong.any():
+            label = "silently wrong" if not seed else None
+            axes.plot(steps[wrong], error[wrong], "X", color=COLOURS[2], markersize=9, label=label)
+    silent = ~answered.any(axis=0)
+    codes = one.answer_status.values[:, :n]
+    for step in np.flatnonzero(silent):
+        axes.axvspan(step - 0.5, step + 0.5, color="0.9", linewidth=0)
+    if silent.any():
+        names = np.unique([Status(int(c)).name.replace("_", " ") for c in codes[:, silent].ravel()])
+        text = " / ".join(word for word in names if word != "missing") or "refused"
+        middle = np.flatnonzero(silent).mean()
+        axes.text(
+            middle, 0.5, text, rotation=90, ha="center", va="center", fontsize=9, transform=axes.get_xaxis_transform()
+        )
+    shown = steps[:: max(1, n // 5)]
+    axes.set_xticks(shown, [_number(strengths[s]) for s in shown], fontsize=8)
+    axes.set(yscale="log", xlim=(-0.5, n - 0.5), ylim=(floor / 3, 1e2), xlabel=DIFFICULTIES[difficulty].label)
+    axes.set_title(quantity.replace("_", " "))
+    axes.set_ylabel("relative error" if axes.get_subplotspec().is_first_col() else "")
+    axes.spines[["top", "right"]].set_visible(False)
 
 
 def claims(ds):

@@ -23,7 +23,7 @@ from ...shared.tables import padded
 from .outcomes import Finding, Outcome, Violation
 from .problems import DIFFICULTIES, GENERATED, QUANTITIES
 from .quantities import finding
-from .report import MAPS, claims, map_figure, summary
+from .report import MAPS, bound_figure, claims, map_figure, summary
 
 MOST_VERTICES = 64
 
@@ -106,7 +106,7 @@ study = Study(
         Variable("answer_status", POINT, "i1", long_name="status of the answer", flags=Status),
         Variable("status", ("difficulty", "seed"), "i1", long_name="whether the case was computed", flags=Status),
     ),
-    figures={name: partial(map_figure, name=name) for name in MAPS},
+    figures={**{name: partial(map_figure, name=name) for name in MAPS}, "error_bounds": bound_figure},
     claims=claims,
     summary=summary,
 )
