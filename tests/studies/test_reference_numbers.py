@@ -1,4 +1,4 @@
-"""The study of reference numbers end to end, small: exact numbers, signs of disagreement."""
+"""The study of reference numbers end to end, small: exact numbers, signs of disagreement, figures."""
 
 import numpy as np
 import pytest
@@ -36,6 +36,15 @@ def test_claims_follow_the_stored_values(dataset):
     worse = dataset.copy(deep=True)
     worse["value"] = dataset.value + 1
     assert {claim.verdict for claim in claims(worse)} == {"differs"}
+
+
+def test_figures(dataset):
+    study = load_study(STUDY).study
+    for name, make in study.figures.items():
+        figure = make(dataset)
+        assert figure.axes, name
+    one = dataset.sel(quantity=["hexagon_shape"])
+    assert len(study.figures["curves"](one).axes) == 3
 
 
 def test_reflex_corners():

@@ -1,4 +1,4 @@
-"""One function for each reference number: from parameters and a seed to a value and the outcome."""
+"""One function for each reference number: from parameters and a seed to a value and the curve that it is read from."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ from critflow.critical.backbone import backbone
 from critflow.networks.pruning import carrying_part
 from critflow.workflow import stable_rng
 
-# Strains of a dilation at which an exponent is read.
+# Length of the stored curves.
 POINTS = 8
 # Strain past an onset at γ_c, in units of γ_c: the coefficient is the limit of small strain.
 STEP = 1e-4
@@ -44,9 +44,11 @@ STRAIGHT = 1e-9
 
 
 class Measured(NamedTuple):
-    """A value and the outcome."""
+    """A value, the curve (x, y) behind it, at most `POINTS` long, and the outcome."""
 
     value: float
+    x: np.ndarray
+    y: np.ndarray
     status: Status = Status.ok
 
 
@@ -63,18 +65,20 @@ def planar_shape(parameters, seed):
 def _shape(network):
     found = critical_from_perimeters(network, np.ones(network.faces.n_faces), throw=False)
     shapes = found.value.shape_index
-    return Measured(float(shapes.mean()), found.status)
+    return Measured(float(shapes.mean()), np.empty(0), np.empty(0), found.status)
 
 
 def honeycomb_length(parameters, seed):
-    """Least length ℓ_0 that all edges of the honeycomb can have at V = N_v."""
-    return Measured(_least_length(0.0))
+    """Least length ℓ_0 that all edges of the honeycomb can have at V = N_v; the curve is ℓ_min in simple shear."""
+    strains = np.linspace(-0.2, 0.2, POINTS)
+    return Measured(_least_length(0.0), strains, np.array([_least_length(gamma) for gamma in strains]))
 
 
 def honeycomb_shear(parameters, seed):
     """Coefficient b of ℓ_min = ℓ_0 + b γ², from differences at two strains with the next order removed."""
-    b = [(_least_length(h) + _least_length(-h) - 2 * _least_length(0.0)) / (2 * h**2) for h in (0.01, 0.02)]
-    return Measured((4 * b[0] - b[1]) / 3)
+    steps = np.array([0.01, 0.02])
+    b = [(_least_length(h) + _least_length(-h) - 2 * _least_length(0.0)) / (2 * h**2) for h in steps]
+    return Measured((4 * b[0] - b[1]) / 3, steps, np.array(b))
 
 
 def _least_length(gamma):
@@ -97,13 +101,13 @@ def factor_three(parameters, seed):
         sheared = network.deformed(SHEAR.gradient(onset))
         found = critical_from_lengths(sheared, np.ones(network.n_edges), throw=False)
         if not found.ok:
-            return Measured(np.nan, found.status)
+            return Measured(np.nan, onsets, ratios, found.status)
         G_c = elasticity(found.value).value.shear
         strains = STEP * onset * np.array([1.0, 2.0])
         path = strain_path(found.value, strains, deformation="simple_shear", taut_only=True).value
         ratio = (path.modulus - G_c) * onset / path.stress[:, 0, 1]
         ratios[n] = 2 * ratio[0] - ratio[1]
-    return Measured(float(np.polyfit(onsets**2, ratios, 1)[1]))
+    return Measured(float(np.polyfit(onsets**2, ratios, 1)[1]), onsets, ratios)
 
 
 def _without_shear_stress(network):
@@ -147,19 +151,19 @@ def tension_phantom(parameters, seed):
 
 
 def _shear_of_tension(found):
-    """Exponent of G − G_c against the isotropic tension T past the transition of a dilation.
+    """Exponent of G − G_c against the isotropic tension T past the transition of a dilation, and this curve.
 
     Where edges are slack at the transition, the network is its taut part.
     """
     if found.status not in (Status.ok, Status.slack_edges):
-        return Measured(np.nan, found.status)
+        return Measured(np.nan, np.empty(0), np.empty(0), found.status)
     critical = max(backbone(found.value).components, key=lambda part: part.network.n_edges)
     path = strain_path(critical, np.geomspace(*_NEAR, POINTS), throw=False)
     tension = np.einsum("nii->n", path.value.stress) / 2
     excess = path.value.shear_modulus - elasticity(critical).value.shear
     if not path.ok or (excess <= 0).any():
-        return Measured(np.nan, path.status)
-    return Measured(float(np.polyfit(np.log(tension), np.log(excess), 1)[0]))
+        return Measured(np.nan, tension, excess, path.status)
+    return Measured(float(np.polyfit(np.log(tension), np.log(excess), 1)[0]), tension, excess)
 
 
 def _lengths(network):
@@ -172,15 +176,16 @@ def _random_stress(network, seed):
 
 
 def onset_self_stresses(parameters, seed):
-    """Number of self-stresses at the onset of a diluted Delaunay network in simple shear.
+    """Number of self-stresses at the onset of a diluted Delaunay network in simple shear; taut edges against γ_c.
 
     Its lengths are those that it is made with, which are generic; those of lattices are not.
     """
     network = diluted(delaunay_network(parameters["n_vertices"], seed), parameters["z"], seed)
     found = critical_strain(network, _lengths(network), "simple_shear", throw=False)
     if not found.ok:
-        return Measured(np.nan, found.status)
-    return Measured(float(certify(found.value).n_self_stresses))
+        return Measured(np.nan, np.empty(0), np.empty(0), found.status)
+    onset, taut = np.array([found.strain]), np.array([float(found.taut.sum())])
+    return Measured(float(certify(found.value).n_self_stresses), onset, taut)
 
 
 def convex_faces(parameters, seed):
@@ -189,7 +194,7 @@ def convex_faces(parameters, seed):
     for network in (voronoi_network(n, seed), delaunay_network(n, seed), lattice("honeycomb", 8, 8)):
         critical = CriticalManifold(network).configuration(_random_stress(network, seed))
         shares.append(1 - reflex(network.faces, critical.bond_vectors).mean())
-    return Measured(float(min(shares)))
+    return Measured(float(min(shares)), np.arange(len(shares)), np.array(shares))
 
 
 def reflex(faces, bond_vectors):
@@ -203,12 +208,12 @@ def reflex(faces, bond_vectors):
 
 
 def auxetic(parameters, seed):
-    """Poisson's ratio of a triangular lattice pruned for the least one, with convex faces, at its end.
+    """Poisson's ratio of a triangular lattice pruned for the least one, with convex faces, at its end; ν against z.
 
     Each step removes the edge, of some chosen at random, that leaves the least ν, down to z = 4 plus a few edges.
     """
     network = lattice("triangular", parameters["columns"], parameters["columns"])
-    rng, ratio = stable_rng(seed, "pruned"), poisson(network)
+    rng, z, ratios = stable_rng(seed, "pruned"), [6.0], [poisson(network)]
     while 2 * (network.n_edges - 2) / network.n_vertices > 4:
         found = []
         for edge in rng.permutation(network.n_edges):
@@ -220,7 +225,10 @@ def auxetic(parameters, seed):
         if not found:
             break
         ratio, _, network = min(found, key=lambda each: each[:2])
-    return Measured(ratio)
+        z.append(2 * network.n_edges / network.n_vertices)
+        ratios.append(ratio)
+    shown = np.linspace(0, len(z) - 1, POINTS).astype(int)
+    return Measured(ratios[-1], np.array(z)[shown], np.array(ratios)[shown])
 
 
 def poisson(network):
