@@ -74,9 +74,7 @@ class IsogonalModes(Record):
         lengths = critical.lengths + change
         if not lengths.min() > 0:
             edge = int((change / critical.lengths).argmin())
-            raise InputError(
-                f"edge {edge} would lose its length: scale the amplitudes by less than {self.limit(a):.4g}"
-            )
+            raise InputError(f"edge {edge} would lose its length: scale amplitudes by less than {self.limit(a):.4g}")
         x = critical.coordinates + (a @ self.displacements).reshape(-1, 2)
         x = x if network.pins else x - x[0]
         return critical_configuration(network, critical.tensions / lengths, x)
