@@ -36,7 +36,7 @@ def dense(operator: LinearOperator) -> Array:
     """The matrix of an operator, column by column; raises `InputError` where it would take more than a gigabyte."""
     rows, columns = operator.shape
     if 8 * rows * columns > DENSE_BYTES:
-        raise InputError(f"a dense {rows} × {columns} matrix is too large: apply the operator, or give k")
+        raise InputError(f"a dense matrix takes {8e-9 * rows * columns:.3g} GB: apply the operator, or give k")
     return operator @ np.eye(columns)
 
 
@@ -105,7 +105,7 @@ class StereographicChart(Record):
     def _checked(self, s: ArrayLike) -> Array:
         at = np.asarray(s, dtype=float)
         if at.shape != (len(self.pole) - 1,) or not np.isfinite(at).all():
-            raise InputError(f"s must be {len(self.pole) - 1} finite numbers, one less than edges, not {at.shape}")
+            raise InputError(f"s must be {len(self.pole) - 1} finite coordinates, one less than edges, not {at.shape}")
         return at
 
 

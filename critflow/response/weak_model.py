@@ -199,31 +199,19 @@ class Modes:
     theta: Array
     vectors: Array
     loads: Array
+    n_thermal: int = 0  # N_f of motions that temperature excites, of which none has a vector
 
     def amplitudes(self, s: Array, load: Array, power: int = 1) -> Array:
         """b/(s + θ)^power, (..., m), of loads b (..., m)."""
         return np.asarray(load / (s[..., None] + self.theta) ** power)
 
     def work(self, s: Array, load: Array) -> Array:
-        """Φ(s) = ½ Σ b²/(s + θ)², (...)."""
-        return 0.5 * np.sum(self.amplitudes(s, load) ** 2, axis=-1)
+        """Φ(s) = ½ Σ b²/(s + θ)² + N_f/2s, (...)."""
+        return 0.5 * np.sum(self.amplitudes(s, load) ** 2, axis=-1) + self.n_thermal / (2 * s)
 
     def work_slope(self, s: Array, load: Array) -> Array:
-        """−Φ'(s) = Σ b²/(s + θ)³, (...)."""
-        return np.sum(load * self.amplitudes(s, load, 3), axis=-1)
-
-
-@dataclass(frozen=True, eq=False)
-class ThermalModes(Modes):
-    """No motions of their own, and Φ(s) = N_f/2s."""
-
-    n_floppy: int
-
-    def work(self, s: Array, load: Array) -> Array:
-        return np.asarray(self.n_floppy / (2 * s))
-
-    def work_slope(self, s: Array, load: Array) -> Array:
-        return np.asarray(self.n_floppy / (2 * s**2))
+        """−Φ'(s) = Σ b²/(s + θ)³ + N_f/2s², (...)."""
+        return np.sum(load * self.amplitudes(s, load, 3), axis=-1) + self.n_thermal / (2 * s**2)
 
 
 class ExactModel:
@@ -243,7 +231,7 @@ class ThermalModel(ExactModel):
 
     def __init__(self, system: WeakSystem, strain: WeakStrain):
         size = system.rigidity.shape[1]
-        modes = ThermalModes(np.zeros(0), np.zeros((size, 0)), np.zeros((3, 0)), system.n_floppy)
+        modes = Modes(np.zeros(0), np.zeros((size, 0)), np.zeros((3, 0)), system.n_floppy)
         super().__init__(system, modes, system.n_floppy / abs(strain.work))  # s at strains of order one below
         self._slope = self._band_slope(strain)
 
