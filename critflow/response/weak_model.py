@@ -97,21 +97,21 @@ class WeakModel:
     def cover(self, low: float, high: float) -> None:
         """Add nodes until they span the distances low … high from the end of the branch."""
         exponents = np.arange(np.floor(np.log(low) / np.log(NODE_RATIO)), np.log(high) / np.log(NODE_RATIO) + 1)
-        known = {s for s, *_ in self._nodes}
+        known = {node.s for node in self._nodes}
         for distance in NODE_RATIO**exponents:
             s = self.end + float(distance)
             if s not in known:
                 factor = self.system.factorize(s)
                 if factor.positive:
                     self._nodes.append(self._node(s, factor))
-        self._nodes.sort(key=lambda node: node[0])
+        self._nodes.sort(key=lambda node: node.s)
         for outdated in ("modes", "coarse", "_splines"):
             self.__dict__.pop(outdated, None)
 
     @property
     def covered(self) -> tuple[float, float]:
         """Least and largest distance of nodes from the end of the branch."""
-        return self._nodes[0][0] - self.end, self._nodes[-1][0] - self.end
+        return self._nodes[0].s - self.end, self._nodes[-1].s - self.end
 
     def _node(self, s: float, factor: WeakFactor) -> _Node:
         solved = [factor.solve(load) for load in self.loads]
@@ -149,7 +149,7 @@ class WeakModel:
         return self._projected(self._nodes[::2])
 
     def _projected(self, nodes: list[_Node]) -> Modes:
-        vectors = np.concatenate([solutions for _, solutions, _ in nodes])
+        vectors = np.concatenate([node.vectors for node in nodes])
         sizes = np.linalg.norm(vectors, axis=1)
         vectors = (vectors[sizes > 0] / sizes[sizes > 0, None]).T
         U, values, _ = np.linalg.svd(vectors, full_matrices=False)
@@ -163,8 +163,8 @@ class WeakModel:
     @cached_property
     def _splines(self) -> scipy.interpolate.CubicSpline:
         """Of the neglected energies times distance³, over log distance: as such they vary little between two nodes."""
-        distance = np.array([s - self.end for s, *_ in self._nodes])
-        scaled = np.array([neglected for *_, neglected in self._nodes]) * distance[:, None] ** 3
+        distance = np.array([node.s - self.end for node in self._nodes])
+        scaled = np.array([node.neglected for node in self._nodes]) * distance[:, None] ** 3
         return scipy.interpolate.CubicSpline(np.log(distance), scaled)
 
     def leading(self) -> ExactModel:
