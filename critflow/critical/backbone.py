@@ -86,7 +86,7 @@ def backbone(critical: CriticalConfiguration) -> Backbone:
     """
     sigma, taut = critical.sigma, critical.sigma != 0
     if not (np.isfinite(sigma).all() and np.isfinite(critical.bond_vectors).all() and taut.any()):
-        raise InputError("the configuration has no finite stress: look at the status of its solution")
+        raise InputError("the stress is zero or not finite: look at the status of its solution")
     if taut.all():
         return Backbone(critical, taut, (critical,))
     components = []

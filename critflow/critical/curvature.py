@@ -36,7 +36,7 @@ def dense(operator: LinearOperator) -> Array:
     """The matrix of an operator, column by column; raises `InputError` where it would take more than a gigabyte."""
     rows, columns = operator.shape
     if 8 * rows * columns > DENSE_BYTES:
-        raise InputError(f"a dense {rows} × {columns} matrix is too large: apply the operator, or give k")
+        raise InputError(f"a dense matrix takes {8e-9 * rows * columns:.3g} GB: apply the operator, or give k")
     return operator @ np.eye(columns)
 
 
@@ -62,27 +62,25 @@ class StereographicChart(Record):
         mirror[0] += np.copysign(1.0, unit[0])  # the end of the axis that lies farther away, so that nothing cancels
         return cls(unit, mirror / np.linalg.norm(mirror))
 
-    def _spread(self, s: Array) -> Array:
-        """v s, (N_b,)."""
-        padded = np.concatenate([[0.0], np.ravel(s)])
-        return padded - 2 * (self.mirror @ padded) * self.mirror
-
-    def _collect(self, w: Array) -> Array:
-        """vᵀ w, (N_b − 1,)."""
-        flat = np.ravel(w)
-        return (flat - 2 * (self.mirror @ flat) * self.mirror)[1:]
-
-    @property
+    @cached_property
     def basis(self) -> LinearOperator:
         """v, (N_b, N_b − 1): orthonormal and orthogonal to the pole."""
-        n = len(self.pole)
-        return LinearOperator((n, n - 1), matvec=self._spread, rmatvec=self._collect, dtype=float)
+
+        def reflected(w: Array) -> Array:
+            return w - 2 * (self.mirror @ w) * self.mirror
+
+        return LinearOperator(
+            (len(self.pole), len(self.pole) - 1),
+            matvec=lambda s: reflected(np.append(0.0, s)),
+            rmatvec=lambda w: reflected(np.ravel(w))[1:],
+            dtype=float,
+        )
 
     def sigma(self, s: ArrayLike) -> Array:
         """σ(s), of unit norm, (N_b,)."""
         at = self._checked(s)
         quarter = float(at @ at) / 4
-        return (self._spread(at) + (1 - quarter) * self.pole) / (1 + quarter)
+        return (self.basis @ at + (1 - quarter) * self.pole) / (1 + quarter)
 
     def coordinates(self, sigma: ArrayLike) -> Array:
         """s of a stress (N_b,) of any scale; raises `InputError` for the antipode of the pole, which has none."""
@@ -91,7 +89,7 @@ class StereographicChart(Record):
         height = size + float(self.pole @ stress)
         if not height > 1e-14 * size:
             raise InputError("zero and the antipode of the pole have no coordinates: choose the pole nearer the stress")
-        return 2 * self._collect(stress) / height
+        return 2 * (self.basis.T @ stress) / height
 
     def derivative(self, s: ArrayLike) -> LinearOperator:
         """V = ∂σ/∂s, (N_b, N_b − 1) (`projectionDeriv`)."""
@@ -99,15 +97,15 @@ class StereographicChart(Record):
         scale = 1 / (1 + float(at @ at) / 4)
         return LinearOperator(
             (len(self.pole), len(at)),
-            matvec=lambda ds: scale * (self._spread(ds) - (at @ np.ravel(ds)) * half),
-            rmatvec=lambda w: scale * (self._collect(w) - (half @ np.ravel(w)) * at),
+            matvec=lambda ds: scale * (self.basis @ np.ravel(ds) - (at @ np.ravel(ds)) * half),
+            rmatvec=lambda w: scale * (self.basis.T @ np.ravel(w) - (half @ np.ravel(w)) * at),
             dtype=float,
         )
 
     def _checked(self, s: ArrayLike) -> Array:
         at = np.asarray(s, dtype=float)
         if at.shape != (len(self.pole) - 1,) or not np.isfinite(at).all():
-            raise InputError(f"s must be {len(self.pole) - 1} finite numbers, one less than edges, not {at.shape}")
+            raise InputError(f"s must be {len(self.pole) - 1} finite coordinates, one less than edges, not {at.shape}")
         return at
 
 

@@ -74,9 +74,7 @@ class IsogonalModes(Record):
         lengths = critical.lengths + change
         if not lengths.min() > 0:
             edge = int((change / critical.lengths).argmin())
-            raise InputError(
-                f"edge {edge} would lose its length: scale the amplitudes by less than {self.limit(a):.4g}"
-            )
+            raise InputError(f"edge {edge} would lose its length: scale amplitudes by less than {self.limit(a):.4g}")
         x = critical.coordinates + (a @ self.displacements).reshape(-1, 2)
         x = x if network.pins else x - x[0]
         return critical_configuration(network, critical.tensions / lengths, x)
@@ -142,7 +140,7 @@ def face_modes(critical: CriticalConfiguration) -> IsogonalModes:
     faces = network.faces
     degree = np.bincount(network.edges.ravel(), minlength=network.n_vertices)
     if network.dimension != 2 or network.pins or faces is None or not (degree == 3).all():
-        raise InputError("faces, a cell of the plane and three edges a vertex are needed: use isogonal_modes")
+        raise InputError("faces, a cell of the plane and three edges a vertex are needed: use isogonal_modes instead")
     outward = np.argsort(network.edges.T.ravel(), kind="stable").reshape(-1, 3)
     edge, sign = outward % network.n_edges, np.where(outward < network.n_edges, 1.0, -1.0)
     pull = critical.sigma[:, None] * critical.bond_vectors

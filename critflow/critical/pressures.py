@@ -101,13 +101,9 @@ def pressure_jumps(network: Network) -> sp.csr_array:
     Raises `InputError` for networks that are not planar or have no known faces.
     """
     if network.dimension != 2 or network.faces is None:
-        raise InputError(
-            "pressures need the faces of a planar network: give positions, or a network from label images or polygons"
-        )
+        raise InputError("pressures need the faces of a planar network: give positions")
     if (network.edges[:, 0] == network.edges[:, 1]).any():
-        raise InputError(
-            "pressures need edges between different vertices: repeat the cell, so that none is an own image"
-        )
+        raise InputError("an edge joins a vertex to its own image, which pressures exclude: repeat the cell")
     faces: Faces = network.faces
     owner = np.repeat(np.arange(faces.n_faces), faces.sizes)
     return sp.csr_array((faces.signs.astype(float), (faces.edges, owner)), shape=(network.n_edges, faces.n_faces))
@@ -277,8 +273,8 @@ def infer_pressures(network: Network, x: Array, error: float | None) -> NearestP
     gauges = sp.csr_array(np.array([sums] if network.pins else [sums, 1 - sums]))
     if forces.shape[0] + gauges.shape[0] != forces.shape[1]:
         raise InputError(
-            f"{m} tensions and {n_faces} pressures are not determined by {forces.shape[0]} coordinates: this needs "
-            "three edges at each free vertex; leave out pressures=True, or pressures of zero, for other networks"
+            f"{forces.shape[0]} coordinates do not determine {m} tensions and {n_faces} pressures, which needs three "
+            "edges at each free vertex: leave out pressures=True, or pressures of zero"
         )
     factor = splu(sp.csc_array(sp.vstack([forces, gauges])))
     right = np.zeros(forces.shape[1])

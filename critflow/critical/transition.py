@@ -335,7 +335,5 @@ def transition_modulus(network: Network, strain: Deformable) -> TransitionModulu
     """
     deformation = deformation_of(strain, network.dimension)
     if deformation.free:
-        raise InputError(
-            f"free components of the cell leave no modulus at the transition: fix those of {deformation.name}"
-        )
+        raise InputError(f"free components leave no modulus at the transition: fix those of {deformation.name}")
     return TransitionModulus(deformation.rate(0.0), f"modulus[{deformation.name}]")

@@ -10,7 +10,7 @@ import numpy as np
 from critflow.critical.manifold import CriticalManifold
 from critflow.critical.quantity import Balanced, Partials, Quantity
 from critflow.linalg.vectors import dot, norms
-from critflow.networks.network import Array, IntArray
+from critflow.networks.network import Array
 from critflow.result import InputError
 
 
@@ -104,42 +104,36 @@ class FaceArea(_OfLengths):
         return f"area[{self.face}]"
 
     def evaluate(self, balance: Balanced) -> tuple[float, Partials]:
-        edges, signs, sides = self._sides(balance, balance.bond_vectors)
-        before = np.cumsum(sides, axis=0) - sides
-        after = sides.sum(axis=0) - before - sides
+        sides, before, by_L = self._gradient(balance, balance.bond_vectors)
         area = 0.5 * float(np.sum(before[:, 0] * sides[:, 1] - before[:, 1] * sides[:, 0]))
-        by_L = np.zeros_like(balance.bond_vectors)
-        np.add.at(by_L, edges, 0.5 * signs[:, None] * _turned(before - after))
         return area, (np.zeros_like(balance.sigma), by_L)
 
     def differential(self, balance: Balanced, dsigma: Array, dL: Array) -> Partials:
         # The gradient is linear in the sides.
-        edges, signs, sides = self._sides(balance, dL)
-        before = np.cumsum(sides, axis=0) - sides
-        ddL = np.zeros_like(dL)
-        np.add.at(ddL, edges, 0.5 * signs[:, None] * _turned(2 * before + sides - sides.sum(axis=0)))
-        return np.zeros_like(dsigma), ddL
+        return np.zeros_like(dsigma), self._gradient(balance, dL)[2]
 
     def extreme(self, manifold: CriticalManifold, positive: bool = True) -> tuple[float, float]:
         return -np.inf, np.inf
 
-    def _sides(self, balance: Balanced, vectors: Array) -> tuple[IntArray, IntArray, Array]:
+    def _gradient(self, balance: Balanced, vectors: Array) -> tuple[Array, Array, Array]:
+        """The sides, the sums of those before each, and ∂/∂L (N_b, 2) of the area with edges of these vectors."""
         faces = balance.network.faces
         if faces is None or not self.face < faces.n_faces:
             raise InputError(f"{self.name} needs a planar network with known faces: this one has no such face")
         walk = slice(faces.starts[self.face], faces.starts[self.face + 1])
-        edges, signs = faces.edges[walk], faces.signs[walk]
-        return edges, signs, signs[:, None] * vectors[edges]
+        edges, signs = faces.edges[walk], faces.signs[walk, None]
+        sides = signs * vectors[edges]
+        before = np.cumsum(sides, axis=0) - sides
+        # v × s = (J v)·s
+        x, y = (2 * before + sides - sides.sum(axis=0)).T
+        by_L = np.zeros_like(vectors)
+        np.add.at(by_L, edges, 0.5 * signs * np.stack([-y, x], axis=1))
+        return sides, before, by_L
 
 
 def _divisors(length: Array) -> Array:
     """Lengths (N_b,), NaN for an edge without length: there |L| has no derivative."""
     return np.where(length > 0, length, np.nan)
-
-
-def _turned(vectors: Array) -> Array:
-    """J v with v × s = (J v)·s, for vectors (n, 2)."""
-    return np.stack([-vectors[:, 1], vectors[:, 0]], axis=1)
 
 
 def _relative_variance(values: Array) -> tuple[float, Array]:

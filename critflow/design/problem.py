@@ -140,7 +140,7 @@ def edge_limits(n_edges: int, within: Mapping[str, object], change: str = "stres
     limited = LIMITED.get(change, ())
     for name in within:
         if name not in limited:
-            raise InputError(f"edges have no {name!r:.40} here: choose from {', '.join(limited) or 'none'}")
+            raise InputError(f"edges have no quantity {name!r:.40}: choose from {', '.join(limited) or 'none'}")
     every = [EdgeLimits.of(name, value, n_edges) for name, value in within.items()]
     return [limits for limits in every if np.isfinite(limits.low).any() or np.isfinite(limits.high).any()]
 

@@ -162,18 +162,14 @@ def _without_overshoot(ended: _Search, tolerance: float, limit: int) -> _Search 
 
 
 class _Search:
-    """The edges that remain, C of them, and their bond vectors.
-
-    kept      edges that remain and have a length
-    values    of the quantity, before the first cut and after each one
-    untried   edges in random order, the next one last
-    """
+    """The edges that remain and have a length (`kept`), C of them, and their bond vectors."""
 
     def __init__(self, critical: CriticalConfiguration, target: Target, bound: float, seed: int | None):
         self._network, self._manifold = critical.network, CriticalManifold(critical.network)
         self.critical, self.target, self._goal, self.bound = critical, target, target.quantity, bound
         m = critical.network.n_edges
         self.sigma, self.kept, self.cuts, self.factorisations = critical.sigma.copy(), np.ones(m, bool), list[int](), 0
+        # Edges in random order, the next one last.
         self.untried = None if seed is None else generator(seed).permutation(m).tolist()
         self._factorise()
         self.values = [self.value()]

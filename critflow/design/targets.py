@@ -187,9 +187,7 @@ def _variables(
             raise InputError("change='faces' starts from a critical configuration: give one")
         return FaceAmplitudes(start, limits)
     if not isinstance(start, SpringState) or start.faces is not None:
-        raise InputError(
-            f"change={change!r} starts from springs on edges at coordinates: give spring_state(network, ...)"
-        )
+        raise InputError(f"change={change!r} starts from springs on edges: give spring_state(network, ...)")
     return Stiffnesses(start, initial, limits) if change == "stiffness" else RestLengths(start, ratios, initial)
 
 
@@ -253,18 +251,14 @@ def _note(problem: TargetProblem, end: Minimum) -> str:
     """The error that remains, and the next step."""
     if end.reached:
         return f"the targets are reached, and {problem.preference.name} is not yet at its minimum: raise max_steps"
-    c = end.point.constraints
+    c, n = end.point.constraints, len(problem.targets)
     excess = np.abs(c - np.clip(c, problem.low, problem.high))
-    worst = int(np.argmax(excess[: len(problem.targets)])) if len(problem.targets) else 0
-    if len(problem.targets) and not excess[worst] <= 0.1 * excess.max():
-        name = problem.targets[worst].name
-        return (
-            f"no start reached all targets together, {name} misses by {excess[worst] * problem.sizes[worst]:.3g}: "
-            + ("raise max_steps, " if end.status is Status.step_limit else "")
-            + ("widen the limits of the edges, " if len(problem.variables.low) else "")
-            + "relax one, or give another start"
-        )
-    return "no start reached the targets inside the limits of the edges: widen the limits, or relax a target"
+    worst = int(np.argmax(excess))
+    if worst >= n:
+        return "no start reached the targets inside the limits of the edges: widen the limits, or relax a target"
+    more = "raise max_steps, " * (end.status is Status.step_limit) + "widen the limits of the edges, " * (len(c) > n)
+    missed = f"{problem.targets[worst].name} misses by {excess[worst] * problem.sizes[worst]:.3g}"
+    return f"no start reached all targets together, {missed}: {more}relax one, or give another start"
 
 
 def _report(problem: TargetProblem, targets: Sequence[Target], end: Minimum, status: Status, note: str) -> Design[Any]:

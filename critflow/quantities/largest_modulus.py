@@ -137,13 +137,29 @@ def _closed(
 ) -> tuple[Solution[CriticalConfiguration], float]:
     """The configuration with forces T = kFL*, and its shortest length over the mean."""
     k, parallel = manifold.network.stiffness, abs(float(np.linalg.det(F))) <= PARALLEL_FORCES * float(np.sum(F**2))
-    for closed in (_nearest_bonds, _stretched_bonds):
-        L = closed(manifold, L_star, F)
+    B = F.T @ _QUARTER_TURN.T
+    for stretched in (False, True):
+        if stretched:
+            # Others with these forces: of L̃ = BL with B = FᵀJᵀ and n·L = L*·L̃ the constraints are not nearly dependent.
+            L = np.linalg.solve(B, _across(manifold, L_star @ B.T, L_star).T).T
+        else:
+            L = _across(manifold, L_star, L_star @ F.T @ _QUARTER_TURN.T)
         square = dot(L, L)
         found = manifold.solve(k * dot(L_star @ F.T, L) / np.maximum(square, np.finfo(float).tiny))
         if parallel or abs(TransitionModulus(A).evaluate(found.value)[0] / bound - 1) < BALANCED:
             break
     return found, float(np.sqrt(square.min()) / np.sqrt(square).mean())
+
+
+def _across(manifold: CriticalManifold, start: Array, normals: Array) -> Array:
+    """L = start + g u (N_b, 2) without components along the normals n, n·L = 0, with the least Σk|g u|².
+
+    Since gᵀ(k n) = 0, the constraints have the self-stress k, and this is a system of stresses and displacements.
+    """
+    network = manifold.network
+    factor = manifold.saddle.factorize(network.stiffness, normals)
+    u, _, _ = factor.solve(np.zeros((len(network.free), 2)), -dot(normals, start))
+    return np.asarray(start + network.free_incidence @ u)
 
 
 def least_compressed_length(network: Network | CriticalManifold, strain: Deformable) -> float:
@@ -173,29 +189,3 @@ def least_compressed_length(network: Network | CriticalManifold, strain: Deforma
     if program.status != 0:
         raise SolveError(f"no configuration has the largest modulus for this strain: {program.message}")
     return float(program.fun)
-
-
-def _nearest_bonds(manifold: CriticalManifold, L_star: Array, F: Array) -> Array:
-    """Bond vectors L = L* + g u (N_b, 2) parallel to the forces T = kFL*, with the least Σk|g u|².
-
-    They have no component in the direction n = JFL*, n·(L* + g u) = 0.  Since gᵀ(k n) = 0, the constraints have the
-    self-stress k, and this is a system of stresses and displacements.
-    """
-    network, k = manifold.network, manifold.network.stiffness
-    normal = L_star @ F.T @ _QUARTER_TURN.T
-    no_force = np.zeros((len(network.free), 2))
-    u, _, _ = manifold.saddle.factorize(k, normal).solve(no_force, -dot(normal, L_star))
-    return np.asarray(L_star + network.free_incidence @ u)
-
-
-def _stretched_bonds(manifold: CriticalManifold, L_star: Array, F: Array) -> Array:
-    """Others with these forces: L = B⁻¹L̃ with B = FᵀJᵀ, where n·L = L*·L̃ = 0, L̃ = BL* + g u and Σk|g u|² is least.
-
-    Nearly parallel forces make the constraints n·L nearly dependent, and those of L̃ are not.  The lengths grow as
-    1/det F; forces that are all parallel belong to no bond vectors.
-    """
-    network, B = manifold.network, F.T @ _QUARTER_TURN.T
-    start, no_force = L_star @ B.T, np.zeros((len(network.free), 2))
-    factor = manifold.saddle.factorize(network.stiffness, L_star)
-    u, _, _ = factor.solve(no_force, -dot(L_star, start))
-    return np.asarray(np.linalg.solve(B, (start + network.free_incidence @ u).T).T)

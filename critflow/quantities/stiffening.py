@@ -48,17 +48,14 @@ class Stiffening(SpringResponse):
         energy, terms, V = *self._energy(balance), balance.network.volume
         third, (growth, modulus) = energy.third(terms), self._growth(balance.network.dimension)
         M_0, (M_sigma, M_L) = modulus.evaluate(balance)
-        return third.value / V - growth * M_0, (
-            third.by_stress / V - growth * M_sigma,
-            third.by_bonds / V - growth * M_L,
-        )
+        partials = third.by_stress / V - growth * M_sigma, third.by_bonds / V - growth * M_L
+        return third.value / V - growth * M_0, partials
 
     def error(self, critical: CriticalConfiguration) -> float:
         """That of the partial derivatives, and the error (estimate) of the third derivative for exact bond vectors."""
         energy, terms = self._energy(critical)
-        return (
-            super().error(critical) + energy.third_error(terms, energy.third(terms).by_length) / critical.network.volume
-        )
+        third = energy.third_error(terms, energy.third(terms).by_length)
+        return super().error(critical) + third / critical.network.volume
 
     def by_stiffness(self, balance: Balanced) -> Array:
         """dC/dk (N_b,) at constant σ: the configuration does not depend on k."""

@@ -64,11 +64,9 @@ class WeakModulus(SpringResponse):
     def by_stiffness(self, balance: Balanced) -> Array:
         """∂O/∂k (N_b,)."""
         weak = self._weak(balance)
-        return (
-            np.full_like(balance.sigma, np.nan)
-            if weak is None
-            else weak.modulus_derivatives(self.strain, self.kappa)[3]
-        )
+        if weak is None:
+            return np.full_like(balance.sigma, np.nan)
+        return weak.modulus_derivatives(self.strain, self.kappa)[3]
 
     def error(self, critical: CriticalConfiguration) -> float:
         return super().error(critical) + _ACCURACY * abs(self.evaluate(critical)[0])

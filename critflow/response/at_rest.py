@@ -116,22 +116,17 @@ class _Springs(NamedTuple):
 
 def _springs(network: Network, coordinates: Array, L: Array, length: Array, faces: FaceSprings | None) -> _Springs:
     extension = np.einsum("aei,ei->ea", L @ strain_basis(network.dimension)[1], L) / length[:, None]
-    errors, directions = _row_errors(network, coordinates, length), spread_columns(network, L / length[:, None])
-    if faces is None:
-        return _Springs(directions, extension, network.stiffness, errors)
-    A = faces.sides
-    return _Springs(sp.csr_array(A @ directions), A @ extension, faces.stiffness, A @ errors)
-
-
-def _row_errors(network: Network, coordinates: Array, length: Array) -> Array:
-    """Relative rounding of the directions, (N_b,): of differences to the grounded vertex, of their differences g x, of
-    the sums g x + b, and of the direction.
-    """
+    directions = spread_columns(network, L / length[:, None])
+    # Roundings of differences to the grounded vertex, of their differences g x, of the sums g x + b, and of directions.
     g, b = network.free_incidence, network.boundary_vectors
     x = coordinates if network.pins else coordinates - coordinates[0]
     rounded = (abs(g) @ np.abs(x[network.free])) * (not network.pins and bool(coordinates[0].any()))
     rounded += np.where(b != 0, np.abs(g @ x[network.free]), 0.0)
-    return EPS * (2 + 0.5 * np.linalg.norm(rounded, axis=1) / length)
+    errors = EPS * (2 + 0.5 * np.linalg.norm(rounded, axis=1) / length)
+    if faces is None:
+        return _Springs(directions, extension, network.stiffness, errors)
+    A = faces.sides
+    return _Springs(sp.csr_array(A @ directions), A @ extension, faces.stiffness, A @ errors)
 
 
 def _by_groups(springs: _Springs, mean: float) -> FormAtRest:

@@ -66,12 +66,7 @@ def _groups(stiffness: Array) -> list[slice]:
 
 
 class _Basis:
-    """Motions and strains by the group that first resists them.
-
-    motions   (n, r) orthonormal, with their groups
-    strains   (m, s) orthonormal strains with the motions (n, s) that keep stiffer groups unchanged, their groups and
-              their rounding errors (m, s)
-    """
+    """Motions and strains by the group that first resists them."""
 
     def __init__(self, R: Array, extension: Array, groups: list[slice], zero: float):
         n, m = R.shape[1], extension.shape[1]
@@ -104,7 +99,9 @@ class _Basis:
             free = free @ right[rank:].T
             self.motion_groups += [number] * rank
             self.strain_groups += [number] * n_resisted
+        # Orthonormal, (n, r) and (m, s).
         self.motions, self.strains = np.hstack(motions), np.hstack(resisted)
+        # Motions (n, s) that keep stiffer groups unchanged under these strains, and rounding of the strains, (m, s).
         self.following, self.strain_errors = np.hstack(followed), np.hstack(turned)
 
     def _rank(self, values: Array, clear: float) -> int:

@@ -53,10 +53,6 @@ class PerimeterSystem:
         """(1 − n nᵀ) L̇ of rates (N_b, d)."""
         return np.asarray(rates - dot(self.units, rates)[:, None] * self.units)
 
-    def perimeter_rates(self, rates: Array) -> Array:
-        """ṗ (N_f,) of rates (N_b, d)."""
-        return np.asarray(self.sides @ dot(self.units, rates))
-
     def solve(self, forces: Array, elongations: Array) -> tuple[Array, Array, float]:
         """u (n_free, d), λ (N_f,) with P̃ u + (A R)ᵀ λ = forces, A R u = elongations, and the relative residual."""
         C, w, g = self._constraints, self._weight, self.network.free_incidence
@@ -123,7 +119,7 @@ class TissueEnergy:
     def _respond(self, A: Array) -> _Response:
         system = self._system
         affine = system.bond_vectors @ A.T
-        rates = system.perimeter_rates(affine)
+        rates = np.asarray(system.sides @ dot(system.units, affine))
         c = float(system.tensions @ rates) / self._D
         pull = -(system.network.divergence @ (system.sigma[:, None] * system.bent(affine)))
         u, _, residual = system.solve(pull, c * system.tensions * self._flexibility - rates)

@@ -187,7 +187,7 @@ class WeakForces(Record):
     def _solve(self, strain: ArrayLike, kappa: ArrayLike) -> WeakState:
         gamma, kappa_ = np.broadcast_arrays(_numbers(strain, "strain"), _numbers(kappa, "kappa"))
         if not (kappa_ > 0).all():
-            raise InputError(f"kappa must be positive, not {kappa_.min()}: leave out zero")
+            raise InputError(f"kappa must be positive, or the temperature, not {kappa_.min()}: leave out zero")
         model, closest = self._model, _CLOSEST * self._model.scale
         for _ in range(_MOST_EXTENSIONS):
             x = self._roots(gamma, kappa_, model.modes, model.end)

@@ -97,21 +97,21 @@ class WeakModel:
     def cover(self, low: float, high: float) -> None:
         """Add nodes until they span the distances low … high from the end of the branch."""
         exponents = np.arange(np.floor(np.log(low) / np.log(NODE_RATIO)), np.log(high) / np.log(NODE_RATIO) + 1)
-        known = {s for s, *_ in self._nodes}
+        known = {node.s for node in self._nodes}
         for distance in NODE_RATIO**exponents:
             s = self.end + float(distance)
             if s not in known:
                 factor = self.system.factorize(s)
                 if factor.positive:
                     self._nodes.append(self._node(s, factor))
-        self._nodes.sort(key=lambda node: node[0])
+        self._nodes.sort(key=lambda node: node.s)
         for outdated in ("modes", "coarse", "_splines"):
             self.__dict__.pop(outdated, None)
 
     @property
     def covered(self) -> tuple[float, float]:
         """Least and largest distance of nodes from the end of the branch."""
-        return self._nodes[0][0] - self.end, self._nodes[-1][0] - self.end
+        return self._nodes[0].s - self.end, self._nodes[-1].s - self.end
 
     def _node(self, s: float, factor: WeakFactor) -> _Node:
         solved = [factor.solve(load) for load in self.loads]
@@ -149,7 +149,7 @@ class WeakModel:
         return self._projected(self._nodes[::2])
 
     def _projected(self, nodes: list[_Node]) -> Modes:
-        vectors = np.concatenate([solutions for _, solutions, _ in nodes])
+        vectors = np.concatenate([node.vectors for node in nodes])
         sizes = np.linalg.norm(vectors, axis=1)
         vectors = (vectors[sizes > 0] / sizes[sizes > 0, None]).T
         U, values, _ = np.linalg.svd(vectors, full_matrices=False)
@@ -163,8 +163,8 @@ class WeakModel:
     @cached_property
     def _splines(self) -> scipy.interpolate.CubicSpline:
         """Of the neglected energies times distance³, over log distance: as such they vary little between two nodes."""
-        distance = np.array([s - self.end for s, *_ in self._nodes])
-        scaled = np.array([neglected for *_, neglected in self._nodes]) * distance[:, None] ** 3
+        distance = np.array([node.s - self.end for node in self._nodes])
+        scaled = np.array([node.neglected for node in self._nodes]) * distance[:, None] ** 3
         return scipy.interpolate.CubicSpline(np.log(distance), scaled)
 
     def leading(self) -> ExactModel:
@@ -199,31 +199,19 @@ class Modes:
     theta: Array
     vectors: Array
     loads: Array
+    n_thermal: int = 0  # N_f of motions that temperature excites, of which none has a vector
 
     def amplitudes(self, s: Array, load: Array, power: int = 1) -> Array:
         """b/(s + θ)^power, (..., m), of loads b (..., m)."""
         return np.asarray(load / (s[..., None] + self.theta) ** power)
 
     def work(self, s: Array, load: Array) -> Array:
-        """Φ(s) = ½ Σ b²/(s + θ)², (...)."""
-        return 0.5 * np.sum(self.amplitudes(s, load) ** 2, axis=-1)
+        """Φ(s) = ½ Σ b²/(s + θ)² + N_f/2s, (...)."""
+        return 0.5 * np.sum(self.amplitudes(s, load) ** 2, axis=-1) + self.n_thermal / (2 * s)
 
     def work_slope(self, s: Array, load: Array) -> Array:
-        """−Φ'(s) = Σ b²/(s + θ)³, (...)."""
-        return np.sum(load * self.amplitudes(s, load, 3), axis=-1)
-
-
-@dataclass(frozen=True, eq=False)
-class ThermalModes(Modes):
-    """No motions of their own, and Φ(s) = N_f/2s."""
-
-    n_floppy: int
-
-    def work(self, s: Array, load: Array) -> Array:
-        return np.asarray(self.n_floppy / (2 * s))
-
-    def work_slope(self, s: Array, load: Array) -> Array:
-        return np.asarray(self.n_floppy / (2 * s**2))
+        """−Φ'(s) = Σ b²/(s + θ)³ + N_f/2s², (...)."""
+        return np.sum(load * self.amplitudes(s, load, 3), axis=-1) + self.n_thermal / (2 * s**2)
 
 
 class ExactModel:
@@ -243,7 +231,7 @@ class ThermalModel(ExactModel):
 
     def __init__(self, system: WeakSystem, strain: WeakStrain):
         size = system.rigidity.shape[1]
-        modes = ThermalModes(np.zeros(0), np.zeros((size, 0)), np.zeros((3, 0)), system.n_floppy)
+        modes = Modes(np.zeros(0), np.zeros((size, 0)), np.zeros((3, 0)), system.n_floppy)
         super().__init__(system, modes, system.n_floppy / abs(strain.work))  # s at strains of order one below
         self._slope = self._band_slope(strain)
 

@@ -34,16 +34,13 @@ _PLACES = (-2, -1, 1, 2)
 
 
 class WeakSystem:
-    """The systems of one configuration with a weak Hessian H, sparse (d·n_free)².
-
-    prestress, hessian, rigidity  P, H and R, sparse
-    flexible_stress, compliance   K⁻¹σ = σ|L|²/k, (N_b,), and D = σᵀK⁻¹σ
-    """
+    """The systems of one configuration with a weak Hessian H, sparse (d·n_free)²."""
 
     def __init__(self, critical: CriticalConfiguration, hessian: sp.sparray):
         network, sigma, self.lengths = critical.network, critical.sigma, critical.lengths
         g, d = network.free_incidence, network.dimension
         self.critical, self.network, self.sigma = critical, network, sigma
+        # P, H and R, sparse; K⁻¹σ, (N_b,), and D = σᵀK⁻¹σ.
         self.prestress = sp.csr_array(sp.kron(g.T @ sp.diags_array(sigma) @ g, sp.eye_array(d)))
         self.hessian = sp.csr_array(hessian)
         self.rigidity = spread_columns(network, critical.bond_vectors)
@@ -112,24 +109,19 @@ class WeakFactor:
 
 
 class WeakStrain:
-    """The elastic response of a configuration to a strain A = F'(0), and the rates of the weak energy along it.
-
-    work       c = Σ σ L·A L
-    motion     u (d·n_free,), and its multipliers μ (N_b,)
-    rate       L̇ = A L + g u, (N_b, d)
-    weak_rate, weak_curvature  dU/dε and d²U/dε² along the motion
-    weak_load  d(∂U/∂x)/dε along the motion, (d·n_free,)
-    """
+    """The elastic response of a configuration to a strain A = F'(0), and the rates of the weak energy along it."""
 
     def __init__(self, system: WeakSystem, energy: WeakFunction, deformation: Deformation):
         network, sigma, L = system.network, system.sigma, system.critical.bond_vectors
         self._critical, self.deformation, self.strain = system.critical, deformation, deformation.rate(0.0)
         affine = L @ self.strain.T
         hdot = dot(L, affine)
-        self.work = float(sigma @ hdot)
+        self.work = float(sigma @ hdot)  # c
         pull = -np.asarray(network.divergence @ (sigma[:, None] * affine)).ravel()
         stretched = self.work / system.compliance * system.flexible_stress
+        # u (d·n_free,) and its multipliers μ (N_b,)
         self.motion, self.multipliers = system.factorize(1.0, weak=0.0).solve(pull, stretched - hdot)
+        # L̇ = A L + g u, (N_b, d)
         self.rate = affine + network.free_incidence @ self.motion.reshape(-1, network.dimension)
 
         def along(strain: float) -> tuple[float, Array]:
@@ -139,6 +131,7 @@ class WeakStrain:
         here = along(0.0)[0]
         values, gradients = (np.array(each) for each in zip(*(along(n * _STEP) for n in _PLACES), strict=True))
         slope, curve = np.array([1, -8, 8, -1]) / (12 * _STEP), np.array([-1, 16, 16, -1]) / (12 * _STEP**2)
+        # Along the motion: dU/dε, d²U/dε² and d(∂U/∂x)/dε (d·n_free,).
         self.weak_rate, self.weak_curvature = float(slope @ values), float(curve @ (values - here))
         self.weak_load = np.asarray(slope @ gradients)
 

@@ -208,7 +208,10 @@ def minimise_constrained(
                     # The model is far off: where the curvature is negative, no later pair would replace it.
                     metric.forget()
                 else:
-                    metric.add(change, step.change_of_gradient(point, moved))
+                    # The change of the gradient of the Lagrangian.
+                    working = step.working
+                    rows = working.sign[:, None] * moved.rows(working.indices) - working.rows
+                    metric.add(change, moved.gradient - point.gradient + step.multipliers @ rows)
                 point = moved
                 if violation(problem, point) <= RESTORED and point.value < feasible.value:
                     feasible = point
@@ -237,11 +240,6 @@ class _Step:
     multipliers: Array
     working: _Working
     residual: float
-
-    def change_of_gradient(self, point: Point, moved: Point) -> Array:
-        """Change of the gradient of the Lagrangian."""
-        rows = self.working.sign[:, None] * moved.rows(self.working.indices) - self.working.rows
-        return np.asarray(moved.gradient - point.gradient + self.multipliers @ rows)
 
 
 class _Search:

@@ -60,13 +60,11 @@ def fourth_order_bound(forms: Array) -> float:
     number = np.array([[moment(*p, *q) for q in pairs] for p in pairs])
     products = np.zeros((n_forms, len(pairs), len(quartic)))
     for place, pair in enumerate(pairs):
-        for i in range(n):
-            for j in range(n):
-                products[:, place, moment(*pair, i, j)] += forms[:, i, j]
+        for i, j in np.ndindex(n, n):
+            products[:, place, moment(*pair, i, j)] += forms[:, i, j]
     one = np.zeros(len(quartic))
-    for i in range(n):
-        for j in range(n):
-            one[moment(i, i, j, j)] += 1.0
+    for i, j in np.ndindex(n, n):
+        one[moment(i, i, j, j)] += 1.0
     answer = _least(products.reshape(-1, len(quartic)), number, one)
     return answer.bound if answer.solved else np.nan
 

@@ -43,7 +43,7 @@ class FaceSprings(Record):
         if sides is None:
             faces = network.faces
             if faces is None:
-                raise InputError("the faces of this network are not known: give sides")
+                raise InputError("faces are not known: give sides, or those of `planar_faces`")
             owner = np.repeat(np.arange(faces.n_faces), faces.sizes)
             sides = sp.csr_array((np.ones(len(owner)), (owner, faces.edges)), shape=(faces.n_faces, network.n_edges))
         if np.ndim(sides) != 2 and not sp.issparse(sides):
