@@ -137,7 +137,7 @@ def _listed(data: NetworkData, pins: Sequence[int | str] | ArrayLike) -> NDArray
     for value in values.ravel().tolist():
         index = names.get(str(value)) if names else value
         if not isinstance(index, int) or not 0 <= index < data.n_vertices:
-            raise InputError(f"there is no vertex {value!r} to fix: give names or indices of vertices of the source")
+            raise InputError(f"the fixed vertex {value!r} does not exist: give names or indices of the source")
         chosen.append(index)
     return np.unique(np.array(chosen, dtype=np.intp))
 
