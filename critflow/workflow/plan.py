@@ -223,7 +223,7 @@ def _numbers(key: str, text: str, kind: type) -> tuple:
             stop > start if whole else stop >= start,
             f"{key}={piece} is an empty range or runs backwards: give a stop above {start}",
         )
-        count = int(min((stop - start) / step, LONGEST + 1)) + (not whole)
+        count = int(min((stop - start) / step, Decimal(LONGEST + 1))) + (not whole)
         _check_length(key, text, len(values) + count)
         values += [kind(start + i * step) + 0 for i in range(count)]
     return tuple(values)
