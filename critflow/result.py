@@ -6,7 +6,7 @@ convert it into a `SolveError` that carries the solution.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields, is_dataclass
+from dataclasses import dataclass, fields
 from enum import IntEnum
 from typing import TYPE_CHECKING, Any, Generic, Self, TypeVar
 
@@ -85,8 +85,7 @@ _MOST_ENTRIES, _MOST_CHARACTERS = 6, 80
 
 def _shown_fields(record: Any, left_out: tuple[str, ...] = ()) -> list[str]:
     """`name=value` of each field that has one."""
-    shown = fields(record) if is_dataclass(record) else ()
-    values = {f.name: getattr(record, f.name) for f in shown if f.repr and f.name not in left_out}
+    values = {f.name: getattr(record, f.name) for f in fields(record) if f.repr and f.name not in left_out}
     empty = (type(None), str, tuple, dict)
     return [f"{name}={_brief(v)}" for name, v in values.items() if not isinstance(v, empty) or v]
 

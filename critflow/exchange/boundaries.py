@@ -137,7 +137,7 @@ def _listed(data: NetworkData, pins: Sequence[int | str] | ArrayLike) -> NDArray
     for value in values.ravel().tolist():
         index = names.get(str(value)) if names else value
         if not isinstance(index, int) or not 0 <= index < data.n_vertices:
-            raise InputError(f"there is no vertex {value!r} to fix: give names or indices of vertices of the source")
+            raise InputError(f"the fixed vertex {value!r} does not exist: give names or indices of the source")
         chosen.append(index)
     return np.unique(np.array(chosen, dtype=np.intp))
 
@@ -154,7 +154,14 @@ def with_offsets(data: NetworkData, nearest: bool = False) -> NetworkData:
     tail, head = data.edges.T
     difference = data.positions[head] - data.positions[tail]
     if data.bond_vectors is not None:
-        return _from_bond_vectors(data, data.bond_vectors - difference)
+        exact = (data.bond_vectors - difference) @ np.linalg.inv(data.cell)
+        off = np.flatnonzero(np.abs(exact - np.round(exact)).max(axis=1) > _WHOLE)
+        if len(off):
+            raise InputError(
+                f"the bond vectors of {counted(len(off), 'edge')} differ from the positions by no whole number of cell "
+                f"vectors, edge {off[0]} first: check cell and units"
+            )
+        return replace(data, offsets=np.round(exact).astype(np.int64), bond_vectors=None)
     images = _nearest(difference, data.cell)
     length = np.linalg.norm(difference + images @ data.cell, axis=1)
     if data.offsets is not None:
@@ -171,19 +178,6 @@ def with_offsets(data: NetworkData, nearest: bool = False) -> NetworkData:
     part = length.max() / height
     note = f"image offsets are those of nearest images; the longest edge is {part:.2f} of the height of the cell"
     return replace(data, offsets=images).noting(note)
-
-
-def _from_bond_vectors(data: NetworkData, shifts: Array) -> NetworkData:
-    """Offsets from the differences (N_b, d) of bond vectors and positions."""
-    exact = shifts @ np.linalg.inv(np.asarray(data.cell))
-    offsets = np.round(exact).astype(np.int64)
-    off = np.flatnonzero(np.abs(exact - offsets).max(axis=1) > _WHOLE)
-    if len(off):
-        raise InputError(
-            f"the bond vectors of {counted(len(off), 'edge')} differ from the positions by no whole number of cell "
-            f"vectors, edge {off[0]} first: check cell and units"
-        )
-    return replace(data, offsets=offsets, bond_vectors=None)
 
 
 def _consistent(data: NetworkData, length: Array, images: IntArray, shortest: Array) -> NetworkData:

@@ -28,7 +28,12 @@ def crossings_of(data: NetworkData) -> tuple[IntArray, Array]:
     )
     pairs, shifts = _near(start, L, cell)
     first, second = pairs.T
-    parts = _parts(start[first], L[first], start[second] + shifts @ cell, L[second])
+    # Solutions t, s of a + t u = b + s v; NaN for parallel edges.
+    w, u, v = start[second] + shifts @ cell - start[first], L[first], L[second]
+    cross = u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0]
+    parallel = np.abs(cross) <= _ENDS * np.linalg.norm(u, axis=1) * np.linalg.norm(v, axis=1)
+    along = [w[:, 0] * e[:, 1] - w[:, 1] * e[:, 0] for e in (v, u)]
+    parts = np.stack(along, axis=1) / np.where(parallel, np.nan, cross)[:, None]
     inside = ((parts > _ENDS) & (parts < 1 - _ENDS)).all(axis=1)
     return pairs[inside], parts[inside]
 
@@ -87,17 +92,6 @@ def _near(start: Array, L: Array, cell: Array) -> tuple[IntArray, IntArray]:
     rows = np.column_stack([edge[a], edge[b], np.round(middle[a] - middle[b]).astype(np.int64)])
     rows = np.unique(rows[edge[a] != edge[b]], axis=0)
     return rows[:, :2], rows[:, 2:]
-
-
-def _parts(a: Array, u: Array, b: Array, v: Array) -> Array:
-    """Solutions t, s of a + t u = b + s v, (n, 2); NaN for parallel segments."""
-    cross = u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0]
-    parallel = np.abs(cross) <= _ENDS * np.linalg.norm(u, axis=1) * np.linalg.norm(v, axis=1)
-    cross = np.where(parallel, np.nan, cross)
-    w = b - a
-    return np.stack(
-        [(w[:, 0] * v[:, 1] - w[:, 1] * v[:, 0]) / cross, (w[:, 0] * u[:, 1] - w[:, 1] * u[:, 0]) / cross], axis=1
-    )
 
 
 def _joined(places: Array, data: NetworkData) -> tuple[IntArray, Array]:

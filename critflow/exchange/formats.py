@@ -89,11 +89,8 @@ def readable_format(path: Path) -> Format:
             f"{path.name} is a dataset of networks: give one case of it, dataset.sel(seed=0, ...), or --set seed=0 "
             "to the command"
         )
-    known = format_of(path)
     require_regular(path)
-    if known.read is None:
-        raise InputError(f"the format {known.name} is written only: give a file that holds a network")
-    return known
+    return _format_of(path, "read")
 
 
 def writable_format(path: Path, dimension: int = 2, options: Iterable[str] = ()) -> Format:
@@ -102,9 +99,7 @@ def writable_format(path: Path, dimension: int = 2, options: Iterable[str] = ())
     Raises `InputError` for an ending that cannot be written, a folder that does not exist, and a dimension or an option
     that the format does not have; `EnvironmentFailure` where the package of the writer is missing.
     """
-    known = format_of(path, writing=True)
-    if known.write is None:
-        raise InputError(f"files with the ending {path.suffix} are read only: choose another one")
+    known = _format_of(path, "write")
     require_folder(path)
     if known.planar and dimension != 2:
         raise InputError("drawings to cut are two-dimensional: write STL for a network in three dimensions")
@@ -123,13 +118,13 @@ def require_folder(path: Path) -> None:
         raise InputError(f"{path} is a folder: give the name of a file in it")
 
 
-def format_of(path: Path, writing: bool = False) -> Format:
-    """The format of a file by its ending, else an `InputError` with the endings that are read, or written."""
-    for known in FORMATS:
-        if path.suffix.lower() in known.endings:
-            return known
+def _format_of(path: Path, task: str) -> Format:
+    """The format of a file by its ending, to "read" or "write"; else an `InputError` with the endings for that task."""
     if path.is_dir():
         raise InputError(f"{path} is a folder: give the name of a file in it")
-    possible = [known for known in FORMATS if (known.write if writing else known.read) is not None]
-    endings = ", ".join(ending for known in possible for ending in known.endings)
-    raise InputError(f"no format has the ending {path.suffix!r} of {str(path)!r}: choose one of {endings}")
+    possible = {ending: known for known in FORMATS if getattr(known, task) for ending in known.endings}
+    if path.suffix.lower() in possible:
+        return possible[path.suffix.lower()]
+    known = any(path.suffix.lower() in format.endings for format in FORMATS)
+    what = f"is {'read' if task == 'write' else 'written'} only" if known else "is that of no format"
+    raise InputError(f"the ending {path.suffix!r} of {str(path)!r} {what}: choose one of {', '.join(possible)}")

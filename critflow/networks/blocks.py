@@ -43,7 +43,14 @@ def blocks(
         anchors = np.fromiter(pins, np.int64, len(pins))
         vertex[anchors] = n_vertices
         place = np.zeros((n_vertices, offsets.shape[1] + 1), np.int64)
-        place[anchors] = _places(np.array(list(pins.values())), cell)
+        # The image of the cell in which each pin lies, and the number of its place in that cell.
+        x = np.array(list(pins.values()))
+        unit = np.eye(x.shape[1]) * max(float(np.abs(x).max()), 1e-300) if cell is None else cell
+        inside = x @ np.linalg.inv(unit)
+        image = np.zeros(x.shape, np.int64) if cell is None else np.floor(inside + _SAME_PLACE).astype(np.int64)
+        rounded = np.round((inside - image) / _SAME_PLACE)
+        place[anchors, :-1] = image
+        place[anchors, -1] = 1 + np.unique(rounded, axis=0, return_inverse=True)[1].ravel()
         gains += place[edges[:, 1]] - place[edges[:, 0]]
     ends = vertex[edges]
     part = components(ends, n_vertices + 1)
@@ -135,15 +142,6 @@ def _check_degrees(edges: IntArray, pins: Mapping[int, Array], n_vertices: int) 
     if len(loose):
         support = "no edge" if degree[loose[0]] == 0 else "a single edge, which cannot carry tension"
         raise NetworkError(f"vertex {loose[0]} hangs on {support}: remove it, or use pruned(...)")
-
-
-def _places(positions: Array, cell: Array | None) -> IntArray:
-    """The image of the cell in which each pin lies, and the number of its place in that cell, (n, d + 1)."""
-    unit = np.eye(positions.shape[1]) * max(float(np.abs(positions).max()), 1e-300) if cell is None else cell
-    inside = positions @ np.linalg.inv(unit)
-    image = np.zeros(positions.shape, np.int64) if cell is None else np.floor(inside + _SAME_PLACE).astype(np.int64)
-    rounded = np.round((inside - image) / _SAME_PLACE)
-    return np.column_stack([image, 1 + np.unique(rounded, axis=0, return_inverse=True)[1].ravel()])
 
 
 def _graph(edges: IntArray, n_vertices: int) -> sp.csr_array:

@@ -214,15 +214,18 @@ def _numbers(key: str, text: str, kind: type) -> tuple:
         start, *more = (_number(key, part, whole) for part in piece.split(":"))
         example = f"start:stop, as in {key}=0:100" if whole else f"start:stop:step, as in {key}=0.001:0.010:0.001"
         require(len(more) in (0, 1 if whole else 2), f"{key}={piece} must be {example}")
-        stop, step = (*more, Decimal(1))[:2] if more else (start + whole, Decimal(1))
+        if not more:
+            values.append(kind(start) + 0)  # no negative zero
+            continue
+        stop, step = (*more, Decimal(1))[:2]
         require(step > 0, f"{key}={piece} has the step {step}: give a step above zero")
         require(
             stop > start if whole else stop >= start,
             f"{key}={piece} is an empty range or runs backwards: give a stop above {start}",
         )
-        count = min(int((stop - start) / step) + (not whole), LONGEST + 1)
+        count = int(min((stop - start) / step, Decimal(LONGEST + 1))) + (not whole)
         _check_length(key, text, len(values) + count)
-        values += [kind(start + i * step) + 0 for i in range(count)]  # no negative zero
+        values += [kind(start + i * step) + 0 for i in range(count)]
     return tuple(values)
 
 

@@ -152,7 +152,13 @@ def _distributed(client: Client, job: Job, tasks: Sequence[Task], stopped: threa
     while running:
         if stopped.is_set() and not cancelled:
             cancelled = True
-            _cancel_waiting(client, running)
+            # Tasks that no worker has begun; those that ended meanwhile are still to be counted.
+            begun = {key for keys in client.processing().values() for key in keys}
+            begun |= {key for key, holders in client.who_has().items() if holders}
+            waiting = [future for future in running if future.key not in begun]
+            client.cancel(waiting)
+            for future in waiting:
+                del running[future]
         ended = completed.next_batch(block=False)
         if not ended:
             time.sleep(0.05)
@@ -167,16 +173,6 @@ def _distributed(client: Client, job: Job, tasks: Sequence[Task], stopped: threa
                 yield outcomes
                 for part in again:
                     submit(part)
-
-
-def _cancel_waiting(client: Client, running: dict[Future, Task]) -> None:
-    """Cancel the tasks that no worker has begun; those that ended meanwhile are still to be counted."""
-    begun = {key for keys in client.processing().values() for key in keys}
-    begun |= {key for key, workers in client.who_has().items() if workers}
-    waiting = [future for future in running if future.key not in begun]
-    client.cancel(waiting)
-    for future in waiting:
-        del running[future]
 
 
 class _Deaths:
