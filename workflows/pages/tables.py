@@ -21,14 +21,14 @@ from .paper import EQUATIONS, named
 ROOT = Path(__file__).parents[2]
 REFERENCE = ROOT / "results" / "reference"
 # Both conventions of C_G: the sign that the paper states of max G_0 is that of the stress-corrected one.
-FEW = {
+MODULI = {
     "bulk_modulus_0": "B_0",
     "C_B_exact": "C_B",
     "shear_modulus_0": "G_0",
     "C_G_exact": "C_G, energy",
     "C_G_stress_corrected_exact": "C_G, stress-corrected",
 }
-MEASURES = FEW | {
+STRUCTURE = {
     "length_variance": "V_L",
     "tension_variance": "V_τ",
     "stressed_fraction": "stressed edges",
@@ -85,28 +85,34 @@ def head(*cells: str) -> list[str]:
 
 def populations(reference: Path) -> str:
     """One row a population: moduli at the transition and their change with strain."""
-    return _populations(_read(reference, "ensemble", "summary"), FEW, outcomes=False)
+    return _populations(_read(reference, "ensemble", "summary"), MODULI)
 
 
 def measures(reference: Path) -> str:
-    """One row a population: all measures, and the outcomes of the solves."""
-    return _populations(_read(reference, "ensemble", "summary"), MEASURES, outcomes=True)
+    """One row a population in each of two tables: the response; the structure and the outcomes of the solves."""
+    summary = _read(reference, "ensemble", "summary")
+    return _populations(summary, MODULI) + "\n\n" + "\n".join(_rows(summary, STRUCTURE, outcomes=True))
 
 
-def _populations(summary: dict, columns: dict[str, str], outcomes: bool) -> str:
+def _populations(summary: dict, columns: dict[str, str]) -> str:
     lines = [
         f"Median and range of 90 % of {summary['networks']} networks of {summary['parameters']['n_vertices']} "
         "vertices, in units of k. n is the number of networks; a second number is that of C_B and C_G:",
         "",
-        *head("population", "n", *columns.values(), *(["outcomes"] if outcomes else [])),
+        *_rows(summary, columns),
     ]
+    return "\n".join(lines)
+
+
+def _rows(summary: dict, columns: dict[str, str], outcomes: bool = False) -> list[str]:
+    lines = head("population", "n", *columns.values(), *(["outcomes"] if outcomes else []))
     for population, rows in summary["populations"].items():
         n = sorted({rows[name]["n"] for name in columns}, reverse=True)  # edges of zero length leave C_B, C_G undefined
         cells = [NAMES[population], ", ".join(map(str, n)), *(_spread(rows[name]) for name in columns)]
         if outcomes:
             cells.append(", ".join(f"{count} {status}" for status, count in rows["status"].items()))
         lines.append(row(*cells))
-    return "\n".join(lines)
+    return lines
 
 
 def _spread(row: dict) -> str:
