@@ -47,7 +47,7 @@ def test_one_step_follows_the_branch_of_many_steps(end):
     many = strain_path(critical, np.linspace(0, end, 101)[1:]).value
     np.testing.assert_allclose(one.states[-1].bond_vectors, many.states[-1].bond_vectors, rtol=0, atol=1e-12)
     assert one.bulk_modulus[-1] == pytest.approx(many.bulk_modulus[-1], rel=1e-11)
-    assert one.inserted[0] > 0 and (one.states[-1].extension < 0).any()
+    assert one.inserted[0] > 0 and len(one.states) == 1 and (one.states[-1].extension < 0).any()
     # Relaxed at once, Newton's method ends in another equilibrium.
     direct = relaxed_directly(critical, end)
     assert np.abs(direct.bond_vectors - one.states[-1].bond_vectors).max() > 0.1
