@@ -8,6 +8,7 @@ from critflow import CriticalManifold, SolveError, Status, WormLike, critical_fr
 from critflow import voronoi_network as voronoi
 from critflow.networks.deformation import deformation_of
 from critflow.paths import continuation
+from critflow.paths.predictor import Predictor
 from critflow.springs.free_cell import stretched
 
 
@@ -122,3 +123,29 @@ def test_slack_parts_do_not_shorten_the_steps():
     assert path.inserted.sum() < 20 and path.steps.sum() < 200
     other = strain_path(critical, [0.0013, 0.01], taut_only=True).value
     np.testing.assert_allclose(other.bulk_modulus[-1], path.bulk_modulus[-1], rtol=1e-9)
+
+
+@pytest.mark.parametrize("strains, degree", [([0.0, 1.0], 3), ([0.0, 0.3, 1.0], 5)])
+def test_a_path_is_extrapolated_to_the_order_of_its_points(strains, degree):
+    """Hermite polynomials of two and three points with velocities are exact up to the third and the fifth power."""
+
+    def path(t):
+        return np.array([t**degree, 1 - 2 * t**degree])
+
+    def velocity(t):
+        return degree * np.array([t ** (degree - 1), -2 * t ** (degree - 1)])
+
+    predictor = Predictor.at(0.0, path(0.0), velocity(0.0))
+    for t in strains[1:]:
+        predictor = predictor.extended(t, path(t), velocity(t), predictor.changes(t))
+    np.testing.assert_allclose(predictor.changes(1.7)[-1], path(1.7) - path(1.0), rtol=1e-11)
+    # Far beyond the last step a straight line errs least.
+    np.testing.assert_allclose(predictor.changes(9.0)[0], 8.0 * velocity(1.0))
+
+
+def test_a_path_with_a_kink_is_extrapolated_from_two_points():
+    predictor = Predictor.at(0.0, np.zeros(1), np.ones(1))
+    for t in (1.0, 2.0, 3.0, 4.0):
+        predictor = predictor.extended(t, np.array([abs(t - 1.5)]), np.sign([t - 1.5]), predictor.changes(t))
+    # Two points after the kink lie on a line; three points across it do not.
+    np.testing.assert_allclose(predictor.chosen(predictor.changes(5.0)), [1.0])
