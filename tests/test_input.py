@@ -13,6 +13,7 @@ from critflow import (
     critical_from_lengths,
     delaunay_network,
     diluted,
+    draw,
     elasticity,
     equilibrium,
     fibre_network,
@@ -262,6 +263,8 @@ CASES = {
     "a strain of zero": (lambda: strain_path(CRITICAL, [0.0, 0.001]), r"0\.001"),
     "strains twice": (lambda: strain_path(CRITICAL, [0.001, 0.001]), r"0\.001"),
     "strain infinite": (lambda: strain_path(CRITICAL, [np.inf]), r"0\.001"),
+    "a drawing of nothing": (lambda: draw(3), "drawn"),
+    "few colours": (lambda: draw(lattice("honeycomb", 2, 2), color=[1, 2]), "color"),
     "edge without length": (lambda: state(coordinates=np.zeros((4, 2))).sigma, "edge 0"),
 }
 

@@ -1,4 +1,4 @@
-"""The page in a real Chromium: what it shows, what the mouse changes, and what happens when something breaks."""
+"""The page in a real Chromium: what it shows, what the mouse changes, its lines, theme and strain."""
 
 import asyncio
 

@@ -2,6 +2,7 @@
 
 import asyncio
 import json
+import os
 import socket
 from pathlib import Path
 from urllib.parse import unquote, urlsplit
@@ -123,6 +124,13 @@ def test_the_token_is_in_a_private_file_and_not_in_the_arguments_of_the_browser(
 
     monkeypatch.setattr("critflow.explore.server.serve", look)
     assert main(["explore", "--n-vertices", "36"]) == 0 and len(opened) == 1
+
+
+def test_a_file_that_cannot_be_shown_is_one_sentence(tmp_path, capsys):
+    os.mkfifo(tmp_path / "pipe.json")
+    for name in ("pipe.json", "missing.csv", "missing.nc"):
+        assert main(["explore", str(tmp_path / name)]) == 2
+        assert name.split(".")[0] in capsys.readouterr().err
 
 
 def test_exports_are_the_state(tmp_path):

@@ -162,6 +162,12 @@ def test_a_change_that_fails_leaves_the_state(session, change, word):
     assert session.state is before
 
 
+def test_sources_refuse_what_they_cannot_show():
+    for given in ({"n_vertices": 10**7}, {"n_vertices": 2.5}, {"seed": "x"}):
+        with pytest.raises(CritflowError):
+            Random(**given)
+
+
 def test_a_network_in_space_is_referred_to_its_picture(tmp_path):
     network = critflow.lattice("cubic", 2, 2, 2)
     critflow.write_network(network, tmp_path / "cube.json", network.positions)

@@ -1,4 +1,4 @@
-"""Random sequential addition: minimum distance, statistics and reproducibility."""
+"""Random sequential addition: minimum distance and reproducibility."""
 
 import numpy as np
 import pytest

@@ -32,6 +32,27 @@ def test_saddle_solves_both_equations(backend, name):
     np.testing.assert_allclose(balance, forces, rtol=0, atol=1e-10)
 
 
+def test_a_compliance_stays_in_the_equations():
+    network = voronoi_network(20, seed=1)
+    sigma = random_stress(30, 4)
+    L = dense_bond_vectors(network, sigma)
+    rng = np.random.default_rng(5)
+    forces, elongations, compliance = (
+        rng.standard_normal((19, 2)),
+        rng.standard_normal(30),
+        10.0 ** rng.uniform(-6, 1, 30),
+    )
+    factor = Saddle(network).factorize(sigma, L, compliance=compliance)
+    border = rng.standard_normal((1, 30))
+    u, multipliers, y, _ = factor.solve_bordered(forces, elongations, border)
+    g, _ = grounded(network)
+    stretch = np.einsum("ad,ad->a", L, g @ u) + y @ border
+    assert border @ multipliers == pytest.approx(0, abs=1e-10)
+    np.testing.assert_allclose(stretch - compliance * multipliers, elongations, rtol=0, atol=1e-10)
+    balance = g.T @ (sigma[:, None] * (g @ u) + multipliers[:, None] * L)
+    np.testing.assert_allclose(balance, forces, rtol=0, atol=1e-10)
+
+
 @pytest.mark.parametrize("n_vertices", [40, 1000])
 @pytest.mark.parametrize("spread", [0.0, 0.9])
 def test_the_condensed_saddle_solves_the_saddle(n_vertices, spread):

@@ -2,9 +2,10 @@
 
 import numpy as np
 import pytest
-from problems import random_stress
+from problems import dense_free, random_stress
 
 from critflow import CriticalManifold, Deformation, Network, critical_from_lengths, voronoi_network
+from critflow.linalg.matrices import balanced_part
 from critflow.linalg.saddle import Saddle
 from critflow.onset.boundary_path import BoundaryPath
 from critflow.onset.from_lengths import newton_error
@@ -13,6 +14,7 @@ from critflow.onset.taut_set import polish_taut
 from critflow.solvers.cone import fit_lengths
 
 NETWORK = voronoi_network(40, seed=1)
+CRITICAL = CriticalManifold(NETWORK).configuration(random_stress(60, 1))
 
 
 def scaling(network):
@@ -67,6 +69,17 @@ def test_an_edge_that_cannot_be_stressed_is_released(edge):
     assert found.error < 1e-12
     np.testing.assert_array_equal(found.taut, kept)
     np.testing.assert_allclose(found.sigma[kept] / found.sigma[kept].mean(), critical.sigma / critical.sigma.mean())
+
+
+def test_the_balanced_part_of_a_stress_is_the_self_stress():
+    L = CRITICAL.bond_vectors
+    g, _ = dense_free(NETWORK)
+    # The self-stress and the projection on it, by dense algebra.
+    null = np.linalg.svd(np.concatenate([g.T @ np.diag(L[:, axis]) for axis in range(2)]))[2][-1]
+    sigma = CRITICAL.sigma + 1e-3 * np.random.default_rng(1).standard_normal(60)
+    found = balanced_part(NETWORK, L, sigma, CriticalManifold(NETWORK).hessian)
+    np.testing.assert_allclose(found, (sigma @ null) * null, rtol=0, atol=1e-9)
+    assert np.abs(g.T @ (found[:, None] * L)).max() < 1e-12
 
 
 def test_a_pin_outside_the_stressed_part_leaves_it_in_place():

@@ -8,6 +8,7 @@ from critflow import CriticalManifold, SolveError, Status, WormLike, critical_fr
 from critflow import voronoi_network as voronoi
 from critflow.networks.deformation import deformation_of
 from critflow.paths import continuation
+from critflow.paths.predictor import Predictor
 from critflow.springs.free_cell import stretched
 
 
@@ -47,7 +48,7 @@ def test_one_step_follows_the_branch_of_many_steps(end):
     many = strain_path(critical, np.linspace(0, end, 101)[1:]).value
     np.testing.assert_allclose(one.states[-1].bond_vectors, many.states[-1].bond_vectors, rtol=0, atol=1e-12)
     assert one.bulk_modulus[-1] == pytest.approx(many.bulk_modulus[-1], rel=1e-11)
-    assert one.inserted[0] > 0 and (one.states[-1].extension < 0).any()
+    assert one.inserted[0] > 0 and len(one.states) == 1 and (one.states[-1].extension < 0).any()
     # Relaxed at once, Newton's method ends in another equilibrium.
     direct = relaxed_directly(critical, end)
     assert np.abs(direct.bond_vectors - one.states[-1].bond_vectors).max() > 0.1
@@ -122,3 +123,29 @@ def test_slack_parts_do_not_shorten_the_steps():
     assert path.inserted.sum() < 20 and path.steps.sum() < 200
     other = strain_path(critical, [0.0013, 0.01], taut_only=True).value
     np.testing.assert_allclose(other.bulk_modulus[-1], path.bulk_modulus[-1], rtol=1e-9)
+
+
+@pytest.mark.parametrize("strains, degree", [([0.0, 1.0], 3), ([0.0, 0.3, 1.0], 5)])
+def test_a_path_is_extrapolated_to_the_order_of_its_points(strains, degree):
+    """Hermite polynomials of two and three points with velocities are exact up to the third and the fifth power."""
+
+    def path(t):
+        return np.array([t**degree, 1 - 2 * t**degree])
+
+    def velocity(t):
+        return degree * np.array([t ** (degree - 1), -2 * t ** (degree - 1)])
+
+    predictor = Predictor.at(0.0, path(0.0), velocity(0.0))
+    for t in strains[1:]:
+        predictor = predictor.extended(t, path(t), velocity(t), predictor.changes(t))
+    np.testing.assert_allclose(predictor.changes(1.7)[-1], path(1.7) - path(1.0), rtol=1e-11)
+    # Far beyond the last step a straight line errs least.
+    np.testing.assert_allclose(predictor.changes(9.0)[0], 8.0 * velocity(1.0))
+
+
+def test_a_path_with_a_kink_is_extrapolated_from_two_points():
+    predictor = Predictor.at(0.0, np.zeros(1), np.ones(1))
+    for t in (1.0, 2.0, 3.0, 4.0):
+        predictor = predictor.extended(t, np.array([abs(t - 1.5)]), np.sign([t - 1.5]), predictor.changes(t))
+    # Two points after the kink lie on a line; three points across it do not.
+    np.testing.assert_allclose(predictor.chosen(predictor.changes(5.0)), [1.0])

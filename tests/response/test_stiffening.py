@@ -42,6 +42,7 @@ GROWTHS = {
     **{f"{law}, {name}": (name, LAWS[law], "dilation") for law in LAWS for name in ("2D, random stiffness", "3D")},
     "simple shear": ("2D, oblique", Hookean(), "simple_shear"),
     "uniaxial": ("2D, random stiffness", Hookean(), "uniaxial"),
+    "shrinking": ("2D", Hookean(), -np.eye(2) / 2),
     "uniaxial of a law": ("2D, random stiffness", PowerLaw(4.5), "uniaxial"),
     "curved": (
         "2D",

@@ -1,4 +1,4 @@
-"""The onset study end to end, small: strains with bounds, and convex surfaces."""
+"""The onset study, small: the surface along a dilation, and the coordination of its families."""
 
 import numpy as np
 import pytest

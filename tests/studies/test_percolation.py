@@ -1,4 +1,4 @@
-"""The percolation study end to end, small: the curve, its half points and their power of the size."""
+"""The percolation study, small: the curve, its half points and their power of the size."""
 
 import numpy as np
 import pytest

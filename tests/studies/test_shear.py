@@ -1,4 +1,4 @@
-"""The shear study end to end, small: recorded ascents, parts of the bound, sizes, thresholds and starts."""
+"""The shear study, small: bounds, thresholds, exponents and starts."""
 
 from itertools import combinations
 

@@ -1,4 +1,4 @@
-"""The study of foams in three dimensions end to end, and the closed form of its stiffest population."""
+"""The study of foams in three dimensions, small: statuses and bounds."""
 
 import numpy as np
 
