@@ -273,10 +273,9 @@ class _Adjoint:
         )
         # Rates of the free components of the cell, and the relaxed motions with each.
         self._free_rates = path_rates(deformation, strain, deformation.gradient(strain), stretch)[0][1:]
-        weights = [strain_components(0.5 * (A + A.T)) for A in self._free_rates]
         motions = [
-            L @ A.T + network.free_incidence @ np.tensordot(weight, response.relaxations, 1)
-            for A, weight in zip(self._free_rates, weights, strict=True)
+            L @ A.T + network.free_incidence @ response.relaxation(strain_components(0.5 * (A + A.T)))
+            for A in self._free_rates
         ]
         self._free = np.reshape(motions, (-1, *L.shape))
 
