@@ -120,9 +120,9 @@ class Course:
             free = FreeCellState.of(start, cell.stretch, cell.free_strains)
             solution, factor, q = relaxed_with_cell(free, self.reference, cell.affine, self.pattern, self.tolerance)
             return solution, factor, replace(cell, stretch=q)
-        # Predictions are within reach of the correction with which Newton's method ends, but for cables, which tighten.
-        smooth = self.method == "newton" and not start.law.one_sided
-        tolerance = LOOSEST_TOLERANCE if smooth else self.tolerance
+        # Predictions are within reach of the last correction of Newton's method, but for cables, which tighten.
+        exact = self.method == "newton" and not start.law.one_sided
+        tolerance = LOOSEST_TOLERANCE if exact else self.tolerance
         solution, factor = relaxed(start, self.pattern, self.method, tolerance, condition=False)
         if not solution.ok and start.law.one_sided:
             # On the kinks of cables that are just tight corrections do not converge.

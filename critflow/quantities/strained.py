@@ -257,7 +257,8 @@ class _Adjoint:
         L, network = state.bond_vectors, state.network
         self._E = strain_basis(network.dimension)[1]
         self._affine = np.einsum("aij,ej->aei", self._E, L)
-        self._rates = self._affine + np.array([network.free_incidence @ u for u in response.relaxations])
+        relaxed = [response.relaxation(strain) for strain in np.eye(len(self._E))]
+        self._rates = self._affine + np.array([network.free_incidence @ u for u in relaxed])
         self._hdots = np.einsum("ei,aei->ae", L, self._rates)
         l, e, rest, k = state.lengths, state.extension, state.rest_lengths, network.stiffness
         sigma, K = state.sigma, state.modified_stiffness

@@ -42,20 +42,14 @@ _NO_RELAXATION = 1e-5
 class LinearResponse(Solution[Elasticity]):
     """The elasticity of a state under stress and the responses to strains.
 
-    strains, responses  rows n of `unit_strains`, and dx/dε (n, d, n_free) under them relative to the affine motion; no
-                        rows where they are not known
+    strains, responses  rows n of `unit_strains`, and dx/dε (n, d, n_free) under them; no rows where not known
     """
 
     strains: tuple[int, ...]
     responses: Array = field(repr=False)
 
-    @property
-    def relaxations(self) -> Array:
-        """dx/dε (m, n_free, d) under each strain of `strain_basis`."""
-        return np.array([self.relaxation(one) for one in np.eye(len(self.value.tensor))])
-
     def relaxation(self, strain: Array) -> Array:
-        """dx/dε (n_free, d) under a strain of components (m,) in `strain_basis`."""
+        """dx/dε (n_free, d) under a strain of components (m,) in `strain_basis`, relative to the affine motion."""
         weights = (basis_change(self.value.dimension) @ strain)[list(self.strains)]
         return np.einsum("n,ndi->di", weights, self.responses).T
 
