@@ -120,9 +120,9 @@ class Course:
             free = FreeCellState.of(start, cell.stretch, cell.free_strains)
             solution, factor, q = relaxed_with_cell(free, self.reference, cell.affine, self.pattern, self.tolerance)
             return solution, factor, replace(cell, stretch=q)
-        # Newton's method ends with a correction to the rounding of coordinates for every tolerance, and predictions are
-        # within its reach.
-        tolerance = LOOSEST_TOLERANCE if self.method == "newton" else self.tolerance
+        # Predictions are within reach of the last correction of Newton's method, but for cables, which tighten.
+        exact = self.method == "newton" and not start.law.one_sided
+        tolerance = LOOSEST_TOLERANCE if exact else self.tolerance
         solution, factor = relaxed(start, self.pattern, self.method, tolerance, condition=False)
         if not solution.ok and start.law.one_sided:
             # On the kinks of cables that are just tight corrections do not converge.
@@ -196,8 +196,7 @@ class Step:
     predicted  changes of z that were extrapolated, of which one began the correction
     curable    a smaller step may succeed where this one failed
     velocity   dz/dγ; None where it was not computed
-    tangent, moduli, elasticity, coordinate_error  measured at the end; without tensors `moduli` has bulk and shear
-                                                   moduli alone, and `elasticity` is None
+    tangent, moduli, coordinate_error  measured at the end; without tensors `moduli` has those of bulk and shear alone
     """
 
     cell: Cell
@@ -210,7 +209,6 @@ class Step:
     velocity: Array | None = None
     tangent: Tangent | None = None
     moduli: Elasticity | None = None
-    elasticity: Elasticity | None = None
     coordinate_error: float = np.nan
 
     @property
@@ -227,7 +225,6 @@ class Point:
     """The last accepted point of a path, and what the next step begins with.
 
     stride    length of the next step in strain
-    isolated  whether a step can return to this point: an equilibrium, but not the transition itself
     stress    tension over length of each spring at a transition, σ (N_b,) or T/p (N_f,); None elsewhere
     """
 
@@ -235,7 +232,6 @@ class Point:
     state: SpringState
     predictor: Predictor
     stride: float = np.inf
-    isolated: bool = True
     stress: Array | None = None
 
 
@@ -268,7 +264,7 @@ def begin(course: Course, springs: SpringState, stress: Array | None, cell: Cell
     """
     cell = cell or course.cell(0.0, np.zeros(len(course.free_strains)))
     predictor = Predictor.at(cell.strain, cell.point(springs))
-    point = Point(cell, springs, predictor, isolated=False, stress=stress)
+    point = Point(cell, springs, predictor, stress=stress)
     if stress is not None:
         return Progress(point, cell.strain, _unmoved(point), ended=True)
     # Free components of the cell may have stress here, and velocities are unknown.
@@ -378,7 +374,6 @@ def _measured(course: Course, end: Step, factor: Factor | None) -> Step:
     return replace(
         end,
         moduli=moduli,
-        elasticity=moduli if course.measure == "tensors" else None,
         velocity=None if along is None else end.cell.velocity(along),
         tangent=None if course.measure == "energy" else along,
     )
@@ -415,9 +410,12 @@ def _expected(method: str, start: SpringState, solution: Equilibrium[SpringState
 
 def _returns(course: Course, point: Point, start: SpringState, end: Step) -> bool:
     """Whether the step back ends at the last state, which it does not from beyond a fold."""
-    if not point.isolated or _distance(start, end.state) <= DOUBTED_DISTANCE:
+    here = point.cell
+    # No step returns to a transition, where nothing is determined.
+    away = point.stress is None and here.strain != end.cell.strain
+    if not away or _distance(start, end.state) <= DOUBTED_DISTANCE:
         return True
-    here, n = point.cell, end.predicted.shape[1] - len(point.cell.stretch)
+    n = end.predicted.shape[1] - len(point.cell.stretch)
     velocity = np.zeros(end.predicted.shape[1]) if end.velocity is None else end.velocity
     back = (here.strain - end.cell.strain) * velocity
     cell = replace(here, stretch=end.cell.stretch).changed(back[n:])
@@ -430,9 +428,11 @@ def _keeps_lengths(state: SpringState, strain: float) -> bool:
 
     Where they resist, a stress is of the order of the strain.
     """
+    if strain == 0 or not _weakly_stressed(state, strain):
+        return False
     unit, rounding = strain**2 * state.stiffness_scale, ROUNDING_COMPRESSION * state.stress_rounding
     least = np.maximum(UNSTRESSED * unit, np.where(rounding < WEAK * unit, rounding, 0.0))
-    return strain != 0 and bool((np.abs(state.sigma) <= least).all())
+    return bool((np.abs(state.sigma) <= least).all())
 
 
 def _weakly_stressed(state: SpringState, strain: float) -> bool:

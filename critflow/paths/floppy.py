@@ -67,6 +67,5 @@ def _unstressed(course: Course, point: Point, springs: SpringState, strain: floa
         *(cell, state, np.zeros((1, 0))),
         tangent=Tangent(np.zeros_like(x), np.zeros(len(q)), 0.0, 0.0),
         moduli=moduli,
-        elasticity=moduli if course.measure == "tensors" else None,
     )
     return Progress(point, strain, end, ended=True)

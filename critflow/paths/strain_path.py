@@ -35,12 +35,13 @@ _LOOSENED = "the strain loosens the network, which is floppy on this side of the
 
 @dataclass(frozen=True, eq=False)
 class StrainPath(Record):
-    """Equilibria at strains γ (n,): moduli, energy and forces (n,), work and status of each step, the states.
+    """Equilibria at strains γ (n,): moduli, energy and forces (n,), Newton steps and status, the states.
 
     From the first strain that is not reached, values are NaN and `status` holds the reason.
     Stability is tested at these strains and at inserted ones: a symmetric state that loses and regains it in between,
     where F(γ) turns back, passes.
 
+    steps     Newton steps (n,) before the correction to the exact equilibrium, none from a close prediction
     inserted  steps (n,) to intermediate strains, which are not stored
     coordinate_error, bulk_modulus_error, shear_modulus_error  bounds (n,) on the errors against the exact equilibrium;
     the last one for both conventions.  Error bounds (estimate): those of `equilibrium` and `elasticity`
@@ -98,7 +99,8 @@ def check_strains(strains: ArrayLike, signed: bool = False, zero: bool = False) 
 class PathSolver:
     """How the springs of a path are relaxed: method and tolerance of `equilibrium`.
 
-    pattern  of the Hessian, made for each path if it is not given; for many paths of one network
+    tolerance  for FIRE, cables, and free components of the cell; Newton's answer is otherwise exact to rounding
+    pattern    of the Hessian, made for each path if it is not given; for many paths of one network
     """
 
     method: str = "auto"
@@ -158,13 +160,13 @@ def strain_path(
     first, options = start_of(start, law, taut_only), solver or PathSolver()
     gamma, method = check_strains(strains, signed=True, zero=first.stress is None), relaxation_method(options.method)
     path = deformation_of(deformation, first.springs.network.dimension)
-    _ = [path.gradient(strain) for strain in gamma]  # refuses those that invert the cell
+    gradients = {strain: path.gradient(strain) for strain in gamma.tolist()}  # refuses those that invert the cell
     if not isinstance(measure, str) or measure not in MEASURES:
         raise InputError(f"a path measures one of {', '.join(MEASURES)}, not {shown(measure)}")
     if path.free and method != "newton":
         raise InputError("free components of the cell need Newton's method: method='newton'")
     pattern = (None if first.part else options.pattern) or first.springs.pattern()
-    course = Course(first.springs.network, path, method, options.tolerance, measure, pattern)
+    course = Course(first.springs.network, path, method, options.tolerance, measure, pattern, gradients)
     result = _solution(course, gamma, _follow(course, first, gamma), first.note)
     return result.or_raise("the strain path stopped") if throw else result
 
@@ -197,7 +199,7 @@ def _follow(course: Course, first: Beginning, gamma: Array) -> list[Progress]:
 
 def _solution(course: Course, gamma: Array, reached: list[Progress], note: str) -> Solution[StrainPath]:
     """The path up to the last strain that was reached, with the status of the last step."""
-    path, last = _assembled(gamma, reached, course.deformation), reached[-1]
+    path, last = _assembled(course, gamma, reached), reached[-1]
     stats = Stats(
         course.method,
         int(path.steps.sum()),
@@ -216,9 +218,9 @@ def _loosened(springs: SpringState, stress: Array, deformation: Deformation, str
     return bool((sigma >= 0).all() and work < -LOOSENING_WORK * size)
 
 
-def _assembled(gamma: Array, reached: list[Progress], deformation: Deformation) -> StrainPath:
+def _assembled(course: Course, gamma: Array, reached: list[Progress]) -> StrainPath:
     """The path of all strains, of which only the last one tried may have failed."""
-    d, m = deformation.dimension, len(deformation.free)
+    d, m, tensors = course.deformation.dimension, len(course.free_strains), course.measure == "tensors"
     ends = [progress.end for progress in reached if progress.end.ok]
 
     def measured(value: Callable[[Step], float | Array], *shape: int) -> Array:
@@ -249,11 +251,11 @@ def _assembled(gamma: Array, reached: list[Progress], deformation: Deformation) 
         coordinate_error=measured(lambda end: end.coordinate_error),
         bulk_modulus_error=of_moduli(lambda moduli: moduli.errors.bulk),
         shear_modulus_error=of_moduli(lambda moduli: max(moduli.errors.shear, moduli.errors.shear_stress_corrected)),
-        deformation=deformation,
+        deformation=course.deformation,
         modulus=measured(lambda end: end.tangent.second / volume_of(end.state) if end.tangent else np.nan),
         modulus_error=measured(lambda end: end.tangent.second_error / volume_of(end.state) if end.tangent else np.nan),
         stress=measured(lambda end: _stress(end.state), d, d),
-        elasticity=tuple(end.elasticity for end in ends if end.elasticity is not None),
+        elasticity=tuple(end.moduli for end in ends if tensors and end.moduli is not None),
         free_components=measured(lambda end: end.cell.stretch, m),
     )
 

@@ -69,8 +69,7 @@ def tangent_of_response(response: LinearResponse, rates: Array, second_rates: Ar
     size = np.abs(path @ weights)
     error = float(size @ tensors.errors.tensor @ size)
     V = tensors.volume
-    relaxation = np.einsum("m,mid->id", path @ weights, response.relaxations)
-    return Tangent(relaxation, path[1:], float(V * (E[0] @ path)), V * error)
+    return Tangent(response.relaxation(path @ weights), path[1:], float(V * (E[0] @ path)), V * error)
 
 
 def tangent(state: SpringState, rates: Array, second_rates: Array, relaxations: Array) -> Tangent:

@@ -103,12 +103,11 @@ def dot(a: Extended, b: Extended) -> Extended:
     return result
 
 
-def difference_of_squares(vectors: Extended, lengths: Array) -> Array:
-    """|v|² − ℓ², (n,), rounded once but for 1e-31 |v|², of vectors (n, d) and lengths (n,)."""
+def less_squares(vectors: Extended, squares: Extended) -> Array:
+    """|v|² − q, (n,), rounded once but for 1e-31 |v|², of vectors (n, d) and numbers q (n,) of the same size."""
     square, rest = two_square(vectors.high)
     rest += 2 * vectors.high * vectors.low
-    result, error = two_square(lengths)
-    result, error = -result, -error
+    result, error = -squares.high, -squares.low
     for axis in range(square.shape[1]):
         result, rounding = two_sum(result, square[:, axis])
         error += rounding

@@ -234,7 +234,8 @@ class _Adjoint:
         L, network = state.bond_vectors, state.network
         self._E = strain_basis(network.dimension)[1]
         self._affine = np.einsum("aij,ej->aei", self._E, L)
-        self._rates = self._affine + np.array([network.free_incidence @ u for u in response.relaxations])
+        relaxed = [response.relaxation(strain) for strain in np.eye(len(self._E))]
+        self._rates = self._affine + np.array([network.free_incidence @ u for u in relaxed])
         self._hdots = np.einsum("ei,aei->ae", L, self._rates)
         l, e, rest, k = state.lengths, state.extension, state.rest_lengths, network.stiffness
         sigma, K = state.sigma, state.modified_stiffness
@@ -250,10 +251,9 @@ class _Adjoint:
         )
         # Rates of the free components of the cell, and the relaxed motions with each.
         self._free_rates = path_rates(deformation, strain, deformation.gradient(strain), stretch)[0][1:]
-        weights = [strain_components(0.5 * (A + A.T)) for A in self._free_rates]
         motions = [
-            L @ A.T + network.free_incidence @ np.tensordot(weight, response.relaxations, 1)
-            for A, weight in zip(self._free_rates, weights, strict=True)
+            L @ A.T + network.free_incidence @ response.relaxation(strain_components(0.5 * (A + A.T)))
+            for A in self._free_rates
         ]
         self._free = np.reshape(motions, (-1, *L.shape))
 

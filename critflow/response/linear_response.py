@@ -40,13 +40,18 @@ _NO_RELAXATION = 1e-5
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class LinearResponse(Solution[Elasticity]):
-    """The elasticity of a state under stress and the responses to all strains.
+    """The elasticity of a state under stress and the responses to strains.
 
-    relaxations  dx/dε (n_free, d) under each strain of `strain_basis`, relative to the affine motion, (m, n_free, d);
-                 zero where they are not known
+    strains, responses  rows n of `unit_strains`, and dx/dε (n, d, n_free) under them; no rows where not known
     """
 
-    relaxations: Array = field(repr=False)
+    strains: tuple[int, ...]
+    responses: Array = field(repr=False)
+
+    def relaxation(self, strain: Array) -> Array:
+        """dx/dε (n_free, d) under a strain of components (m,) in `strain_basis`, relative to the affine motion."""
+        weights = (basis_change(self.value.dimension) @ strain)[list(self.strains)]
+        return np.einsum("n,ndi->di", weights, self.responses).T
 
 
 def linear_response(
@@ -90,8 +95,8 @@ def linear_response(
         # The shift hides eigenvalues that compression makes negative but small.
         stable, note = (Status.unstable, "") if factor.indefinite else stability_of(state, pattern)
         if stable is not Status.ok:
-            nothing, stats = np.zeros((d * (d + 1) // 2, *state.forces.shape)), Stats("linear response", 2)
-            return LinearResponse(no_elasticity(d, volume), stable, stats, note, relaxations=nothing)
+            nothing, stats = np.zeros((0, d, len(state.network.free))), Stats("linear response", 2)
+            return LinearResponse(no_elasticity(d, volume), stable, stats, note, strains=(), responses=nothing)
         found = _responses(state, factor, volume, strains)
     assert found is not None
     errors: Errors | None = found.elasticity.errors if found.converged else None
@@ -100,7 +105,6 @@ def linear_response(
         errors = None if change is None else Errors.total([errors, change])
     number = state.largest_stiffness * inverse_norm(factor, found.last[0].T) if condition else np.nan
     stats = Stats("linear response", 1, residual=found.residual, condition=number)
-    relaxations = np.einsum("nm,ndi->mid", basis_change(d)[list(strains)], found.relaxations)
     value, status, note = found.elasticity, Status.ok, ""
     trusted = TRUSTED_ERROR * max(abs(value.bulk), abs(value.shear))
     if errors is None or max(errors.bulk, errors.shear, errors.shear_stress_corrected) > trusted:
@@ -108,7 +112,7 @@ def linear_response(
         note = "rounding errors exceed a tenth of the response to strain: measure it further from the transition"
     elif not exact:
         value = replace(value, errors=errors)
-    return LinearResponse(value, status, stats, note, relaxations=relaxations)
+    return LinearResponse(value, status, stats, note, strains=strains, responses=found.relaxations)
 
 
 # Strains
@@ -214,7 +218,7 @@ def _responses(state: SpringState, factor: Factor, volume: float, strains: tuple
         rate = affine + _sums(network.free_incidence, u)
     form = (form - gained) / volume
     speed = np.sqrt(np.einsum("aie,aie->ae", rate, rate))
-    noise, first = _rounding(state, speed, u.swapaxes(1, 2), tension)
+    noise, first = _rounding(state, speed, u, tension)
     unfinished = np.sqrt(np.outer(unfinished, unfinished))
     form_rounding = (noise + unfinished) / volume + 4 * EPS * np.abs(form)
 
@@ -254,12 +258,12 @@ def _contraction(energy: Array, before: Array) -> float:
 def _rounding(state: SpringState, speed: Array, u: Array, tension: Array) -> tuple[Array, Array]:
     """Rounding errors of V C_ab, (m, m), and the parts (N_b,) of the first one.
 
-    Sources: σ; rates |L̇| (m, N_b) as differences of vertex velocities u (m, n_free, d), which may exceed them; products
+    Sources: σ; rates |L̇| (m, N_b) as differences of vertex velocities u (m, d, n_free), which may exceed them; products
     with K ḣ (m, N_b).
     """
     network, sigma, length = state.network, np.abs(state.sigma), state.lengths
     vertex_speed = np.zeros((len(u), network.n_vertices))
-    vertex_speed[:, network.free_rows] = np.sqrt(np.einsum("aiv,aiv->ai", u, u))
+    vertex_speed[:, network.free_rows] = np.sqrt(np.einsum("avi,avi->ai", u, u))
     tail, head = np.ascontiguousarray(network.edges.T)
     rate_rounding = EPS * (speed + vertex_speed.take(tail, 1) + vertex_speed.take(head, 1) + length)
     pull = np.abs(tension) * length + sigma * speed

@@ -18,9 +18,10 @@ from typing import NamedTuple
 
 import numpy as np
 
+from critflow.linalg.products import product
 from critflow.linalg.saddle import CondensedFactor, CondensedSaddle, Saddle, SaddleFactor
 from critflow.linalg.tolerances import EPS
-from critflow.linalg.vectors import dot
+from critflow.linalg.vectors import dot, norms
 from critflow.networks.network import Array, Network
 from critflow.response.linear_response import accumulated_rounding
 from critflow.springs.laws import SpringLaw, checked_law
@@ -63,7 +64,7 @@ class Response:
     amplitude     c, the strain's amplitude of the self-stress
     work          |σ̂·ḣ| of the affine strain, and its rounding error
     displacement  u (n_free, d)
-    rate          L̇ = A L + g u, (N_b, d)
+    rate, speed   L̇ = A L + g u, (N_b, d), and |L̇|
     rounded       numbers (N_b,) whose roundings enter L̇: |L̇|, the velocities of both vertices, |L|
     slip          L·L̇ − c K⁻¹ σ̂, (N_b,), zero but for the error of u, and its derivative by L, (N_b, d)
     multipliers   λ (N_b,) orthogonal to σ̂, along which they are free
@@ -76,6 +77,7 @@ class Response:
     work: tuple[float, float]
     displacement: Array
     rate: Array
+    speed: Array
     rounded: Array
     slip: Array
     slip_by_L: Array
@@ -141,22 +143,22 @@ class ThirdOrderEnergy:
         hdot = dot(L, affine)
         c = float(s @ hdot) / self._D
         goal = c * s * self._flexibility
-        pull = -(network.divergence @ (sigma[:, None] * affine))
+        pull = -product(network.divergence, sigma[:, None] * affine)
         u, multiplier, residual = factor.solve(pull, goal - hdot, _FIRST)
-        rate = affine + g @ u
-        force = -(network.divergence @ (sigma[:, None] * rate + multiplier[:, None] * L))
+        rate = affine + product(g, u)
+        force = -product(network.divergence, sigma[:, None] * rate + multiplier[:, None] * L)
         rest = goal - dot(L, rate)
         change, correction, _ = factor.solve(force, rest)
         error = (abs(float(np.vdot(force, change))) + abs(float(rest @ correction))) / self._norm
         u, multiplier = u + change, (multiplier + correction) / self._norm
         multiplier = multiplier - (s @ multiplier) * s
-        rate, velocity = affine + g @ u, np.zeros(network.n_vertices)
-        velocity[network.free] = np.linalg.norm(u, axis=1)
-        rounded = np.linalg.norm(rate, axis=1) + velocity[network.edges].sum(axis=1) + self._lengths
+        rate, velocity = affine + product(g, u), np.zeros(network.n_vertices)
+        velocity[network.free], speed = norms(u), norms(rate)
+        rounded = speed + velocity[network.edges].sum(axis=1) + self._lengths
         slip, slip_by_L = dot(L, rate) - goal, rate + L @ A - (2 * c * s / self._k)[:, None] * L
-        rounding = accumulated_rounding(2 * EPS * np.abs(s) * self._lengths * np.linalg.norm(affine, axis=1))
+        rounding = accumulated_rounding(2 * EPS * np.abs(s) * self._lengths * norms(affine))
         work = abs(c) * self._D, float(rounding)
-        return Response(A, c, work, u, rate, rounded, slip, slip_by_L, multiplier, error, residual)
+        return Response(A, c, work, u, rate, speed, rounded, slip, slip_by_L, multiplier, error, residual)
 
     def third(self, terms: Sequence[Term]) -> Derivatives:
         """E_abc of the terms, and its derivatives, with those by the amplitudes c_a, which are functions of σ̂, L, k."""
@@ -189,7 +191,7 @@ class ThirdOrderEnergy:
             by_s += derivative * (dot(L, AL) - 2 * cs * flexibility)
             by_L += (2 * derivative * s)[:, None] * (AL - (cs / k)[:, None] * L)
             by_k += derivative * cs * s * flexibility / k
-        by_length = np.linalg.norm(by_L, axis=1) * self._lengths
+        by_length = norms(by_L) * self._lengths
         return Derivatives(float(np.sum(edges)), (by_s - (by_s @ s) * s) / self._norm, by_L, by_k, by_length)
 
     def third_error(self, terms: Sequence[Term], by_length: Array) -> float:
@@ -201,8 +203,7 @@ class ThirdOrderEnergy:
         s, length, k, responses = np.abs(self._s), self._lengths, self._k, self.responses
         goals = [abs(response.amplitude) * s * self._flexibility for response in responses]
         weights = [np.abs(response.multipliers) for response in responses]
-        rates = [np.linalg.norm(response.rate, axis=1) for response in responses]
-        slips = [response.rounded for response in responses]
+        rates, slips = ([getattr(one, name) for one in responses] for name in ("speed", "rounded"))
         _, i, j, l, _ = terms[0]
         noise = 4 * (np.abs(self._third_of_law) / length**3 + 3 * k / length**4) * goals[i] * goals[j] * goals[l]
         remaining = 0.0

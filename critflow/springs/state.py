@@ -24,7 +24,7 @@ from critflow.linalg.tolerances import EPS
 from critflow.linalg.vectors import dot, norms
 from critflow.networks.checks import edge_values
 from critflow.networks.network import Array, Network, validated_coordinates
-from critflow.precision.double_double import Extended, difference_of_squares, lengths
+from critflow.precision.double_double import Extended, lengths, less_squares, two_square
 from critflow.precision.geometry import exact_sums
 from critflow.precision.residual import Displacement, exact_displacement
 from critflow.result import InputError, Record
@@ -35,7 +35,7 @@ from critflow.springs.laws import HOOKEAN, SpringLaw, checked_law
 # and its pivots are not examined.
 TAUT = 1e-7
 # Cached values that do not depend on the configuration.
-_MEANS = ("length_scale", "mean_stiffness")
+_OF_SPRINGS = ("length_scale", "mean_stiffness", "rest_squares")
 
 EdgeMatrix: TypeAlias = Array | sp.coo_array
 """A symmetric matrix over edges: its diagonal (N_b,), or all of it (N_b, N_b) sparse."""
@@ -181,6 +181,11 @@ class SpringState(Record):
         """Mean length at rest."""
         return float(self.rest_lengths.mean())
 
+    @cached_property
+    def rest_squares(self) -> Extended:
+        """ℓ² (N_b,), exactly."""
+        return two_square(self.rest_lengths)
+
     @property
     def stress_rounding(self) -> Array:
         """Rounding error of σ, (N_b,), a difference of lengths and bond vectors that are rounded."""
@@ -193,7 +198,7 @@ class SpringState(Record):
         rest = self.rest_lengths
         if self.faces is None:
             length = norms(bond_vectors.high)
-            extension = difference_of_squares(bond_vectors, rest) / (length + rest)
+            extension = less_squares(bond_vectors, self.rest_squares) / (length + rest)
         else:
             exact = lengths(bond_vectors)
             length, extension = exact.high, exact_sums(self.faces.sides, exact, rest)
@@ -275,9 +280,9 @@ class SpringState(Record):
         return self.placed(self.coordinates @ gradient.T, self.bond_vectors @ gradient.T, network)
 
     def placed(self: State, coordinates: Array, bond_vectors: Array, network: Network | None = None) -> State:
-        """The same springs elsewhere: as `replace`, which takes longer, with the cached means of the springs."""
+        """The same springs elsewhere: as `replace`, which takes longer, with the cached values of the springs."""
         there, here = object.__new__(type(self)), self.__dict__
-        there.__dict__.update((name, here[name]) for name in (*_names(type(self)), *_MEANS) if name in here)  # type: ignore[arg-type]
+        there.__dict__.update((name, here[name]) for name in (*_names(type(self)), *_OF_SPRINGS) if name in here)  # type: ignore[arg-type]
         there.__dict__.update(coordinates=coordinates, bond_vectors=bond_vectors, network=network or self.network)
         return there
 

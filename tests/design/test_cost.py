@@ -84,6 +84,31 @@ def test_a_path_without_moduli_has_no_linear_response(factorised, monkeypatch, n
     assert set(without) == {SPRINGS}
 
 
+@pytest.mark.parametrize("measure", ["energy", "moduli", "tensors"])
+@pytest.mark.parametrize("deformation", ["dilation", "simple_shear"])
+def test_a_strain_of_a_path_is_one_factorisation(factorised, deformation, measure):
+    """And one for the velocity at the transition; only the first strain, a long step, takes a few more."""
+    network = NETWORKS["planar"](200, seed=3)
+    critical, paths = CriticalManifold(network).configuration(np.ones(network.n_edges)), []
+    side = 1 if strain_path(critical, [1e-3], deformation, throw=False).ok else -1
+    strains = side * 1e-3 * np.arange(1, 11)
+    counts = factorised(
+        network, lambda: paths.append(strain_path(critical, strains, deformation, measure=measure).value)
+    )
+    assert counts[SPRINGS] <= len(strains) + 4
+    assert paths[0].steps[0] <= 3 and not paths[0].steps[2:].any() and not paths[0].inserted.any()
+
+
+@pytest.mark.parametrize("deformation, solved", [("dilation", 2), ("simple_shear", 2), ("uniaxial", 3)])
+def test_a_path_without_tensors_solves_for_its_strains_alone(monkeypatch, deformation, solved):
+    network = NETWORKS["planar"](60, seed=1)
+    critical, rows = CriticalManifold(network).configuration(np.ones(network.n_edges)), []
+    monkeypatch.setattr(PATH, "strains_of", lambda rates: rows.append(strains_of(rates)) or rows[-1])
+    for strain in (0.001, -0.001):  # one of them tightens
+        strain_path(critical, [strain], deformation=deformation, measure="moduli", throw=False)
+    assert {len(row) for row in rows} == {solved}
+
+
 def test_lengths_determine_the_transition_without_springs(factorised):
     """A few steps of the iteration, Newton's method on the stressed edges, and one balance of the resulting stress."""
     network = NETWORKS["planar"](60, seed=1)

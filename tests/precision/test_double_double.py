@@ -9,8 +9,8 @@ from rationals import DIGITS, exact, fractions
 from critflow.precision.double_double import (
     Extended,
     add,
-    difference_of_squares,
     divide,
+    less_squares,
     multiply,
     square_root,
     subtract,
@@ -72,6 +72,6 @@ def test_differences_of_squares_keep_the_digits_of_small_extensions(extension):
     v = Extended(vectors.high.reshape(-1, 2), vectors.low.reshape(-1, 2))
     lengths = np.linalg.norm(v.high, axis=1) * (1 - extension)
     expected = np.sum(exact(v) ** 2, axis=1) - fractions(lengths) ** 2
-    found = fractions(difference_of_squares(v, lengths))
+    found = fractions(less_squares(v, two_square(lengths)))
     # One rounding of the result, and 30 digits of the squares that cancel in it.
     assert (np.abs(found - expected) <= Fraction(1, 2**52) * np.abs(expected) + DIGITS * fractions(lengths) ** 2).all()

@@ -159,7 +159,7 @@ def test_relaxations_move_the_bonds_to_the_strained_equilibrium(case):
         return equilibrium(state.deformed(np.eye(d) + np.einsum("a,aij->ij", e, basis))).value.bond_vectors
 
     def rates(e):
-        u = np.einsum("a,avi->vi", e, response.relaxations)
+        u = response.relaxation(e)
         return state.bond_vectors @ np.einsum("a,aij->ij", e, basis) + state.network.free_incidence @ u
 
     ends = np.eye(len(basis))[[0, -1]]
@@ -368,14 +368,14 @@ def test_errors_of_an_unfinished_relaxation(gamma, tolerance):
 def test_errors_count_the_velocities_of_both_vertices():
     # Vertices that move together leave rates as differences of large numbers; k differs from edge to edge.
     state = stretched(with_random_stiffness(voronoi_network(24, seed=1), 3))
-    network, u = state.network, np.full((1, len(state.network.free), 2), 1e6)
+    network, u = state.network, np.full((1, 2, len(state.network.free)), 1e6)
     inner, moved = np.isin(network.edges, network.free).all(axis=1), 2 * np.sqrt(2) * 1e6
     _, parts = rounding_of_response(state, np.zeros((1, network.n_edges)), u, np.ones((1, network.n_edges)))
     expected = 2 * state.lengths * EPS * (moved + state.lengths)
     np.testing.assert_allclose(parts[inner], expected[inner], rtol=1e-12)
     speed = 1e-3 * state.bond_vectors
     pull = np.abs(state.resistance(1e-3 * state.lengths**2)) * state.lengths + 1e-3 * state.sigma * state.lengths
-    parts = rounding_along_path(state, speed, u[0])
+    parts = rounding_along_path(state, speed, u[0].T)
     np.testing.assert_allclose(parts[inner], (2 * pull * EPS * moved)[inner], rtol=1e-4)
 
 
