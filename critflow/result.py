@@ -6,7 +6,8 @@ convert it into a `SolveError` that carries the solution.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields, is_dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, field, fields, is_dataclass
 from enum import IntEnum
 from typing import TYPE_CHECKING, Any, Generic, Self, TypeVar
 
@@ -79,6 +80,37 @@ class Record:
         return f"{type(self).__name__}({', '.join(_shown_fields(self))})"
 
 
+class Deferred(Record):
+    """A record some of whose fields may be those of another record, which is computed when one of them is read first.
+
+    Such fields have no default value in the class itself, only a `default_factory`.
+    """
+
+    @classmethod
+    def deferred(cls, source: Callable[[], Any], **known: Any) -> Self:
+        """A record of known fields; all others are attributes of what `source` returns."""
+        record = object.__new__(cls)
+        vars(record).update(known, _source=source)
+        return record
+
+    if not TYPE_CHECKING:
+
+        def __getattr__(self, name: str) -> Any:
+            source = self.__dict__.get("_source")
+            if source is None or name not in self.__dataclass_fields__:
+                raise AttributeError(f"{type(self).__name__} has no attribute {name!r}")
+            complete = source()
+            rest = {one.name: getattr(complete, one.name) for one in fields(self) if one.name not in vars(self)}
+            vars(self).update(rest, _source=None)
+            return rest[name]
+
+    def __getstate__(self) -> dict[str, Any]:
+        """All fields and what was computed from them, without the source."""
+        for one in fields(self):  # type: ignore[arg-type]
+            getattr(self, one.name)
+        return {name: value for name, value in vars(self).items() if name != "_source"}
+
+
 # Arrays, tuples and mappings of more entries, and texts of more characters, are shortened.
 _MOST_ENTRIES, _MOST_CHARACTERS = 6, 80
 
@@ -112,8 +144,12 @@ def _brief(value: Any) -> str:
     return f"{text[:_MOST_CHARACTERS]}..." if isinstance(value, str) else f"{type(value).__name__}(...)"
 
 
+def _unknown() -> float:
+    return float("nan")
+
+
 @dataclass(frozen=True)
-class Stats(Record):
+class Stats(Deferred):
     """Method, work and accuracy of a solve.  Pass the fields by keyword.
 
     method       name of the method
@@ -125,10 +161,10 @@ class Stats(Record):
     """
 
     method: str
-    steps: int = 0
-    residual: float = float("nan")
-    condition: float = float("nan")
-    error_bound: Any = float("nan")
+    steps: int = field(default_factory=int)
+    residual: float = field(default_factory=_unknown)
+    condition: float = field(default_factory=_unknown)
+    error_bound: Any = field(default_factory=_unknown)
 
 
 @dataclass(frozen=True)

@@ -87,12 +87,12 @@ def descend(
         return _repeated(objective, run, x, limit, monitor)
 
     end, saddles = minimise_past_saddles(objective, repeated, objective.unknowns(start), max_steps, STATIONARY)
-    reached = manifold.solve(objective.sigma(end.point.x), balance=end.point.state.balance)
-    condition, bound = reached.stats.condition, reached.value.error_bound
+    balance = end.point.state.balance
+    reached = manifold.solve_when_read(balance.sigma, balance)
     optimum = Optimum(
         value=reached.value,
         status=end.status,
-        stats=Stats(method, end.steps, residual=end.point.residual, condition=condition, error_bound=bound),
+        stats=Stats.deferred(lambda: reached.stats, method=method, steps=end.steps, residual=end.point.residual),
         objective=objective.sign * end.point.value,
         saddles=saddles,
         crossings=tuple(monitor.crossings),

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from critflow.arguments import checked
-from critflow.critical.derivatives import evaluate, evaluate_at
+from critflow.critical.derivatives import Evaluation, evaluate, evaluate_at
 from critflow.critical.manifold import CriticalConfiguration, CriticalManifold, require_one_self_stress
 from critflow.critical.quantity import Quantity
 from critflow.critical.transition import PenalisedModulus, dilation
@@ -29,7 +29,7 @@ from critflow.quantities.largest_modulus import largest_modulus
 from critflow.quantities.optimum import Optimum
 from critflow.quantities.vocabulary import quantity
 from critflow.response.at_transition import transition_modulus_error
-from critflow.result import InputError, Stats
+from critflow.result import InputError, Solution, Stats
 
 # Tolerance of dO/dσ times N_b above which the iteration towards equal lengths alone is faster than with Newton's method
 # at its end: the same 15 to 35 steps for 100 to 10,000 vertices.
@@ -186,7 +186,7 @@ def _closed_form(problem: _Problem) -> Optimum:
         )
     if not optimum.ok:
         return replace(optimum, stats=replace(optimum.stats, residual=np.nan))
-    _, residual = _stationarity(manifold, goal, optimum.value)
+    residual = _residual(evaluate(manifold, goal, optimum.value.sigma))
     if problem.is_bulk:
         error = partial(transition_modulus_error, dilation(manifold.network.dimension), optimum.value)
     else:
@@ -208,17 +208,30 @@ def _cone_program(problem: _Problem) -> Optimum:
     if goal.exact != "conic":
         raise InputError("the cone program finds the least length variance only: choose another method")
     found = critical_from_lengths(manifold, np.ones(manifold.network.n_edges), throw=False)
-    variance, residual = _stationarity(manifold, goal, found.value) if found.ok else (np.nan, np.nan)
+    optimum = _least_variance(found, found.stats.method, found.stats.steps)
+    if found.ok:
+        here = evaluate(manifold, goal, found.value.sigma)
+        optimum = _least_variance(found, found.stats.method, found.stats.steps, here.value, _residual(here))
+    return replace(optimum, note=found.note, slack_edges=found.slack_edges)
+
+
+def _least_variance(
+    found: Solution[CriticalConfiguration],
+    method: str,
+    steps: int,
+    variance: float = np.nan,
+    residual: float = np.nan,
+) -> Optimum:
+    """The optimum at a configuration of equal lengths, whose coordinates are computed when they are read."""
+    # An optimum of the stresses is of springs, without rest lengths.
+    known = {name: vars(found.value)[name] for name in ("network", "sigma", "manifold") if name in vars(found.value)}
     return Optimum(
-        # An optimum of the stresses is of springs.
-        value=replace(found.value, rest_lengths=None),
+        value=CriticalConfiguration.deferred(lambda: found.value, rest_lengths=None, **known),
         status=found.status,
-        stats=replace(found.stats, residual=residual),
-        note=found.note,
+        stats=Stats.deferred(lambda: found.stats, method=method, steps=steps, residual=residual),
         objective=variance,
         # The least variance is zero.
         error_of=partial(float, variance),
-        slack_edges=found.slack_edges,
     )
 
 
@@ -238,24 +251,15 @@ def _equal_lengths(problem: _Problem, tolerance: float) -> Optimum | None:
         if deviation > 2 * tolerance * n_edges:
             continue  # The gradient, which costs as much as a step, is about two deviations an edge.
         here = evaluate_at(balance, goal)
-        residual = float(np.abs(here.gradient).max())
-        if residual < tolerance:
-            found = manifold.solve(balance.sigma, balance=balance)
-            stats = Stats("iteration", step, residual, found.stats.condition, found.stats.error_bound)
-            return Optimum(
-                value=found.value,
-                status=found.status,
-                stats=stats,
-                objective=here.value,
-                error_of=partial(float, here.value),
-            )
+        if _residual(here) < tolerance:
+            found = manifold.solve_when_read(balance.sigma, balance)
+            return _least_variance(found, "iteration", step, here.value, _residual(here))
     return None
 
 
-def _stationarity(manifold: CriticalManifold, goal: Quantity, value: CriticalConfiguration) -> tuple[float, float]:
-    """Value of an objective at a configuration, and the largest component of dO/dσ."""
-    evaluation = evaluate(manifold, goal, value.sigma)
-    return evaluation.value, float(np.abs(evaluation.gradient).max())
+def _residual(here: Evaluation) -> float:
+    """The largest component of dO/dσ."""
+    return float(np.abs(here.gradient).max())
 
 
 METHODS = (*DESCENTS, "closed_form", "conic")
