@@ -65,8 +65,9 @@ def optimize(
     observe    called with (step, value, σ, L) at the start and after every step of a descent; when it returns a true
                value the descent ends there, with `Status.step_limit`
 
-    The statistics contain condition and error bound of the configuration for its stress.  With stresses of any sign a
-    descent may cross stresses whose prestress matrix is singular, which have no configuration.
+    The statistics contain condition and error bound of the configuration for its stress; these and its coordinates are
+    computed when one of them is read first.  With stresses of any sign a descent may cross stresses whose prestress
+    matrix is singular, which have no configuration.
 
     An optimum that is not attained has a status: `Status.edge_collapse` for a tension variance whose infimum has an
     edge of zero length, `Status.slack_edges` for a length variance whose infimum has slack edges, `Status.singular`

@@ -144,7 +144,7 @@ study = Study(
     ),
     parameters={
         "contestants": METHODS,
-        "levels": tuple(range(25)),
+        "levels": tuple(range(31)),
         "repeats": 15,
         "patience": 1.5,
         "budget": 30.0,
