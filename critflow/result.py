@@ -81,14 +81,11 @@ class Record:
 
 
 class Deferred(Record):
-    """A record some of whose fields may be those of another record, which is computed when one of them is read first.
-
-    Such fields have no default value in the class itself, only a `default_factory`.
-    """
+    """A record whose fields may be computed when they are read first; those have no default but a `default_factory`."""
 
     @classmethod
     def deferred(cls, source: Callable[[], Any], **known: Any) -> Self:
-        """A record of known fields; all others are attributes of what `source` returns."""
+        """A record of known fields; all others are those of the record that `source` computes."""
         record = object.__new__(cls)
         vars(record).update(known, _source=source)
         return record
@@ -105,10 +102,8 @@ class Deferred(Record):
             return rest[name]
 
     def __getstate__(self) -> dict[str, Any]:
-        """All fields and what was computed from them, without the source."""
-        for one in fields(self):  # type: ignore[arg-type]
-            getattr(self, one.name)
-        return {name: value for name, value in vars(self).items() if name != "_source"}
+        """The fields alone, all of them computed."""
+        return {one.name: getattr(self, one.name) for one in fields(self)}  # type: ignore[arg-type]
 
 
 # Arrays, tuples and mappings of more entries, and texts of more characters, are shortened.
@@ -144,10 +139,6 @@ def _brief(value: Any) -> str:
     return f"{text[:_MOST_CHARACTERS]}..." if isinstance(value, str) else f"{type(value).__name__}(...)"
 
 
-def _unknown() -> float:
-    return float("nan")
-
-
 @dataclass(frozen=True)
 class Stats(Deferred):
     """Method, work and accuracy of a solve.  Pass the fields by keyword.
@@ -162,9 +153,9 @@ class Stats(Deferred):
 
     method: str
     steps: int = field(default_factory=int)
-    residual: float = field(default_factory=_unknown)
-    condition: float = field(default_factory=_unknown)
-    error_bound: Any = field(default_factory=_unknown)
+    residual: float = field(default_factory=lambda: float("nan"))
+    condition: float = field(default_factory=lambda: float("nan"))
+    error_bound: Any = field(default_factory=lambda: float("nan"))
 
 
 @dataclass(frozen=True)

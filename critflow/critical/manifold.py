@@ -90,10 +90,6 @@ class CriticalConfiguration(Deferred):
         """The manifold that made the configuration, or one of its network, made at its first use."""
         return CriticalManifold(self.network)
 
-    def __getstate__(self) -> dict[str, Any]:
-        """Without the manifold, which a copy makes at its first use."""
-        return {name: value for name, value in super().__getstate__().items() if name != "manifold"}
-
     @property
     def tensions(self) -> Array:
         """τ_α = σ_α |L_α|, (N_b,), up to the scale of σ (`ForceDensity`)."""

@@ -209,31 +209,22 @@ def _cone_program(problem: _Problem) -> Optimum:
     if goal.exact != "conic":
         raise InputError("the cone program finds the least length variance only: choose another method")
     found = critical_from_lengths(manifold, np.ones(manifold.network.n_edges), throw=False)
-    optimum = _least_variance(found, found.stats.method, found.stats.steps)
-    if found.ok:
-        here = evaluate(manifold, goal, found.value.sigma)
-        optimum = _least_variance(found, found.stats.method, found.stats.steps, here.value, _residual(here))
+    here = evaluate(manifold, goal, found.value.sigma) if found.ok else None
+    optimum = _least_variance(found, manifold, "conic", found.stats.steps, here)
     return replace(optimum, note=found.note, slack_edges=found.slack_edges)
 
 
 def _least_variance(
-    found: Solution[CriticalConfiguration],
-    method: str,
-    steps: int,
-    variance: float = np.nan,
-    residual: float = np.nan,
+    found: Solution[CriticalConfiguration], manifold: CriticalManifold, method: str, steps: int, here: Evaluation | None
 ) -> Optimum:
     """The optimum at a configuration of equal lengths, whose coordinates are computed when they are read."""
+    variance, residual = (here.value, _residual(here)) if here else (np.nan, np.nan)
     # An optimum of the stresses is of springs, without rest lengths.
-    known = {name: vars(found.value)[name] for name in ("network", "sigma", "manifold") if name in vars(found.value)}
-    return Optimum(
-        value=CriticalConfiguration.deferred(lambda: found.value, rest_lengths=None, **known),
-        status=found.status,
-        stats=Stats.deferred(lambda: found.stats, method=method, steps=steps, residual=residual),
-        objective=variance,
-        # The least variance is zero.
-        error_of=partial(float, variance),
-    )
+    known = {"network": manifold.network, "sigma": found.value.sigma, "rest_lengths": None, "manifold": manifold}
+    value = CriticalConfiguration.deferred(lambda: found.value, **known)
+    stats = Stats.deferred(lambda: found.stats, method=method, steps=steps, residual=residual)
+    # The least variance is zero.
+    return Optimum(value, found.status, stats, objective=variance, error_of=partial(float, variance))
 
 
 def _equal_lengths(problem: _Problem, tolerance: float) -> Optimum | None:
@@ -254,7 +245,7 @@ def _equal_lengths(problem: _Problem, tolerance: float) -> Optimum | None:
         here = evaluate_at(balance, goal)
         if _residual(here) < tolerance:
             found = manifold.solve_when_read(balance.sigma, balance)
-            return _least_variance(found, "iteration", step, here.value, _residual(here))
+            return _least_variance(found, manifold, "iteration", step, here)
     return None
 
 

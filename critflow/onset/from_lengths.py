@@ -106,10 +106,9 @@ def _configuration_of(manifold: CriticalManifold, lengths: Array) -> FromLengths
         note = f"{len(slack)} of {network.n_edges} edges are slack, edge {slack[0]} among them; narrow the lengths"
 
     def accuracy() -> Stats:
-        bound = np.nan
-        if not len(slack):
-            bound = 2 * newton_error(manifold.saddle, network, lengths, value.coordinates, value.sigma)
-        return Stats("conic", condition=balanced.stats.condition, error_bound=bound)
+        x, sigma = value.coordinates, value.sigma
+        error = np.nan if len(slack) else newton_error(manifold.saddle, network, lengths, x, sigma)
+        return Stats("conic", condition=balanced.stats.condition, error_bound=2 * error)
 
     def cables() -> CriticalConfiguration:
         return replace(balanced.value, rest_lengths=np.where(end.taut, balanced.value.lengths, ratio * lengths))
