@@ -6,7 +6,8 @@ convert it into a `SolveError` that carries the solution.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from collections.abc import Callable
+from dataclasses import dataclass, field, fields
 from enum import IntEnum
 from typing import TYPE_CHECKING, Any, Generic, Self, TypeVar
 
@@ -79,6 +80,32 @@ class Record:
         return f"{type(self).__name__}({', '.join(_shown_fields(self))})"
 
 
+class Deferred(Record):
+    """A record whose fields may be computed when they are read first; those have no default but a `default_factory`."""
+
+    @classmethod
+    def deferred(cls, source: Callable[[], Any], **known: Any) -> Self:
+        """A record of known fields; all others are those of the record that `source` computes."""
+        record = object.__new__(cls)
+        vars(record).update(known, _source=source)
+        return record
+
+    if not TYPE_CHECKING:
+
+        def __getattr__(self, name: str) -> Any:
+            source = self.__dict__.get("_source")
+            if source is None or name not in self.__dataclass_fields__:
+                raise AttributeError(f"{type(self).__name__} has no attribute {name!r}")
+            complete = source()
+            rest = {one.name: getattr(complete, one.name) for one in fields(self) if one.name not in vars(self)}
+            vars(self).update(rest, _source=None)
+            return rest[name]
+
+    def __getstate__(self) -> dict[str, Any]:
+        """The fields alone, all of them computed."""
+        return {one.name: getattr(self, one.name) for one in fields(self)}  # type: ignore[arg-type]
+
+
 # Arrays, tuples and mappings of more entries, and texts of more characters, are shortened.
 _MOST_ENTRIES, _MOST_CHARACTERS = 6, 80
 
@@ -112,7 +139,7 @@ def _brief(value: Any) -> str:
 
 
 @dataclass(frozen=True)
-class Stats(Record):
+class Stats(Deferred):
     """Method, work and accuracy of a solve.  Pass the fields by keyword.
 
     method       name of the method
@@ -124,10 +151,10 @@ class Stats(Record):
     """
 
     method: str
-    steps: int = 0
-    residual: float = float("nan")
-    condition: float = float("nan")
-    error_bound: Any = float("nan")
+    steps: int = field(default_factory=int)
+    residual: float = field(default_factory=lambda: float("nan"))
+    condition: float = field(default_factory=lambda: float("nan"))
+    error_bound: Any = field(default_factory=lambda: float("nan"))
 
 
 @dataclass(frozen=True)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -79,20 +80,14 @@ def descend(
     manifold = objective.manifold
     signed = isinstance(objective, SignedStressObjective)
     monitor = (SignedDescentMonitor if signed else DescentMonitor)(objective, observe)
-
-    def run(x: Array, limit: int | None) -> Minimum:
-        return _minimise(objective, method, x, tolerance, limit, monitor)
-
-    def repeated(x: Array, limit: int | None) -> Minimum:
-        return _repeated(objective, run, x, limit, monitor)
-
+    repeated = partial(_repeated, objective, partial(_minimise, objective, method, tolerance, monitor), monitor)
     end, saddles = minimise_past_saddles(objective, repeated, objective.unknowns(start), max_steps, STATIONARY)
-    reached = manifold.solve(objective.sigma(end.point.x), balance=end.point.state.balance)
-    condition, bound = reached.stats.condition, reached.value.error_bound
+    balance = end.point.state.balance
+    reached = manifold.solve_when_read(balance.sigma, balance)
     optimum = Optimum(
         value=reached.value,
         status=end.status,
-        stats=Stats(method, end.steps, residual=end.point.residual, condition=condition, error_bound=bound),
+        stats=Stats.deferred(lambda: reached.stats, method=method, steps=end.steps, residual=end.point.residual),
         objective=objective.sign * end.point.value,
         saddles=saddles,
         crossings=tuple(monitor.crossings),
@@ -117,7 +112,7 @@ def descend(
 
 
 def _repeated(
-    objective: StressObjective, run: Descent, x: Array, max_steps: int | None, monitor: DescentMonitor
+    objective: StressObjective, run: Descent, monitor: DescentMonitor, x: Array, max_steps: int | None
 ) -> Minimum:
     """The descent from x (N_b,), repeated from moderate stresses where it does not end at an optimum."""
     end = run(x, max_steps)
@@ -151,12 +146,7 @@ def _improves(again: Minimum, end: Minimum) -> bool:
 
 
 def _minimise(
-    objective: StressObjective,
-    method: str,
-    x: Array,
-    tolerance: float,
-    max_steps: int | None,
-    monitor: DescentMonitor,
+    objective: StressObjective, method: str, tolerance: float, monitor: DescentMonitor, x: Array, max_steps: int | None
 ) -> Minimum:
     """One descent from x (N_b,), without a test for saddles."""
     steps = 0

@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike
 
 from critflow.arguments import checked
 from critflow.critical.manifold import CriticalConfiguration, CriticalManifold, require_one_self_stress
-from critflow.critical.quantity import Quantity, evaluate, evaluate_at
+from critflow.critical.quantity import Evaluation, Quantity, evaluate, evaluate_at
 from critflow.critical.transition import PenalisedModulus, dilation
 from critflow.design.descent import DESCENTS, Observer, descend
 from critflow.design.stress_objective import SignedStressObjective, StressObjective
@@ -27,7 +27,7 @@ from critflow.onset.length_iteration import iterate_lengths
 from critflow.quantities.largest_modulus import Optimum, largest_modulus
 from critflow.quantities.vocabulary import quantity
 from critflow.response.at_transition import transition_modulus_error
-from critflow.result import InputError, Stats
+from critflow.result import InputError, Solution, Stats
 
 # Tolerance of dO/dσ times N_b above which the iteration towards equal lengths alone is faster than with Newton's method
 # at its end: the same 15 to 35 steps for 100 to 10,000 vertices.
@@ -63,8 +63,9 @@ def optimize(
     observe    called with (step, value, σ, L) at the start and after every step of a descent; when it returns a true
                value the descent ends there, with `Status.step_limit`
 
-    The statistics contain condition and error bound of the configuration for its stress.  With stresses of any sign a
-    descent may cross stresses whose prestress matrix is singular, which have no configuration.
+    The statistics contain condition and error bound of the configuration for its stress; these and its coordinates are
+    computed when one of them is read first.  With stresses of any sign a descent may cross stresses whose prestress
+    matrix is singular, which have no configuration.
 
     An optimum that is not attained has a status: `Status.edge_collapse` for a tension variance whose infimum has an
     edge of zero length, `Status.slack_edges` for a length variance whose infimum has slack edges, `Status.singular`
@@ -184,7 +185,7 @@ def _closed_form(problem: _Problem) -> Optimum:
         )
     if not optimum.ok:
         return replace(optimum, stats=replace(optimum.stats, residual=np.nan))
-    _, residual = _stationarity(manifold, goal, optimum.value)
+    residual = _residual(evaluate(manifold, goal, optimum.value.sigma))
     if problem.is_bulk:
         error = partial(transition_modulus_error, dilation(manifold.network.dimension), optimum.value)
     else:
@@ -206,18 +207,22 @@ def _cone_program(problem: _Problem) -> Optimum:
     if goal.exact != "conic":
         raise InputError("the cone program finds the least length variance only: choose another method")
     found = critical_from_lengths(manifold, np.ones(manifold.network.n_edges), throw=False)
-    variance, residual = _stationarity(manifold, goal, found.value) if found.ok else (np.nan, np.nan)
-    return Optimum(
-        # An optimum of the stresses is of springs.
-        value=replace(found.value, rest_lengths=None),
-        status=found.status,
-        stats=replace(found.stats, residual=residual),
-        note=found.note,
-        objective=variance,
-        # The least variance is zero.
-        error_of=partial(float, variance),
-        slack_edges=found.slack_edges,
-    )
+    here = evaluate(manifold, goal, found.value.sigma) if found.ok else None
+    optimum = _least_variance(found, manifold, "conic", found.stats.steps, here)
+    return replace(optimum, note=found.note, slack_edges=found.slack_edges)
+
+
+def _least_variance(
+    found: Solution[CriticalConfiguration], manifold: CriticalManifold, method: str, steps: int, here: Evaluation | None
+) -> Optimum:
+    """The optimum at a configuration of equal lengths, whose coordinates are computed when they are read."""
+    variance, residual = (here.value, _residual(here)) if here else (np.nan, np.nan)
+    # An optimum of the stresses is of springs, without rest lengths.
+    known = {"network": manifold.network, "sigma": found.value.sigma, "rest_lengths": None, "manifold": manifold}
+    value = CriticalConfiguration.deferred(lambda: found.value, **known)
+    stats = Stats.deferred(lambda: found.stats, method=method, steps=steps, residual=residual)
+    # The least variance is zero.
+    return Optimum(value, found.status, stats, objective=variance, error_of=partial(float, variance))
 
 
 def _equal_lengths(problem: _Problem, tolerance: float) -> Optimum | None:
@@ -236,24 +241,15 @@ def _equal_lengths(problem: _Problem, tolerance: float) -> Optimum | None:
         if deviation > 2 * tolerance * n_edges:
             continue  # The gradient, which costs as much as a step, is about two deviations an edge.
         here = evaluate_at(balance, goal)
-        residual = float(np.abs(here.gradient).max())
-        if residual < tolerance:
-            found = manifold.solve(balance.sigma, balance=balance)
-            stats = Stats("iteration", step, residual, found.stats.condition, found.stats.error_bound)
-            return Optimum(
-                value=found.value,
-                status=found.status,
-                stats=stats,
-                objective=here.value,
-                error_of=partial(float, here.value),
-            )
+        if _residual(here) < tolerance:
+            found = manifold.solve_when_read(balance.sigma, balance)
+            return _least_variance(found, manifold, "iteration", step, here)
     return None
 
 
-def _stationarity(manifold: CriticalManifold, goal: Quantity, value: CriticalConfiguration) -> tuple[float, float]:
-    """Value of an objective at a configuration, and the largest component of dO/dσ."""
-    evaluation = evaluate(manifold, goal, value.sigma)
-    return evaluation.value, float(np.abs(evaluation.gradient).max())
+def _residual(here: Evaluation) -> float:
+    """The largest component of dO/dσ."""
+    return float(np.abs(here.gradient).max())
 
 
 METHODS = (*DESCENTS, "closed_form", "conic")

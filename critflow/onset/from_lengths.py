@@ -99,18 +99,25 @@ def _configuration_of(manifold: CriticalManifold, lengths: Array) -> FromLengths
     else:
         return replace(nothing, stats=Stats("conic", steps), note=_fixed_edge(network, lengths, end))
     assert end is not None
-    value, condition = balanced
-    slack, status, note, bound = np.flatnonzero(~end.taut), Status.ok, "", np.nan
+    slack, status, note = np.flatnonzero(~end.taut), Status.ok, ""
+    ratio = float(end.ratios(path, lengths)[end.taut].mean()) / (1 + end.strain)
     if len(slack):
         status = Status.slack_edges
         note = f"{len(slack)} of {network.n_edges} edges are slack, edge {slack[0]} among them; narrow the lengths"
-    else:
-        bound = 2 * newton_error(manifold.saddle, network, lengths, value.coordinates, value.sigma)
-    ratio = float((value.lengths / lengths)[end.taut].mean())
+
+    def accuracy() -> Stats:
+        x, sigma = value.coordinates, value.sigma
+        error = np.nan if len(slack) else newton_error(manifold.saddle, network, lengths, x, sigma)
+        return Stats("conic", condition=balanced.stats.condition, error_bound=2 * error)
+
+    def cables() -> CriticalConfiguration:
+        return replace(balanced.value, rest_lengths=np.where(end.taut, balanced.value.lengths, ratio * lengths))
+
+    value = CriticalConfiguration.deferred(cables, network=network, sigma=balanced.value.sigma, manifold=manifold)
     return FromLengths(
-        value=replace(value, rest_lengths=np.where(end.taut, value.lengths, ratio * lengths)),
+        value=value,
         status=status,
-        stats=Stats("conic", steps, residual=end.error, condition=condition, error_bound=bound),
+        stats=Stats.deferred(accuracy, method="conic", steps=steps, residual=end.error),
         note=note,
         slack_edges=slack,
         ratio=ratio,
@@ -151,16 +158,16 @@ def _attempts(
 
 def _balanced(
     manifold: CriticalManifold, path: BoundaryPath, end: OnsetState
-) -> tuple[CriticalConfiguration, float] | None:
-    """The configuration in exact balance under the stress of the taut edges, and its condition number.
+) -> Solution[CriticalConfiguration] | None:
+    """The configuration in exact balance under the stress of the taut edges.
 
     Newton's method reduces the errors of lengths and forces together.  Vertices off the taut edges keep their
     coordinates.  None where the balance fails.
     """
     network, taut, part = manifold.network, end.taut, end.part
     if taut.all():
-        balance = manifold.solve(end.sigma)
-        return (balance.value, balance.stats.condition) if balance.ok else None
+        balance = manifold.solve_when_read(end.sigma)
+        return balance if balance.ok else None
     if part is None or part.several:
         return None
     # With the scale of the whole, so that its bounds are those of the stress as stored.
@@ -176,7 +183,7 @@ def _balanced(
     whole = CriticalConfiguration(network, sigma, x, network.bond_vectors(x))
     # Short edges would lose digits in the rounding of the coordinates.
     whole.bond_vectors[taut], errors[taut] = balance.value.bond_vectors, balance.value.bond_errors
-    return replace(whole, bond_errors=errors), balance.stats.condition
+    return replace(balance, value=replace(whole, bond_errors=errors))
 
 
 def newton_error(saddle: Saddle, network: Network, lengths: Array, coordinates: Array, sigma: Array) -> float:

@@ -8,13 +8,13 @@ not by a relative change of the value: near the transition a small change of ene
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, NamedTuple, Protocol, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg.lapack import dtrtrs
 
 from critflow.result import Status
 
@@ -160,8 +160,47 @@ class Fire:
         return trial, FireState(trial.x, velocity, time_step, mixing, descending)
 
 
-Pair = tuple[Array, Array, float]
-"""Change of x, change of the gradient, and their product."""
+class Pairs:
+    """The last changes of x and of the gradient, s_i and y_i: the inverse Hessian of L-BFGS.
+
+    With S and Y from old to new, R the upper triangle of Sᵀ Y and D its diagonal, the two loops over the pairs are two
+    triangular systems (Nocedal & Wright, algorithm 7.4):
+        R a = Sᵀ g,   r = H₀ (g − Y a),   Rᵀ w = D a − Yᵀ r,   H⁻¹ g = r + S w.
+    """
+
+    def __init__(self, memory: int, n: int):
+        # The place of the oldest pair takes the next one.
+        self._dx, self._dgradient, self._products = (np.empty((memory, size)) for size in (n, n, memory))
+        self.clear()
+
+    def __len__(self) -> int:
+        return len(self._order)
+
+    def clear(self) -> None:
+        self._order: list[int] = []
+
+    def append(self, dx: Array, dgradient: Array) -> None:
+        place = self._order.pop(0) if len(self) == len(self._dx) else len(self)
+        self._order.append(place)
+        self._dx[place], self._dgradient[place] = dx, dgradient
+        self._products[: len(self), place] = self._dx[: len(self)] @ dgradient
+
+    def direction(self, gradient: Array, diagonal: Array | float) -> Array:
+        """−H⁻¹ g with the inverse Hessian implied by the pairs and a diagonal part of the Hessian that is known."""
+        if not len(self):
+            return -gradient
+        order, scattered = np.array(self._order), np.empty(len(self))
+        S, Y = self._dx[: len(self)], self._dgradient[: len(self)]
+        R = self._products[order][:, order]
+        first = dtrtrs(R, (S @ gradient)[order])[0]
+        scattered[order] = first
+        direction = scattered @ Y - gradient
+        dx, dgradient = S[order[-1]], Y[order[-1]]
+        rest = dgradient - diagonal * dx
+        curvature = rest @ dx
+        direction /= diagonal + (rest @ rest / curvature if curvature > 0 else dgradient @ dgradient / R[-1, -1])
+        scattered[order] = dtrtrs(R, R.diagonal() * first + (Y @ direction)[order], trans=1)[0]
+        return direction - scattered @ S
 
 
 class LBFGSState(NamedTuple):
@@ -171,7 +210,7 @@ class LBFGSState(NamedTuple):
     idle           steps since either of them decreased
     """
 
-    pairs: deque[Pair]
+    pairs: Pairs
     fresh: bool
     lowest: float
     least: float
@@ -194,16 +233,16 @@ class LBFGS:
     max_move: float = 0.7
 
     def init(self, point: Point) -> LBFGSState:
-        return LBFGSState(deque(maxlen=self.memory), True, point.value, point.residual)
+        return LBFGSState(Pairs(self.memory, len(point.x)), True, point.value, point.residual)
 
     def step(self, function: Function, point: Point, state: LBFGSState) -> tuple[Point, LBFGSState | None]:
         pairs = state.pairs
-        direction = _two_loops(point.gradient, pairs, function.stiff_diagonal(point))
+        direction = pairs.direction(point.gradient, function.stiff_diagonal(point))
         gradient = point.gradient @ direction
         if not gradient < 0:
             pairs.clear()
             direction, gradient = -point.gradient, -(point.gradient @ point.gradient)
-        length = min(1.0 if pairs else np.inf, self.max_move / float(np.abs(direction).max()))
+        length = min(1.0 if len(pairs) else np.inf, self.max_move / float(np.abs(direction).max()))
         trial = _backtrack(function, point, direction, float(gradient), length)
         if trial is None:
             pairs.clear()
@@ -211,7 +250,7 @@ class LBFGS:
         dx, dgradient = trial.x - point.x, trial.gradient - point.gradient
         product = float(dx @ dgradient)
         if product > 1e-12 * np.sqrt((dx @ dx) * (dgradient @ dgradient)):
-            pairs.append((dx, dgradient, product))
+            pairs.append(dx, dgradient)
         lower = trial.value < state.lowest - ROUNDING * abs(state.lowest)
         idle = 0 if lower or trial.residual < state.least else state.idle + 1
         if idle > IDLE:
@@ -231,23 +270,6 @@ def _backtrack(function: Function, point: Point, direction: Array, gradient: flo
             return trial
         length *= 0.3
     return None
-
-
-def _two_loops(gradient: Array, pairs: deque[Pair], diagonal: Array | float) -> Array:
-    """−H⁻¹ gradient with the inverse Hessian implied by the pairs and the diagonal."""
-    direction = -gradient
-    weights = []
-    for dx, dgradient, product in reversed(pairs):
-        weights.append(dx @ direction / product)
-        direction -= weights[-1] * dgradient
-    if pairs:
-        dx, dgradient, product = pairs[-1]
-        rest = dgradient - diagonal * dx
-        curvature = rest @ dx
-        direction /= diagonal + (rest @ rest / curvature if curvature > 0 else dgradient @ dgradient / product)
-    for (dx, dgradient, product), weight in zip(pairs, reversed(weights), strict=True):
-        direction += (weight - dgradient @ direction / product) * dx
-    return direction
 
 
 @dataclass(frozen=True)

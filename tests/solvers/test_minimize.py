@@ -5,7 +5,7 @@ import pytest
 from problems import Analytic, quadratic
 
 from critflow import Status
-from critflow.solvers.minimize import LBFGS, METHODS, Fire, Newton, minimise
+from critflow.solvers.minimize import LBFGS, METHODS, Fire, Newton, Pairs, minimise
 
 
 def rosenbrock():
@@ -119,3 +119,24 @@ def test_a_step_that_raises_the_value_is_refused_where_the_model_predicts_roundi
     )
     start = function.at(np.zeros(1))
     assert Newton().step(function, start, 10.0)[0].value == start.value
+
+
+@pytest.mark.parametrize("n_pairs", [0, 1, 4, 5, 6, 13])
+def test_the_direction_of_l_bfgs_is_that_of_the_updates_of_bfgs(n_pairs):
+    """The dense inverse Hessian, updated by the last pairs in turn, from the known diagonal and one curvature."""
+    rng, n, memory = np.random.default_rng(n_pairs), 7, 5
+    hessian = np.diag(rng.uniform(1, 3, n)) + np.ones((n, n))
+    diagonal, gradient, pairs = rng.uniform(0, 0.5, n), rng.standard_normal(n), Pairs(memory, n)
+    changes = [(dx, hessian @ dx) for dx in rng.standard_normal((n_pairs, n))]
+    for pair in changes:
+        pairs.append(*pair)
+    inverse = np.eye(n)
+    if changes:
+        dx, rest = changes[-1][0], changes[-1][1] - diagonal * changes[-1][0]
+        inverse = np.diag(1 / (diagonal + rest @ rest / (rest @ dx)))
+    for dx, dgradient in changes[-memory:]:
+        projector = np.eye(n) - np.outer(dx, dgradient) / (dx @ dgradient)
+        inverse = projector @ inverse @ projector.T + np.outer(dx, dx) / (dx @ dgradient)
+    np.testing.assert_allclose(pairs.direction(gradient, diagonal), -inverse @ gradient, rtol=1e-10, atol=1e-12)
+    pairs.clear()
+    np.testing.assert_array_equal(pairs.direction(gradient, diagonal), -gradient)

@@ -37,14 +37,25 @@ from critflow.workflow import stable_rng
 from ..timing import Answer, Method, Task, installed, peer
 
 SIZES = (100, 1_000, 10_000)
-TOLERANCES = (1e-2, 1e-3, 1e-4, 1e-5, 1e-6, 1e-8, 1e-10, 1e-12, 1e-14)
-# Closely spaced tolerances, where runs are short and for methods with gradients alone.
-FINE = (1e-2, 1e-3, 3e-4, 1e-4, 3e-5, 1e-5, 3e-6, 1e-6, 3e-7, *(10.0**-n for n in range(7, 15)))
-SHORT = 1_000
+# Decades of the tolerances: close ones end where runs become long.
+CLOSE, FINEST = 8, 14
+SHORT = 1_000  # size from which methods with curvatures have one tolerance a decade
 CONE = (1e-4, 1e-6, 1e-8, 1e-10, 1e-12)
 STEPS = (30.0, 100.0, 300.0, 1_000.0, 3_000.0, 10_000.0)
 # Step limits of SciPy's methods, which also stop by other measures.
 SCIPY_STEPS = {"L-BFGS-B": 3_000, "trust-krylov": 100}
+
+
+def tolerances(n_vertices: int, a_decade: int = 4) -> tuple[float, ...]:
+    """Tolerances of the largest component of the gradient, from rough to fine, one a decade where runs are long.
+
+    Components are of order 1/N_b, so the roughest tolerance is 1e-2 at 100 vertices and falls as 1/N_v.  Methods that
+    take the same steps are compared to a step or two: a few tolerances a decade skip most of the steps.
+    """
+    first = max(2.0, float(np.log10(n_vertices)))
+    close = first + np.arange(int(a_decade * (CLOSE - first))) / a_decade
+    return tuple((10.0 ** -np.concatenate([close, np.arange(CLOSE, FINEST + 1)])).tolist())
+
 
 Gradient = Callable[[np.ndarray], tuple[float, np.ndarray]]
 Run = Callable[[float], Answer]
@@ -126,9 +137,9 @@ def _methods(n_vertices: int, seed: int, word: str, pinned: bool = False) -> lis
         start = np.exp(0.5 * stable_rng(seed, "contest", "start").standard_normal(len(start)))
     objective = StressObjective(manifold, objective_of(manifold.network, word))
     error, (function, curvature) = _error(manifold, word), _for_scipy(objective)
-    curved = FINE if n_vertices <= SHORT else TOLERANCES
+    fine, curved = tolerances(n_vertices), tolerances(n_vertices, 4 if n_vertices < SHORT else 1)
     # A closed form has one accuracy.
-    levels = {"auto": (1e-12,) if word == "bulk_modulus" else FINE, "newton": curved, "lbfgs": FINE, "fire": STEPS}
+    levels = {"auto": (1e-12,) if word == "bulk_modulus" else fine, "newton": curved, "lbfgs": fine, "fire": STEPS}
     methods = [
         Method(name, partial(_by_critflow, manifold, word, name, None if name == "auto" else start), error, values)
         for name, values in levels.items()
@@ -138,12 +149,12 @@ def _methods(n_vertices: int, seed: int, word: str, pinned: bool = False) -> lis
     lbfgs = _by_scipy(objective, function, start, "L-BFGS-B")
     krylov = _by_scipy(objective, function, start, "trust-krylov", curvature)
     methods += [
-        Method("SciPy L-BFGS-B", lbfgs, error, FINE, "scipy"),
+        Method("SciPy L-BFGS-B", lbfgs, error, fine, "scipy"),
         Method("SciPy trust-krylov", krylov, error, curved, "scipy"),
     ]
     if pinned:
         run = _by_jax(objective, word, start) if installed("jax-fdm") else lbfgs
-        methods.append(Method("jax_fdm", run, error, FINE, "jax-fdm"))
+        methods.append(Method("jax_fdm", run, error, fine, "jax-fdm"))
     return methods
 
 

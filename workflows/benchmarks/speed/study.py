@@ -121,10 +121,10 @@ study = Study(
     ),
     parameters={
         "contestants": METHODS,
-        "levels": tuple(range(17)),
+        "levels": tuple(range(31)),
         "repeats": 15,
         "patience": 1.5,
-        "budget": 10.0,
+        "budget": 30.0,
         "least_time": 0.3,
         "seed": 0,
     },
