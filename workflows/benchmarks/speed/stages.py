@@ -1,8 +1,9 @@
 """One standard network of up to a million vertices through all that is known in closed form: seconds and memory.
 
-It is made, the matrix of its configurations is analysed, a random stress gets its configuration, plainly and with its error bound, and a
-gradient; then the optimum of B_0 with its certificate, the moduli at the transition and the exact C_B and C_G.  Short
-stages are repeated.  The error of a stage is what it finds wrong with its own answer: no reference is as fast.
+It is made, the matrix of its configurations is analysed, a random stress gets its configuration, plainly and with its
+error bound, and a gradient; then the optimum of B_0 with its certificate, the moduli at the transition and the exact
+C_B and C_G.  Short stages are repeated.  The error of a stage is what it finds wrong with its own answer: no reference
+is as fast.
 """
 
 from __future__ import annotations
