@@ -121,7 +121,7 @@ class Refinement:
             error = float(errors.max())
         certain = bool(error < LOST * size)
         del force, correction, left  # 100 MB at 10⁶ vertices in space
-        shifted = np.zeros_like(change)
+        shifted = np.zeros(change.shape)  # takes memory only where there is a rounding
         if factors.low.any():
             shift, more = self._shift_by_rounding(bound, factor, factors.low, L.high, goal)
             shifted, errors = product(self._g, shift), errors + more
@@ -153,7 +153,7 @@ class Refinement:
 
         The forces gᵀ((σ − low) ∘ L) = −gᵀ(low ∘ L) are small, so that one solve in doubles has all digits that count.
         """
-        shift, change, left = self._correction(bound, factor, -product(self._divergence, low * L), goal)
+        shift, change, left = self._correction(bound, factor, product(self._divergence, -low * L), goal)
         rounding = self.sum_of_sizes(bound.stress, change) + self.sum_of_sizes(low, L)
         forces = _largest(left) + self._roundings * rounding
         errors = bound(forces)
