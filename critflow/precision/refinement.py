@@ -121,21 +121,23 @@ class Refinement:
             error = float(errors.max())
         certain = bool(error < LOST * size)
         del force, correction, left  # 100 MB at 10⁶ vertices in space
-        shifted = np.zeros(change.shape)  # takes memory only where there is a rounding
+        bonds, low = L.high, np.add(L.low, change, out=change)
+        del L  # 50 MB
+        shifted = np.zeros(low.shape)  # takes memory only where there is a rounding
         if factors.low.any():
-            shift, more = self._shift_by_rounding(bound, factor, factors.low, L.high, goal)
+            shift, more = self._shift_by_rounding(bound, factor, factors.low, bonds, goal)
             shifted, errors = product(self._g, shift), errors + more
             error = float((_largest(shift) + errors).max())
         at_ends = product(self._ends, errors)
-        L_errors = np.empty(len(change))
-        for rows in blocks(len(change)):
-            L.high[rows], rest = two_sum(L.high[rows], L.low[rows] + change[rows])
-            rough = np.abs(rest) + EPS * (np.abs(L.low[rows]) + np.abs(change[rows])) + EXTENDED_ROUNDING * size
+        L_errors = np.empty(len(low))
+        for rows in blocks(len(low)):
+            bonds[rows], rest = two_sum(bonds[rows], low[rows])
+            rough = np.abs(rest) + EPS * np.abs(low[rows]) + EXTENDED_ROUNDING * size
             rough += np.abs(shifted[rows])
             rough += at_ends[rows]
             L_errors[rows] = np.sqrt(dot(rough, rough))
         total = float(np.abs(at.low).max()) + error
-        return Refined(at.high, L.high, total, L_errors, bound.condition, step, certain)
+        return Refined(at.high, bonds, total, L_errors, bound.condition, step, certain)
 
     def _correction(self, bound: _Bound, factor: Factor, force: Array, goal: float) -> tuple[Array, Array, Array]:
         """A correction (n_free, d) by a force (n_free, d), its change of the bond vectors, and the force that is left.
