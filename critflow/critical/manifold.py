@@ -292,11 +292,13 @@ class CriticalManifold:
         sigma = exact.high
         if balance is None or not np.array_equal(balance.sigma, sigma):
             balance = self.balance(sigma)
+        factor, start = balance.factor, balance.coordinates
+        del balance  # with its bond vectors, 50 MB at 10⁶ vertices in space
         # No eigenvalue of P is negative without compression.
-        n_negative, status = 0 if (sigma >= 0).all() else balance.factor.n_negative, Status.ok
-        refined = self.refinement(exact, balance.factor, balance.coordinates)
-        if not refined.certain and balance.factor.eliminate():
-            refined, n_negative = self.refinement(exact, balance.factor, balance.coordinates), balance.factor.n_negative
+        n_negative, status = 0 if (sigma >= 0).all() else factor.n_negative, Status.ok
+        refined = self.refinement(exact, factor, start)
+        if not refined.certain and factor.eliminate():
+            refined, n_negative = self.refinement(exact, factor, start), factor.n_negative
         if not refined.certain:
             refined, n_negative, status = self._solve_shifted(exact, refined)
         x = self.network.all_coordinates(refined.x)

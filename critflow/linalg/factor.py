@@ -105,6 +105,12 @@ class FixedPattern:
     def __setstate__(self, state: dict[str, Any]) -> None:
         self.__dict__.update(state, _lock=RLock())
 
+    def analyse(self) -> None:
+        """Order and analyse the pattern for elimination, as the first elimination does otherwise."""
+        with self._lock:
+            if not self._solvers:
+                self._add(eliminating_backends()[self._elimination](self._model()))
+
     def factorize(self, values: Array, shift: float | Array = 0.0) -> Factor:
         """L D Lᵀ of A + shift·1, with values (n_sources,) and a shift for all or for each of the rows (n,)."""
         data = product(self._gather, values)
@@ -118,8 +124,7 @@ class FixedPattern:
                     factor._multigrid = multigrid.Multigrid(self._matrix)
                     return factor
                 self._refuse("mixed signs or other matrices")
-            if not self._solvers:
-                self._add(eliminating_backends()[self._elimination](self._model()))
+            self.analyse()
             self._eliminate(factor, 0)
         return factor
 
@@ -175,9 +180,8 @@ class FixedPattern:
         # The first solver stays with the newest factor, or two factors in use would overwrite each other in turn.
         unused = (place for place, owner in enumerate(self._owners) if place and owner() is None)
         place = next(unused, len(self._solvers))
-        if not self._solvers:
-            self._add(eliminating_backends()[self._elimination](self._model()))
-        elif place == len(self._solvers):
+        self.analyse()
+        if place == len(self._solvers):
             self._add(self._solvers[0].another(self._model()))
         self._eliminate(factor, place)
         return self._solvers[place]

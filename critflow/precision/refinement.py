@@ -26,7 +26,7 @@ from critflow.linalg.products import product
 from critflow.linalg.tolerances import EPS
 from critflow.linalg.vectors import dot, quasi_random
 from critflow.networks.network import Array, Network
-from critflow.precision.double_double import Extended, add, extended, two_sum
+from critflow.precision.double_double import Extended, add, extended, part, two_sum
 from critflow.precision.geometry import ExtendedGeometry, blocks
 
 # Error of a residual in double-double arithmetic, relative to the sizes of its terms: 4 roundings of about 2⁻¹⁰⁶.
@@ -98,7 +98,7 @@ class Refinement:
         if not (bound.founded and np.isfinite(x).all()):
             nothing = np.full_like(self._b, np.nan)
             return Refined(x, nothing, np.nan, nothing[:, 0], bound.condition, 0, False)
-        at, last, step = extended(x), np.inf, 0
+        at, last, step = extended(x.copy()), np.inf, 0
         factors = Extended(stress, sigma.low[:, None])
         while True:
             step += 1
@@ -109,27 +109,31 @@ class Refinement:
             correction, change, left = self._correction(bound, factor, force.high, goal)
             left += force.low
             errors = self._errors(bound, left, L, change, size)
-            at = add(at, extended(correction))
+            for rows in blocks(len(x)):
+                at.high[rows], at.low[rows] = add(part(at, rows), extended(correction[rows]))
             error = float(errors.max())
             if error <= goal or not error < 0.5 * last or step == MOST_STEPS:
                 break
             last = error
+            del L, force, correction, change, left  # 240 MB at 10⁶ vertices in space
         if error > goal:
             errors = self._errors(bound, left, L, change, size, sharply=True)
             error = float(errors.max())
         certain = bool(error < LOST * size)
         del force, correction, left  # 100 MB at 10⁶ vertices in space
-        shifted = np.zeros_like(change)
+        bonds, low = L.high, np.add(L.low, change, out=change)
+        del L  # 50 MB
+        shifted = np.zeros(low.shape)  # takes memory only where there is a rounding
         if factors.low.any():
-            shift, more = self._shift_by_rounding(bound, factor, factors.low, L.high, goal)
-            shifted, errors = np.abs(product(self._g, shift)), errors + more
+            shift, more = self._shift_by_rounding(bound, factor, factors.low, bonds, goal)
+            shifted, errors = product(self._g, shift), errors + more
             error = float((_largest(shift) + errors).max())
         at_ends = product(self._ends, errors)
-        bonds, L_errors = np.empty_like(change), np.empty(len(change))
-        for rows in blocks(len(change)):
-            bonds[rows], rest = two_sum(L.high[rows], L.low[rows] + change[rows])
-            rough = np.abs(rest) + EPS * (np.abs(L.low[rows]) + np.abs(change[rows])) + EXTENDED_ROUNDING * size
-            rough += shifted[rows]
+        L_errors = np.empty(len(low))
+        for rows in blocks(len(low)):
+            bonds[rows], rest = two_sum(bonds[rows], low[rows])
+            rough = np.abs(rest) + EPS * np.abs(low[rows]) + EXTENDED_ROUNDING * size
+            rough += np.abs(shifted[rows])
             rough += at_ends[rows]
             L_errors[rows] = np.sqrt(dot(rough, rough))
         total = float(np.abs(at.low).max()) + error
@@ -151,7 +155,7 @@ class Refinement:
 
         The forces gᵀ((σ − low) ∘ L) = −gᵀ(low ∘ L) are small, so that one solve in doubles has all digits that count.
         """
-        shift, change, left = self._correction(bound, factor, -product(self._divergence, low * L), goal)
+        shift, change, left = self._correction(bound, factor, product(self._divergence, -low * L), goal)
         rounding = self.sum_of_sizes(bound.stress, change) + self.sum_of_sizes(low, L)
         forces = _largest(left) + self._roundings * rounding
         errors = bound(forces)

@@ -13,9 +13,10 @@ import xarray as xr
 
 from critflow import CriticalManifold, critical_from_lengths, voronoi_network
 from critflow.command.main import main
+from critflow.linalg.factor import FixedPattern
 from critflow.result import Status
 from critflow.workflow.load import load_study
-from workflows.benchmarks.speed import curves, sizes
+from workflows.benchmarks.speed import curves, sizes, stages
 from workflows.benchmarks.speed.lengths import error_of_stress
 from workflows.benchmarks.speed.references import stress_of_lengths
 from workflows.benchmarks.speed.stages import STAGES
@@ -80,6 +81,14 @@ def test_who_raises_has_failed_and_who_is_slow_stops():
 def test_no_round_begins_after_the_budget():
     (timing,) = benchmark([fake("slow", slow, (0.0,))], repeats=9, patience=9.0, budget=0.0)
     assert len(timing.seconds) == 1
+
+
+def test_a_slow_first_round_leaves_the_budget_to_the_others():
+    """One repeat each says nothing of the noise between two methods."""
+    pauses = iter([0.2])
+    method = fake("slow at first", lambda level: time.sleep(next(pauses, 0.0)) or 0.0, (0.0,))
+    (timing,) = benchmark([method], repeats=4, budget=0.15)
+    assert len(timing.seconds) == 4
 
 
 @pytest.mark.skipif(not CORES, reason="only Linux keeps a process on a core")
@@ -250,3 +259,37 @@ def test_every_stage_is_timed_and_ends_well(small):
     assert (stages.error.sel(contestant="optimum") < 1e-13).all() and (stages.change_by_refinement < 1e-12).all()
     assert (stages.backend.sel(contestant=["points", "tessellation"]) == 0).all()
     assert (stages.backend.sel(contestant=["configuration", "coefficients"]) > 0).all()
+
+
+def test_the_symbolic_analysis_is_timed_as_such(monkeypatch):
+    """At 10⁵ vertices it takes longer than a configuration, which is timed only once there."""
+    running, analysed = [], []
+    add, watch = FixedPattern._add, stages.stopwatch
+
+    def watched(work, *arguments):
+        running.append(work.__name__)
+        return watch(work, *arguments)
+
+    monkeypatch.setattr(stages, "stopwatch", watched)
+    monkeypatch.setattr(FixedPattern, "_add", lambda self, solver: analysed.append(running[-1]) or add(self, solver))
+    stages.measured(40, 0, 0.0)
+    assert analysed[0] == "_analysed" and not {"balance", "solve"} & set(analysed)
+
+
+@pytest.mark.parametrize(
+    "power, memory, differ",
+    [(0.8, 1000.0, set()), (1.1, 9000.0, {"memory", "generation"}), (1.3, 1000.0, {"configuration", "generation"})],
+)
+def test_claims_on_sizes_are_judged_by_what_is_required(small, power, memory, differ):
+    """As if the networks had 10⁴ and 10⁶ vertices and the times grew with a power of that."""
+    one = small[0].sel(n_vertices=[40])
+    dataset = xr.concat([one, one], "n_vertices", data_vars="all").assign_coords(n_vertices=[10_000, 1_000_000])
+    for name in ("seconds", "wall_seconds"):
+        dataset[name].loc[{"task": "stages", "n_vertices": 10_000}] = 0.1
+        dataset[name].loc[{"task": "stages", "n_vertices": 1_000_000}] = 0.1 * 100**power
+    dataset.memory.loc[{"task": "stages"}] = memory
+    assert sizes.fitted(sizes.stages_of(dataset), "configuration") == pytest.approx(power, rel=1e-12)
+    claims = {claim.key.removeprefix("Scale-"): claim for claim in sizes.size_claims(dataset)}
+    assert {key for key, claim in claims.items() if claim.verdict == "differs"} == differ
+    assert {"memory", "generation", "configuration", "status", "certificate"} <= claims.keys()
+    assert sizes.sizes_figure(dataset).axes

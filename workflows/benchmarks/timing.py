@@ -159,13 +159,14 @@ def benchmark(
     """Time all levels of all methods in repeated rounds; the first round yields the errors and is not timed.
 
     Each round has a random order, so that effects of a method on caches and threads are spread over all methods.  A
-    method ends after `repeats` rounds or `patience` seconds; no round begins after `budget` seconds.  If the first run
-    of a level exceeds the patience, its time is used and finer levels are left out.  The status of a method that raises
-    is `failed`; that of a method whose package is not installed is `missing`.
+    method ends after `repeats` rounds or `patience` seconds; no round begins `budget` seconds after the first one.
+    If the first run of a level exceeds the patience, its time is used and finer levels are left out.  The status of a
+    method that raises is `failed`; that of a method whose package is not installed is `missing`.
     """
-    begin, rng = time.perf_counter(), np.random.default_rng(0)
+    rng = np.random.default_rng(0)
     with one_core():
         timings = [timing for method in methods for timing in _first_round(method, patience)]
+        begin = time.perf_counter()
         for n_round in range(repeats):
             for n in rng.permutation(len(timings)):
                 known = timings[n]
