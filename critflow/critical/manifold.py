@@ -68,7 +68,7 @@ class CriticalConfiguration(Deferred):
     bond_vectors: Array
     error_bound: float = field(default_factory=lambda: np.nan)
     bond_errors: Array = field(default_factory=lambda: None, repr=False)  # type: ignore[arg-type,return-value]
-    rest_lengths: Array | None = field(default=None, repr=False)
+    rest_lengths: Array | None = field(default_factory=lambda: None, repr=False)
 
     def __post_init__(self) -> None:
         if self.bond_errors is None:

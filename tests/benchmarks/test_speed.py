@@ -199,7 +199,7 @@ def small(tmp_path_factory):
     words = [
         "tasks=configuration,gradient,length_variance,tension_variance,bulk_modulus,rest_lengths,length_variance_pinned,"
         "coefficients,transition_moduli,stages",
-        "n_vertices=40,2000000", f"contestants={','.join((*ASKED, *STAGES))}", "levels=0,5,9,13", "repeats=1",
+        "n_vertices=40,2000000", f"contestants={','.join((*ASKED, *STAGES))}", "levels=0,10,20,28", "repeats=1",
         "budget=0.01", "least_time=0.01",
     ]  # fmt: skip
     settings = [part for word in words for part in ("--set", word)]
