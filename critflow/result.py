@@ -87,7 +87,8 @@ class Deferred(Record):
     def deferred(cls, source: Callable[[], Any], **known: Any) -> Self:
         """A record of known fields; all others are those of the record that `source` computes."""
         # A default of the class would be read in place of the value that is still to be computed.
-        hidden = [one.name for one in fields(cls) if one.name not in known and hasattr(cls, one.name)]
+        names = [one.name for one in fields(cls)]  # type: ignore[arg-type]
+        hidden = [name for name in names if name not in known and hasattr(cls, name)]
         if hidden:
             raise TypeError(f"{cls.__name__}.{hidden[0]} has a default: give it a default_factory")
         record = object.__new__(cls)
