@@ -99,6 +99,8 @@ class Deferred(Record):
 
         def __getattr__(self, name: str) -> Any:
             source = self.__dict__.get("_source")
+            if source is None and name in self.__dict__:  # computed by another thread since the name was missing
+                return self.__dict__[name]
             if source is None or name not in self.__dataclass_fields__:
                 raise AttributeError(f"{type(self).__name__} has no attribute {name!r}")
             complete = source()
