@@ -104,6 +104,6 @@ def test_a_default_that_would_hide_a_deferred_field_is_refused():
         known: int
         late: int | None = None
 
-    with pytest.raises(TypeError, match="Hiding.late has a default"):
+    with pytest.raises(TypeError, match="has a default"):
         Hiding.deferred(lambda: Hiding(1, 2), known=1)
     assert Hiding.deferred(lambda: Hiding(1, 2), known=1, late=2).late == 2
