@@ -327,7 +327,7 @@ function greet(found) {
   get("deformation").replaceChildren(...Object.keys(found.strains).map((name) => option(name, name.replace("_", " "))));
   const buttons = Object.entries(found.populations).map(([name, label]) => {
     const button = document.createElement("button");
-    button.textContent = label;
+    symbols(button, label);
     button.onclick = () => {
       say(`Computing ${label} …`);
       change("population", name);
@@ -337,6 +337,7 @@ function greet(found) {
   get("populations").replaceChildren(...buttons);
   const sliders = Object.entries(found.populations).map(([name, label]) => {
     const box = document.createElement("label"),
+      words = document.createElement("span"),
       input = document.createElement("input"),
       value = document.createElement("output");
     Object.assign(input, { type: "range", min: 0, max: 1, step: 0.01, value: 0 });
@@ -344,7 +345,8 @@ function greet(found) {
       const weights = [...get("blend").querySelectorAll("input")].map((i) => +i.value);
       if (weights.some((w) => w > 0)) change("blend", ...weights);
     };
-    box.append(label, input, value);
+    symbols(words, label);
+    box.append(words, input, value);
     return box;
   });
   get("blend").replaceChildren(...sliders);
