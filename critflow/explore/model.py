@@ -128,6 +128,7 @@ class Dual:
         self.ends[faces.edges[left], 1] = face[left]
         # A tree of edges, whose numbers count from 1 because zeros are no entries; it fixes y up to y_0 = 0.
         pairs, edges = np.unique(np.sort(self.ends, axis=1), axis=0, return_index=True)
+        pairs = pairs.astype(np.int32)  # the only indices of trees in SciPy 1.15
         tree = minimum_spanning_tree(sp.coo_array((edges + 1.0, pairs.T), shape=(n_faces, n_faces)))
         self._edges = tree.data.astype(np.int64) - 1
         n = n_faces - 1
