@@ -18,6 +18,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
+from scipy.linalg.blas import dger
 
 from critflow.arguments import checked, generator
 from critflow.critical.manifold import CriticalConfiguration, CriticalManifold
@@ -152,15 +153,18 @@ class _Search:
         sigma, g = self.critical.sigma.copy(), self.network.free_incidence
         sigma[list(cuts)] = 0.0
         balance = self._manifold.balance(sigma)
-        return self._measured(cuts, before, sigma, balance.bond_vectors, g @ balance.factor.solve(g.T.toarray()))
+        C = np.ascontiguousarray(g @ balance.factor.solve(g.T.toarray()))
+        return self._measured(cuts, before, sigma, balance.bond_vectors, C)
 
     def cut(self, state: _State, edge: int) -> _State:
-        """The state after one more cut, by updates of rank one, or by a factorisation where their errors are larger."""
+        """The state after one more cut by updates of rank one, which take C over; anew where errors are larger."""
         tell(f"cut {len(state.cuts) + 1}")
-        cuts, column, stress = (*state.cuts, int(edge)), state.C[:, edge], state.sigma[edge]
+        cuts, column, stress = (*state.cuts, int(edge)), state.C[:, edge].copy(), state.sigma[edge]
         growth, sigma = stress / (1 - stress * column[edge]), state.sigma.copy()
         sigma[edge] = 0.0
-        L, C = (rows + growth * np.outer(column, rows[edge]) for rows in (state.L, state.C))
+        L = state.L + growth * np.outer(column, state.L[edge])
+        # In place: new memory would cost more than the update.  C is symmetric, its transpose has the order of BLAS.
+        C = dger(growth, column, column, a=state.C.T, overwrite_a=True).T
         updated = self._measured(cuts, state.values, sigma, L, C)
         return updated if self._error(updated) <= PRUNING_DRIFT else self.state(cuts, state.values)
 
@@ -183,14 +187,15 @@ class _Search:
         force = np.abs(self.network.divergence @ tensions).max(initial=0.0)
         return float(max(of_C, force / norms(tensions[edges]).mean()))
 
-    def after(self, state: _State, edges: IntArray) -> Array:
-        """The quantity after the cut of each edge, NaN where it opens the network and for edges that do not remain."""
+    def after(self, state: _State, first: int, last: int) -> Array:
+        """The quantity after the cut of each edge from `first` to `last`, NaN where it opens the network or is cut."""
         quick = self.quantity.of_stress(self.network.dimension)
-        width = len(edges) if quick else max(1, LARGEST_DENSE // (4 * state.L.size))
-        parts = [edges[first : first + width] for first in range(0, len(edges), width)]
-        given = (self.quantity, self.network, state.sigma, state.L)
-        values = np.concatenate([values_after(*given, state.C[:, part], part, state.kept) for part in parts])
-        return np.where(state.kept[edges], values, np.nan)
+        width = last - first if quick else max(1, LARGEST_DENSE // (4 * state.L.size))
+        values, given = [], (self.quantity, self.network, state.sigma, state.L)
+        for start in range(first, last, width):
+            end = min(start + width, last)
+            values.append(values_after(*given, state.C[:, start:end], np.arange(start, end), state.kept))
+        return np.where(state.kept[first:last], np.concatenate(values), np.nan)
 
     def distances(self, values: Array) -> Array:
         """What a cut is to make least, of values after it; infinite where it opens the network."""
@@ -223,7 +228,7 @@ def _in_order(search: _Search, limit: int, order: Sequence[int] | IntArray) -> _
     for edge in order:
         if len(state.cuts) == limit:
             break
-        if state.kept[edge] and search.distances(search.after(state, np.array([edge])))[0] < search.distance(state):
+        if state.kept[edge] and search.distances(search.after(state, edge, edge + 1))[0] < search.distance(state):
             state = search.cut(state, edge)
     return state
 
@@ -233,10 +238,10 @@ def _greedy(search: _Search, state: _State, limit: int, near: float | None = Non
 
     near  cuts do not go beyond the target by more, and end at this distance from it
     """
-    every, target = np.arange(search.network.n_edges), search.target.low
+    target = search.target.low
     side = np.sign(state.values[-1] - target)
     while len(state.cuts) < limit:
-        values = search.after(state, every)
+        values = search.after(state, 0, search.network.n_edges)
         distances = search.distances(values)
         if near is not None:
             distances[side * (values - target) < -near] = np.inf
