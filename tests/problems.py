@@ -228,9 +228,6 @@ def at(network: Network, sigma: np.ndarray, L: np.ndarray) -> CriticalConfigurat
     return CriticalConfiguration(network, sigma, np.zeros((network.n_vertices, network.dimension)), L)
 
 
-OBJECTIVES = ("V_L", "V_tau", "B_0", "G_0")
-
-
 def dense_response(network: Network, sigma: np.ndarray) -> np.ndarray:
     """B = −R^h P⁻¹ R^hᵀ as a dense matrix (N_b, N_b), with (R^h P⁻¹ R^hᵀ)_{αβ} = (g P⁺ gᵀ)_{αβ} L_α·L_β."""
     g, _ = dense_free(network)
@@ -399,25 +396,6 @@ def strained(network: Network, gamma: float, seed: int = 1):
     critical = CriticalManifold(network).configuration(random_stress(network.n_edges, seed))
     state = spring_state(network, critical.lengths, critical.coordinates)
     return state.deformed((1 + gamma) ** (1 / network.dimension) * np.eye(network.dimension))
-
-
-# Taylor remainders
-
-
-def taylor_orders(function, x, direction, gradient, product):
-    """Orders with which the remainders after the linear and the quadratic term vanish: 2 and 3.
-
-    product  of the Hessian with the direction
-    """
-    steps = 2.0 ** -np.arange(6, 11)
-    value = function(x)
-    first = [function(x + h * direction) - value - h * gradient @ direction for h in steps]
-    second = [r - 0.5 * h**2 * product @ direction for r, h in zip(first, steps, strict=True)]
-    return [np.polyfit(np.log(steps), np.log(np.abs(r)), 1)[0] for r in (first, second)]
-
-
-# Fitted over five halvings of the step the orders lie this close to 2 and 3; a wrong term makes them 1 and 2.
-ORDER = 0.1
 
 
 # Error bounds

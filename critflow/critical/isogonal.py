@@ -29,7 +29,7 @@ from critflow.critical.manifold import CriticalConfiguration, critical_configura
 from critflow.linalg.matrices import spread_columns
 from critflow.linalg.tolerances import LARGEST_DENSE
 from critflow.networks.checks import edge_values
-from critflow.networks.network import Array
+from critflow.networks.network import Array, Network
 from critflow.result import InputError, Record, Solution, Stats, Status
 
 FLAT_TRIANGLE = 1e-12  # twice the area of a degenerate force triangle, over the square of the mean tension
@@ -118,6 +118,12 @@ class IsogonalModes(Record):
         return np.asarray(a @ self.elongations)
 
 
+def has_face_modes(network: Network) -> bool:
+    """Whether a network is planar and periodic, with known faces and three edges at every vertex."""
+    degree = np.bincount(network.edges.ravel(), minlength=network.n_vertices)
+    return network.dimension == 2 and not network.pins and network.faces is not None and bool((degree == 3).all())
+
+
 @checked
 def face_modes(critical: CriticalConfiguration) -> IsogonalModes:
     """One isogonal mode for every face, sparse and local: sides move outwards by ⟨τ⟩/τ_α, corners along their spokes.
@@ -136,10 +142,8 @@ def face_modes(critical: CriticalConfiguration) -> IsogonalModes:
     >>> face_modes(cf.optimize(cf.lattice("honeycomb", 2, 2), 'bulk_modulus')).n_independent
     3
     """
-    network = critical.network
-    faces = network.faces
-    degree = np.bincount(network.edges.ravel(), minlength=network.n_vertices)
-    if network.dimension != 2 or network.pins or faces is None or not (degree == 3).all():
+    network, faces = critical.network, critical.network.faces
+    if faces is None or not has_face_modes(network):
         raise InputError("faces, a cell of the plane and three edges a vertex are needed: use isogonal_modes instead")
     outward = np.argsort(network.edges.T.ravel(), kind="stable").reshape(-1, 3)
     edge, sign = outward % network.n_edges, np.where(outward < network.n_edges, 1.0, -1.0)

@@ -4,12 +4,18 @@
 
 The map x(σ) is that of force densities, so its derivative by θ = log σ is the solution u of P u = −gᵀ(θ̇ σ ∘ L), one
 sparse system for displacement, multipliers and stresses together (Gauss-Newton, damped by Levenberg and Marquardt).
+
+With pressures balance A(x)(σ, p) = 0 at observed positions is linear in stresses and pressures.  Where three edges meet
+at each vertex these have, but for their scale and a common pressure, as many components as the coordinates: every
+picture balances under exactly one (σ, p), and no residual is left to test it by.  An error δx of the positions changes
+them by −A⁻¹ M δx, with the matrix M = P + iQ of balance as real 2 × 2 blocks.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Literal, NamedTuple, overload
+from typing import Any, NamedTuple
 
 import numpy as np
 import scipy.sparse as sp
@@ -20,7 +26,7 @@ from scipy.sparse.linalg import ArpackNoConvergence, LinearOperator, eigsh, splu
 
 from critflow.arguments import checked
 from critflow.critical.manifold import Balance, CriticalConfiguration, CriticalManifold
-from critflow.critical.pressures import NearestPressures, infer_pressures
+from critflow.critical.pressures import PressureManifold, PressurisedConfiguration, pressure_jumps
 from critflow.linalg.factor import Entries, FixedPattern
 from critflow.linalg.matrices import end_pairs, free_ends, spread_columns
 from critflow.linalg.tolerances import LARGEST_DENSE
@@ -43,6 +49,9 @@ WEAKEST_START = 1e-3  # the same where none is negative
 # minimiser.
 NEAREST_RIDGE = 1e-8
 NEAREST_STALLED = 1e-7  # relative gradient that shows a stalled descent to have reached its infimum
+# Relative distance from the observed positions beyond which the balance of the tensions and pressures found from them
+# has lost its digits.
+REPRODUCED = 1e-6
 WIDEST_STRESS = 9.2  # |log σ| relative to the mean beyond which an edge counts as collapsed or slack
 
 _MOST_STEPS = 200
@@ -52,15 +61,20 @@ _LONGEST = 3.0
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class Nearest(Solution[CriticalConfiguration]):
-    """The critical configuration nearest to observed positions.
+class Nearest(Solution[Any]):
+    """The critical configuration nearest to observed positions, with pressures a `PressurisedConfiguration`.
 
-    distance      root mean square of |x_i + c − x̂_i|, in units of length
+    distance      root mean square of |x_i + c − x̂_i|, in units of length; rounding where pressures are inferred
     displacement  x + c − x̂, (N_v, d): from the observed to the critical configuration
     translation   c (d,), zero with pins
-    stress_error  (N_b,) standard error of log σ for independent errors s of all coordinates; NaN for large networks
-    undetermined  (N_b,) the relative change of σ that the positions determine least, of unit norm; NaN likewise
-    error         s, given or estimated from the distance and the number of degrees of freedom
+    stress_error  (N_b,) standard error for independent errors s of all coordinates, of log σ, or of σ with pressures;
+                  NaN for large networks
+    undetermined  (N_b,) the relative change of σ that the positions determine least, of unit norm; NaN for large
+                  networks, and with pressures
+    error         s, given or estimated from the distance and the number of degrees of freedom; positions alone do not
+                  show it with pressures
+    pressure_error  (N_f,) standard error of p likewise; empty without pressures
+    amplification   with pressures the root mean square relative error of tensions, over that of coordinates, s/⟨|L|⟩
     """
 
     distance: float
@@ -69,11 +83,14 @@ class Nearest(Solution[CriticalConfiguration]):
     stress_error: Array = field(repr=False)
     undetermined: Array = field(repr=False)
     error: float
+    pressure_error: Array = field(default_factory=lambda: np.zeros(0), repr=False)
+    amplification: float = np.nan
 
     @property
-    def configuration(self) -> CriticalConfiguration:
+    def configuration(self) -> CriticalConfiguration | PressurisedConfiguration:
         """The critical configuration, the same as `value`."""
-        return self.value
+        value: CriticalConfiguration | PressurisedConfiguration = self.value
+        return value
 
 
 class _Iterate(NamedTuple):
@@ -86,28 +103,6 @@ class _Iterate(NamedTuple):
     cost: float
 
 
-@overload
-def nearest_critical(
-    network: Network | CriticalManifold,
-    coordinates: ArrayLike,
-    error: float | None = None,
-    start: ArrayLike | None = None,
-    max_steps: int = _MOST_STEPS,
-    throw: bool = True,
-    *,
-    pressures: Literal[False] = False,
-) -> Nearest: ...
-@overload
-def nearest_critical(
-    network: Network | CriticalManifold,
-    coordinates: ArrayLike,
-    error: float | None = None,
-    start: None = None,
-    max_steps: int = _MOST_STEPS,
-    throw: bool = True,
-    *,
-    pressures: Literal[True],
-) -> NearestPressures: ...
 @checked
 def nearest_critical(
     network: Network | CriticalManifold,
@@ -118,13 +113,13 @@ def nearest_critical(
     throw: bool = True,
     *,
     pressures: bool = False,
-) -> Nearest | NearestPressures:
+) -> Nearest:
     """The configuration in balance under positive stresses that is nearest to observed coordinates (N_v, d).
 
     error  standard error s of the observed coordinates, from which those of the stresses follow; None: estimated
     start  stresses (N_b,) to begin with; by default those that balance best at the observed positions
     pressures  infer a pressure in each face too, where three edges meet at each vertex: the positions then balance
-           exactly, and errors of coordinates are amplified far more (`NearestPressures`)
+           exactly, and errors of coordinates are amplified far more
 
     The minimum is local: D is not convex in σ.  `stats.residual` is the largest component of dD/dθ over Σ|x̂|².
     Where the infimum is approached as edges shrink to zero length or lose their stress, the configuration is that of a
@@ -147,10 +142,11 @@ def nearest_critical(
     if pressures and start is not None:
         raise InputError("pressures=True solves a linear system and needs no start: omit it")
     if pressures:
-        inferred = infer_pressures(manifold.network, x, error)
-        return inferred.or_raise("no tensions and pressures balance here") if throw else inferred
-    nearest = _nearest(manifold, x, error, start, max_steps)
-    return nearest.or_raise("no nearest critical configuration was found") if throw else nearest
+        nearest, failure = infer_pressures(manifold.network, x, error), "no tensions and pressures balance here"
+    else:
+        nearest = _nearest(manifold, x, error, start, max_steps)
+        failure = "no nearest critical configuration was found"
+    return nearest.or_raise(failure) if throw else nearest
 
 
 def _nearest(
@@ -357,3 +353,77 @@ def _best_balance(manifold: CriticalManifold, x: Array) -> Array:
     # Stresses that are all positive are those of a configuration near by, however weak some are.
     least = WEAKEST_START if (sigma > 0).all() else SMALLEST_START
     return np.maximum(sigma, least * float(np.mean(np.abs(sigma))))
+
+
+def infer_pressures(network: Network, x: Array, error: float | None) -> Nearest:
+    """σ and p in balance at coordinates x (N_v, 2), with their standard errors for an error s of the coordinates.
+
+    Raises `InputError` for networks without faces, and where (σ, p) has not as many components as the coordinates.
+    """
+    L, m = network.bond_vectors(x), network.n_edges
+    jumps = pressure_jumps(network)
+    n_faces = jumps.shape[1]
+    forces = _forces(network, L, jumps)
+    # Σσ is fixed, and Σp of a periodic network.
+    sums = np.repeat([1.0, 0.0], [m, n_faces])
+    gauges = sp.csr_array(np.array([sums] if network.pins else [sums, 1 - sums]))
+    if forces.shape[0] + gauges.shape[0] != forces.shape[1]:
+        raise InputError(
+            f"{forces.shape[0]} coordinates do not determine {m} tensions and {n_faces} pressures, which needs three "
+            "edges at each free vertex: leave out pressures=True, or pressures of zero"
+        )
+    factor = splu(sp.csc_array(sp.vstack([forces, gauges])))
+    right = np.zeros(forces.shape[1])
+    right[forces.shape[0]] = 1.0
+    u = factor.solve(right)
+    manifold = PressureManifold(network)
+    found = manifold.solve(u[:m], u[m:])
+    scale = float(found.value.sigma @ u[:m] / (u[:m] @ u[:m]))
+    apart = found.value.coordinates - x
+    shift = np.zeros(2) if network.pins else -apart.mean(axis=0)
+    displacement = apart + shift
+    distance = float(np.sqrt(np.mean(np.sum(displacement**2, axis=1))))
+    length = np.linalg.norm(L, axis=1)
+    spread = np.full(len(u), np.nan)
+    if (2 * network.n_vertices) ** 2 <= LARGEST_DENSE:
+        spread = _spread(network, factor.solve, u, jumps, gauges.shape[0])
+    relative = spread[:m] / np.abs(u[:m])
+    s = np.nan if error is None else float(error)
+    certain = found.ok and distance < REPRODUCED * float(length.mean())
+    n_pushed = int(np.sum(found.value.sigma < 0))
+    return Nearest(
+        value=found.value,
+        status=Status.ok if certain else Status.ill_conditioned,
+        note=f"{n_pushed} of {m} edges carry compression" if n_pushed and certain else "",
+        stats=Stats("linear", 1, residual=found.value.residual, condition=found.stats.condition),
+        displacement=displacement,
+        translation=shift,
+        stress_error=s * scale * spread[:m],
+        undetermined=np.full(m, np.nan),
+        pressure_error=s * scale * spread[m:],
+        amplification=float(np.sqrt(np.mean(relative**2)) * length.mean()),
+        error=s,
+        distance=distance,
+    )
+
+
+def _forces(network: Network, L: Array, jumps: sp.csr_array) -> sp.csr_array:
+    """A (2 n_free, N_b + N_f): unbalanced forces, by vertex and axis, of (σ, p)."""
+    order = np.arange(2 * len(network.free)).reshape(2, -1).T.ravel()
+    spread = abs(network.divergence)
+    pushed = sp.vstack([spread @ sp.diags_array(half) @ jumps for half in (-0.5 * L[:, 1], 0.5 * L[:, 0])])
+    return sp.csr_array(sp.hstack([spread_columns(network, L).T, sp.csr_array(pushed)[order]]))
+
+
+def _spread(network: Network, solve: Callable[[Array], Array], u: Array, jumps: sp.csr_array, n_gauges: int) -> Array:
+    """Standard errors of u = (σ, p) for unit errors of all coordinates that were observed."""
+    m = network.n_edges
+    moved = network.free_incidence if network.pins else network.incidence
+    pulled = network.divergence @ sp.diags_array(u[:m]) @ moved
+    pushed = 0.5 * abs(network.divergence) @ sp.diags_array(jumps @ u[m:]) @ moved
+    # Rows by vertex and axis as in the matrix of forces; columns are x and y of all vertices.
+    blocks = np.empty((pulled.shape[0], 2, 2 * pulled.shape[1]))
+    blocks[:, 0] = np.hstack([pulled.toarray(), -pushed.toarray()])
+    blocks[:, 1] = np.hstack([pushed.toarray(), pulled.toarray()])
+    right = np.concatenate([blocks.reshape(-1, blocks.shape[2]), np.zeros((n_gauges, blocks.shape[2]))])
+    return np.asarray(np.linalg.norm(solve(right), axis=1))

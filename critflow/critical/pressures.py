@@ -7,16 +7,10 @@ With complex bond vectors L = g z + b, z = x + iy, a tension σ_α|L_α| along e
 where each end of an edge carries half of the force of the pressures on it.  Balance is linear in z.  Its matrix
 P(σ) + iQ(q) is Hermitian, so the configuration costs one sparse solve, and derivatives one more with the same factor.
 It is positive definite for small differences of pressure; its inertia says where this ends.
-
-Inference: balance A(x)(σ, p) = 0 at observed positions is linear in stresses and pressures.  Where three edges meet at
-each vertex these have, but for their scale and a common pressure, as many components as the coordinates: every picture
-balances under exactly one (σ, p), and no residual is left to test it by.  An error δx of the positions changes them by
-−A⁻¹ M δx, with the matrix M = P + iQ of balance as real 2 × 2 blocks.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import ClassVar
@@ -24,11 +18,10 @@ from typing import ClassVar
 import numpy as np
 import scipy.sparse as sp
 from numpy.typing import ArrayLike
-from scipy.sparse.linalg import splu
 
 from critflow.linalg.factor import Entries, Factor, FixedPattern
-from critflow.linalg.matrices import end_pairs, free_ends, spread_columns
-from critflow.linalg.tolerances import EPS, LARGEST_DENSE
+from critflow.linalg.matrices import end_pairs, free_ends
+from critflow.linalg.tolerances import EPS
 from critflow.networks.checks import edge_values
 from critflow.networks.faces import Faces
 from critflow.networks.network import Array, Network
@@ -36,10 +29,6 @@ from critflow.precision.double_double import Extended, add, extended, multiply, 
 from critflow.precision.geometry import ExtendedGeometry
 from critflow.precision.refinement import HOPELESS, LOST, MOST_STEPS, SAFETY, UNSEEN, magnification
 from critflow.result import InputError, Record, Solution, Stats, Status, Value
-
-# Relative distance from the observed positions beyond which the balance of the tensions and pressures found from them
-# has lost its digits.
-REPRODUCED = 1e-6
 
 # Force of the pressures on an edge from its left to its right, from (L_x, L_y): q(L_y, −L_x), half at each end.
 _TURNED = np.array([0.5, -0.5])
@@ -239,92 +228,3 @@ def _pattern(network: Network, backend: str) -> FixedPattern:
     for i, j, sign in ((2 * t, 2 * h + 1, -0.5), (2 * h, 2 * t + 1, 0.5)):
         entries += [Entries(i, j, source, sign), Entries(j, i, source, sign)]
     return FixedPattern(2 * len(network.free), 2 * network.n_edges, entries, backend)
-
-
-@dataclass(frozen=True, eq=False, kw_only=True)
-class NearestPressures(Solution[PressurisedConfiguration]):
-    """The tensions and pressures that balance at observed positions.
-
-    stress_error    (N_b,) standard error of σ for independent errors s of all coordinates; NaN for large networks
-    pressure_error  (N_f,) that of p likewise
-    amplification   root mean square relative error of tensions, over that of coordinates, s/⟨|L|⟩
-    error           s as given; positions alone do not show it
-    distance        root mean square distance of the configuration from the observed positions: rounding
-    """
-
-    stress_error: Array = field(repr=False)
-    pressure_error: Array = field(repr=False)
-    amplification: float
-    error: float
-    distance: float
-
-
-def infer_pressures(network: Network, x: Array, error: float | None) -> NearestPressures:
-    """σ and p in balance at coordinates x (N_v, 2), with their standard errors for an error s of the coordinates.
-
-    Raises `InputError` for networks without faces, and where (σ, p) has not as many components as the coordinates.
-    """
-    L, m = network.bond_vectors(x), network.n_edges
-    jumps = pressure_jumps(network)
-    n_faces = jumps.shape[1]
-    forces = _forces(network, L, jumps)
-    # Σσ is fixed, and Σp of a periodic network.
-    sums = np.repeat([1.0, 0.0], [m, n_faces])
-    gauges = sp.csr_array(np.array([sums] if network.pins else [sums, 1 - sums]))
-    if forces.shape[0] + gauges.shape[0] != forces.shape[1]:
-        raise InputError(
-            f"{forces.shape[0]} coordinates do not determine {m} tensions and {n_faces} pressures, which needs three "
-            "edges at each free vertex: leave out pressures=True, or pressures of zero"
-        )
-    factor = splu(sp.csc_array(sp.vstack([forces, gauges])))
-    right = np.zeros(forces.shape[1])
-    right[forces.shape[0]] = 1.0
-    u = factor.solve(right)
-    manifold = PressureManifold(network)
-    found = manifold.solve(u[:m], u[m:])
-    scale = float(found.value.sigma @ u[:m] / (u[:m] @ u[:m]))
-    displacement = found.value.coordinates - x
-    if not network.pins:
-        displacement = displacement - displacement.mean(axis=0)
-    distance = float(np.sqrt(np.mean(np.sum(displacement**2, axis=1))))
-    length = np.linalg.norm(L, axis=1)
-    spread = np.full(len(u), np.nan)
-    if (2 * network.n_vertices) ** 2 <= LARGEST_DENSE:
-        spread = _spread(network, factor.solve, u, jumps, gauges.shape[0])
-    relative = spread[:m] / np.abs(u[:m])
-    s = np.nan if error is None else float(error)
-    certain = found.ok and distance < REPRODUCED * float(length.mean())
-    n_pushed = int(np.sum(found.value.sigma < 0))
-    return NearestPressures(
-        value=found.value,
-        status=Status.ok if certain else Status.ill_conditioned,
-        note=f"{n_pushed} of {m} edges carry compression" if n_pushed and certain else "",
-        stats=Stats("linear", 1, residual=found.value.residual, condition=found.stats.condition),
-        stress_error=s * scale * spread[:m],
-        pressure_error=s * scale * spread[m:],
-        amplification=float(np.sqrt(np.mean(relative**2)) * length.mean()),
-        error=s,
-        distance=distance,
-    )
-
-
-def _forces(network: Network, L: Array, jumps: sp.csr_array) -> sp.csr_array:
-    """A (2 n_free, N_b + N_f): unbalanced forces, by vertex and axis, of (σ, p)."""
-    order = np.arange(2 * len(network.free)).reshape(2, -1).T.ravel()
-    spread = abs(network.divergence)
-    pushed = sp.vstack([spread @ sp.diags_array(half) @ jumps for half in (-0.5 * L[:, 1], 0.5 * L[:, 0])])
-    return sp.csr_array(sp.hstack([spread_columns(network, L).T, sp.csr_array(pushed)[order]]))
-
-
-def _spread(network: Network, solve: Callable[[Array], Array], u: Array, jumps: sp.csr_array, n_gauges: int) -> Array:
-    """Standard errors of u = (σ, p) for unit errors of all coordinates that were observed."""
-    m = network.n_edges
-    moved = network.free_incidence if network.pins else network.incidence
-    pulled = network.divergence @ sp.diags_array(u[:m]) @ moved
-    pushed = 0.5 * abs(network.divergence) @ sp.diags_array(jumps @ u[m:]) @ moved
-    # Rows by vertex and axis as in the matrix of forces; columns are x and y of all vertices.
-    blocks = np.empty((pulled.shape[0], 2, 2 * pulled.shape[1]))
-    blocks[:, 0] = np.hstack([pulled.toarray(), -pushed.toarray()])
-    blocks[:, 1] = np.hstack([pushed.toarray(), pulled.toarray()])
-    right = np.concatenate([blocks.reshape(-1, blocks.shape[2]), np.zeros((n_gauges, blocks.shape[2]))])
-    return np.asarray(np.linalg.norm(solve(right), axis=1))

@@ -17,7 +17,7 @@ import scipy.sparse as sp
 from numpy.typing import NDArray
 from scipy.sparse.linalg import splu
 
-from critflow.critical.isogonal import IsogonalModes, face_modes, isogonal_modes
+from critflow.critical.isogonal import face_modes, has_face_modes, isogonal_modes
 from critflow.critical.manifold import CriticalConfiguration, CriticalManifold
 from critflow.critical.quantity import Quantity
 from critflow.design.problem import Designed, EdgeLimits, Target, Variables, limit_sizes
@@ -45,7 +45,10 @@ class FaceAmplitudes(Variables):
             raise InputError("some edges have no stress: use the configuration of the taut part")
         self.critical, self.network, self.manifold = critical, critical.network, CriticalManifold(critical.network)
         self.unit = float(critical.lengths.mean())
-        self.modes = _modes(critical)
+        # Sparse modes of faces where the network has them, else modes by singular values.
+        self.modes = face_modes(critical) if has_face_modes(self.network) else isogonal_modes(critical)
+        if self.modes.n_independent == 0:
+            raise InputError("no isogonal mode exists here: every change of lengths turns some edge")
         # Equal amplitudes of all faces change nothing, so that one face is left out.
         self.n_modes = self.modes.n_independent
         self.origin = np.zeros(self.n_modes)
@@ -158,14 +161,3 @@ def _limits(critical: CriticalConfiguration, limits: Sequence[EdgeLimits]) -> tu
             f"edge {edge}: modes.largest() leads to longer edges"
         )
     return low, high
-
-
-def _modes(critical: CriticalConfiguration) -> IsogonalModes:
-    """Sparse modes of faces where the network has them, else modes by singular values."""
-    network = critical.network
-    degree = np.bincount(network.edges.ravel(), minlength=network.n_vertices)
-    simple = network.dimension == 2 and not network.pins and network.faces is not None and bool((degree == 3).all())
-    modes = face_modes(critical) if simple else isogonal_modes(critical)
-    if modes.n_independent == 0:
-        raise InputError("no isogonal mode exists here: every change of lengths turns some edge")
-    return modes

@@ -13,7 +13,7 @@ search in random order, whose smaller steps leave more choices.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -24,11 +24,12 @@ from critflow.arguments import checked, generator
 from critflow.critical.manifold import CriticalConfiguration, CriticalManifold
 from critflow.design.problem import Target, parse_targets
 from critflow.linalg.tolerances import LARGEST_DENSE
+from critflow.linalg.vectors import norms
 from critflow.networks.network import Array, IntArray, Network
 from critflow.networks.pruning import pruned
 from critflow.progress import tell
 from critflow.quantities.largest_modulus import NO_LENGTH
-from critflow.quantities.leverage import Part, values_after
+from critflow.quantities.leverage import Mask, Part, values_after
 from critflow.result import InputError, Solution, Stats, Status
 
 PRUNING_DRIFT = 1e-10  # error of rank-one updates from which P is factorised again: far below the digits of a design
@@ -44,18 +45,14 @@ _PRIME = 7919
 class PrunedDesign(Solution[CriticalConfiguration]):
     """A configuration of a part of the edges, with the stress that they had.
 
-    cuts            edges in the order of their cuts, by their index in the whole network
-    edges           (n,) edges of the configuration, likewise; those that a cut leaves hanging are not among them
-    values          quantity before the first cut and after each one
-    factorisations  of P: 1 without drift, and the one of the returned configuration
-    drift           |value − exact| of the last value, relative to the exact one of the returned configuration
+    cuts    edges in the order of their cuts, by their index in the whole network
+    edges   (n,) edges of the configuration, likewise; those that a cut leaves hanging are not among them
+    values  quantity before the first cut and after each one
     """
 
     cuts: IntArray
     edges: IntArray
     values: Array = field(repr=False)
-    factorisations: int
-    drift: float
 
     @property
     def objective(self) -> float:
@@ -70,7 +67,6 @@ def prune_towards(
     cuts: int | None = None,
     seed: int | None = None,
     tolerance: float = PRUNING_REACHED,
-    drift: float = PRUNING_DRIFT,
     throw: bool = True,
 ) -> PrunedDesign:
     """Cut edges of a critical configuration until a quantity is near a target, or a number of edges at least loss.
@@ -81,8 +77,6 @@ def prune_towards(
     seed       None: each cut is the best one (greedy).  A number: edges are tried in random order, and cut if the
                distance from the target becomes smaller; without a target all are
     tolerance  distance from the target, relative to it, that counts as reached
-    drift      error of the identities of C, and of the balance of forces over the mean tension, from which P is
-               factorised again
 
     Cuts are discrete: `Status.not_reached` where no further cut reduces the distance from the target, and others in
     place of the last ones leave it larger than the tolerance.  `Status.floppy` where every further cut opens the
@@ -93,34 +87,27 @@ def prune_towards(
     if isinstance(critical, Network):
         critical = CriticalManifold(critical).configuration(critical.stiffness)
     goal = _goal(critical, targets, cuts)
-    search, limit = _Search(critical, goal, drift, seed), critical.network.n_edges if cuts is None else cuts
-    search.follow(limit)
+    search, limit = _Search(critical, goal), critical.network.n_edges if cuts is None else cuts
     near, status, note = tolerance * goal.low, Status.ok, ""
-    if goal.goal and len(search.cuts) < limit:
+    state = _followed(search, limit, seed, near)
+    if not goal.goal and seed is None and not search.distance(state) <= near:
+        other = _followed(search, limit, 0, near)
+        state = other if search.distance(other) <= near else state
+    n_cuts, value = len(state.cuts), state.values[-1]
+    if goal.goal and n_cuts < limit:
         status, note = Status.floppy, "every further cut opens the network"
-    if not goal.goal and not search.distance() <= near:
-        search = _without_overshoot(search, near, limit) or search
-    if not goal.goal and seed is None and not search.distance() <= near:
-        other = _Search(critical, goal, drift, 0)
-        other.follow(limit)
-        reached = other if other.distance() <= near else _without_overshoot(other, near, limit)
-        search = reached or search
-    values = search.values
-    if not goal.goal and not search.distance() <= near:
-        status, place = Status.not_reached, f"{values[-1]:.6g} after {len(search.cuts)} cuts"
-        note = f"{goal.name} is {place}: no further one is nearer to {goal.low:.6g}"
-    configuration, edges = search.result()
-    exact = goal.quantity.evaluate(configuration)[0]
+    if not goal.goal and not search.distance(state) <= near:
+        status = Status.not_reached
+        note = f"{goal.name} is {value:.6g} after {n_cuts} cuts: no further one is nearer to {goal.low:.6g}"
+    network, edges, _ = pruned(critical.network, state.kept)
     solution = PrunedDesign(
-        value=configuration,
+        value=CriticalManifold(network).configuration(critical.sigma[edges]),
         status=status,
-        stats=Stats("rank-one updates", len(search.cuts), np.nan if goal.goal else abs(values[-1] / goal.low - 1)),
+        stats=Stats("rank-one updates", n_cuts, np.nan if goal.goal else abs(value / goal.low - 1)),
         note=note,
-        cuts=np.array(search.cuts, dtype=np.int64),
+        cuts=np.array(state.cuts, dtype=np.int64),
         edges=edges,
-        values=np.array(values),
-        factorisations=search.factorisations + 1,
-        drift=abs(values[-1] - exact) / max(abs(exact), np.finfo(float).tiny),
+        values=np.array(state.values),
     )
     return solution.or_raise("the cuts did not lead to the target") if throw else solution
 
@@ -142,121 +129,126 @@ def _goal(critical: CriticalConfiguration, targets: Mapping[Any, Any], cuts: int
     return goal
 
 
-def _without_overshoot(ended: _Search, tolerance: float, limit: int) -> _Search | None:
-    """A search that reaches the target, without the last cuts of another, by cuts that do not go beyond it, or None."""
-    for back in range(1, 1 + min(_TAKEN_BACK, len(ended.cuts))):
-        search = _Search(ended.critical, ended.target, ended.bound, None)
-        for earlier in ended.cuts[:-back]:
-            search.cut(earlier)
-        side = np.sign(search.values[-1] - search.target.low)
-        while len(search.cuts) < limit:
-            values = search.after_all()
-            gap = side * (values - search.target.low)
-            edge, distance = search.best(np.where(gap >= -tolerance, values, np.nan))
-            if edge is None or distance >= search.distance():
-                break
-            search.cut(edge)
-            if distance <= tolerance:
-                return search
-    return None
+@dataclass(frozen=True, eq=False)
+class _State:
+    """The cuts and the values before and after them; σ, the edges that remain and have a length, L and C of these."""
+
+    cuts: tuple[int, ...]
+    values: tuple[float, ...]
+    sigma: Array
+    kept: Mask
+    L: Array
+    C: Array
 
 
 class _Search:
-    """The edges that remain and have a length (`kept`), C of them, and their bond vectors."""
+    """States of the edges that remain after cuts, and their distances from the target."""
 
-    def __init__(self, critical: CriticalConfiguration, target: Target, bound: float, seed: int | None):
-        self._network, self._manifold = critical.network, CriticalManifold(critical.network)
-        self.critical, self.target, self._goal, self.bound = critical, target, target.quantity, bound
-        m = critical.network.n_edges
-        self.sigma, self.kept, self.cuts, self.factorisations = critical.sigma.copy(), np.ones(m, bool), list[int](), 0
-        # Edges in random order, the next one last.
-        self.untried = None if seed is None else generator(seed).permutation(m).tolist()
-        self._factorise()
-        self.values = [self.value()]
+    def __init__(self, critical: CriticalConfiguration, target: Target):
+        self.critical, self.target, self.quantity = critical, target, target.quantity
+        self.network, self._manifold = critical.network, CriticalManifold(critical.network)
 
-    def follow(self, limit: int) -> None:
-        """Cut edges until no further one is cut, or up to a limit."""
-        while len(self.cuts) < limit and (edge := self.next_edge()) is not None:
-            self.cut(edge)
-            tell(f"cut {len(self.cuts)}")
+    def state(self, cuts: tuple[int, ...] = (), before: tuple[float, ...] = ()) -> _State:
+        """The state after cuts by a factorisation, where the values before the last one are known."""
+        sigma, g = self.critical.sigma.copy(), self.network.free_incidence
+        sigma[list(cuts)] = 0.0
+        balance = self._manifold.balance(sigma)
+        C = np.ascontiguousarray(g @ balance.factor.solve(g.T.toarray()))
+        return self._measured(cuts, before, sigma, balance.bond_vectors, C)
 
-    def distance(self) -> float:
-        """Distance of the last value from the target; infinite where the largest or smallest is sought."""
-        return np.inf if self.target.goal else abs(self.values[-1] - self.target.low)
+    def cut(self, state: _State, edge: int) -> _State:
+        """The state after one more cut by updates of rank one, which take C over; anew where errors are larger."""
+        tell(f"cut {len(state.cuts) + 1}")
+        cuts, column, stress = (*state.cuts, int(edge)), state.C[:, edge].copy(), state.sigma[edge]
+        growth, sigma = stress / (1 - stress * column[edge]), state.sigma.copy()
+        sigma[edge] = 0.0
+        L = state.L + growth * np.outer(column, state.L[edge])
+        # In place: new memory would cost more than the update.  C is symmetric, its transpose has the order of BLAS.
+        C = dger(growth, column, column, a=state.C.T, overwrite_a=True).T
+        updated = self._measured(cuts, state.values, sigma, L, C)
+        return updated if self._error(updated) <= PRUNING_DRIFT else self.state(cuts, state.values)
 
-    def best(self, values: Array) -> tuple[int | None, float]:
-        """Place of the best value, and its distance from the target; None where all cuts open the network."""
-        if not np.isfinite(values).any():
-            return None, np.inf
-        distance = self.target.goal * values if self.target.goal else np.abs(values - self.target.low)
-        best = int(np.nanargmin(distance))
-        return best, float(distance[best])
-
-    def _factorise(self) -> None:
-        g = self._manifold.network.free_incidence
-        balance = self._manifold.balance(self.sigma)
-        self.L = balance.bond_vectors
-        self.C = np.ascontiguousarray(g @ balance.factor.solve(g.T.toarray()))
-        self.factorisations += 1
-
-    def value(self) -> float:
-        """The quantity of the edges that remain."""
+    def _measured(self, cuts: tuple[int, ...], before: tuple[float, ...], sigma: Array, L: Array, C: Array) -> _State:
+        kept, lengths = sigma != 0, norms(L)
+        if cuts:
+            # Edges that hang on one vertex have no length, and change nothing.
+            kept &= lengths > NO_LENGTH * lengths[kept].mean()
         with np.errstate(all="ignore"):
-            return self._goal.evaluate(Part(self._network, self.kept, self.sigma, self.L))[0]
+            value = self.quantity.evaluate(Part(self.network, kept, sigma, L))[0]
+        return _State(cuts, (*before, value), sigma, kept, L, C)
 
-    def after(self, first: int, last: int) -> Array:
-        """The quantity after the cut of each edge from `first` to `last`, NaN where it opens the network."""
-        edges = np.arange(first, last)
-        values = values_after(self._goal, self._network, self.sigma, self.L, self.C[:, first:last], edges, self.kept)
-        return np.where(self.kept[edges], values, np.nan)
-
-    def after_all(self) -> Array:
-        """The quantity after the cut of each edge, (N_b,), NaN for those that do not remain."""
-        m = len(self.kept)
-        of_stress = self._goal.of_stress(self._network.dimension)
-        width = m if of_stress else max(1, LARGEST_DENSE // (4 * self.L.size))
-        return np.concatenate([self.after(first, min(first + width, m)) for first in range(0, m, width)])
-
-    def next_edge(self) -> int | None:
-        """The edge that is cut next, or None where every cut opens the network or is away from the target."""
-        if self.untried is None:
-            best, distance = self.best(self.after_all())
-            return best if distance < self.distance() else None
-        while self.untried:
-            edge = self.untried.pop()
-            if self.kept[edge]:
-                best, distance = self.best(self.after(edge, edge + 1))
-                if best is not None and distance < self.distance():
-                    return int(edge)
-        return None
-
-    def cut(self, edge: int) -> None:
-        """Cut an edge by updates of rank one, or by a new factorisation where their errors exceed the bound."""
-        column, stress = self.C[:, edge].copy(), self.sigma[edge]
-        growth = stress / (1 - stress * column[edge])
-        self.L += growth * np.outer(column, self.L[edge])
-        # C is symmetric, so that its transpose has the order of BLAS and is updated in place.
-        dger(growth, column, column, a=self.C.T, overwrite_a=True)
-        self.sigma[edge], self.kept[edge] = 0.0, False
-        self.cuts.append(edge)
-        if not self.error() <= self.bound:
-            self._factorise()
-        # Edges that hang on one vertex have no length, and change nothing.
-        lengths = np.linalg.norm(self.L, axis=1)
-        self.kept &= lengths > NO_LENGTH * lengths[self.kept].mean()
-        self.values.append(self.value())
-
-    def error(self) -> float:
+    def _error(self, state: _State) -> float:
         """Error of σCσC = σC in one entry, and of the balance of forces over the mean tension."""
-        edges = np.flatnonzero(self.kept)
-        probe = edges[_PRIME * len(self.cuts) % len(edges)]
-        column = self.C[:, probe]
-        of_C = abs(self.sigma[probe] * (column @ (self.sigma * column) - column[probe]))
-        force = self._manifold.network.divergence @ (self.sigma[:, None] * self.L)
-        mean = np.abs(self.sigma * np.linalg.norm(self.L, axis=1))[edges].mean()
-        return float(max(of_C, np.abs(force).max(initial=0.0) / mean))
+        sigma, edges = state.sigma, np.flatnonzero(state.kept)
+        probe = edges[_PRIME * len(state.cuts) % len(edges)]
+        column = state.C[:, probe]
+        of_C = abs(sigma[probe] * (column @ (sigma * column) - column[probe]))
+        tensions = sigma[:, None] * state.L
+        force = np.abs(self.network.divergence @ tensions).max(initial=0.0)
+        return float(max(of_C, force / norms(tensions[edges]).mean()))
 
-    def result(self) -> tuple[CriticalConfiguration, IntArray]:
-        """The configuration of the edges that remain, solved from their stresses, and their indices."""
-        network, edges, _ = pruned(self._network, self.kept)
-        return CriticalManifold(network).configuration(self.critical.sigma[edges]), edges
+    def after(self, state: _State, first: int, last: int) -> Array:
+        """The quantity after the cut of each edge from `first` to `last`, NaN where it opens the network or is cut."""
+        quick = self.quantity.of_stress(self.network.dimension)
+        width = last - first if quick else max(1, LARGEST_DENSE // (4 * state.L.size))
+        values, given = [], (self.quantity, self.network, state.sigma, state.L)
+        for start in range(first, last, width):
+            end = min(start + width, last)
+            values.append(values_after(*given, state.C[:, start:end], np.arange(start, end), state.kept))
+        return np.where(state.kept[first:last], np.concatenate(values), np.nan)
+
+    def distances(self, values: Array) -> Array:
+        """What a cut is to make least, of values after it; infinite where it opens the network."""
+        distances = self.target.goal * values if self.target.goal else np.abs(values - self.target.low)
+        return np.where(np.isfinite(values), distances, np.inf)
+
+    def distance(self, state: _State) -> float:
+        """Distance of the last value from the target; infinite where the largest or smallest is sought."""
+        return np.inf if self.target.goal else abs(state.values[-1] - self.target.low)
+
+
+def _followed(search: _Search, limit: int, seed: int | None, near: float) -> _State:
+    """The state after cuts up to a limit, with the last ones replaced where the target is then not near."""
+    m = search.network.n_edges
+    # The last edge of a random order comes first.
+    order = None if seed is None else generator(seed).permutation(m)[::-1]
+    state = _greedy(search, search.state(), limit) if order is None else _in_order(search, limit, order)
+    for back in range(1, 1 + (0 if search.target.goal else min(_TAKEN_BACK, len(state.cuts)))):
+        if search.distance(state) <= near:
+            break
+        fewer = search.state(state.cuts[:-back], state.values[: -back - 1])
+        other = _greedy(search, fewer, limit, near)
+        state = other if search.distance(other) <= near else state
+    return state
+
+
+def _in_order(search: _Search, limit: int, order: Sequence[int] | IntArray) -> _State:
+    """The state after the cut of each edge in an order that brings the value nearer."""
+    state = search.state()
+    for edge in order:
+        if len(state.cuts) == limit:
+            break
+        if state.kept[edge] and search.distances(search.after(state, edge, edge + 1))[0] < search.distance(state):
+            state = search.cut(state, edge)
+    return state
+
+
+def _greedy(search: _Search, state: _State, limit: int, near: float | None = None) -> _State:
+    """The state after the best cuts, until none brings the value nearer.
+
+    near  cuts do not go beyond the target by more, and end at this distance from it
+    """
+    target = search.target.low
+    side = np.sign(state.values[-1] - target)
+    while len(state.cuts) < limit:
+        values = search.after(state, 0, search.network.n_edges)
+        distances = search.distances(values)
+        if near is not None:
+            distances[side * (values - target) < -near] = np.inf
+        edge = int(distances.argmin())
+        if not distances[edge] < search.distance(state):
+            break
+        state = search.cut(state, edge)
+        if near is not None and distances[edge] <= near:
+            break
+    return state

@@ -10,8 +10,9 @@ program too: maximise y_k subject to |L_α(x, y)| ≤ ℓ_α.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Literal
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any, Literal
 
 import clarabel
 import numpy as np
@@ -54,13 +55,9 @@ def fit_lengths(
     rates      b'_k of boundary parameters y_k that are unknown too, (k, N_b, d)
     """
     # One cone (t ℓ_α, L_α) an edge, for the unknowns (x, y, t).
-    rates, unit = np.zeros((0, *offsets.shape)) if rates is None else rates, _unit(lengths)
-    extents = sp.hstack([sp.csc_array((len(lengths), len(rates))), sp.csc_array(lengths[:, None] / unit)])
-    x, y, tension, _, outcome, steps = _solve(incidence, offsets / unit, rates / unit, 0.0, extents, None, tolerance)
-    ratio, x, y = float(y[-1]), unit * x, y[:-1]
-    length = _lengths(incidence, offsets, rates, x, y)
-    stressed = _has_tension(tension, length / (ratio * lengths))
-    return ConeSolution(x, y, _stress(tension, length), tension, stressed, ratio, outcome, steps)
+    rates = np.zeros((0, *offsets.shape)) if rates is None else rates
+    extents = sp.hstack([sp.csc_array((len(lengths), len(rates))), sp.csc_array(lengths[:, None])])
+    return _solve(incidence, offsets, rates, tolerance, _unit(lengths), extents=extents)[0]
 
 
 def farthest(incidence: sp.csr_array, offsets: Array, rates: Array, lengths: Array, tolerance: float) -> ConeSolution:
@@ -71,30 +68,19 @@ def farthest(incidence: sp.csr_array, offsets: Array, rates: Array, lengths: Arr
     rates      b'_k, (k, N_b, d)
     """
     # The program minimises the last unknown.
-    signs, unit = np.ones(len(rates)), _unit(lengths)
+    signs = np.ones(len(rates))
     signs[-1] = -1.0
-    turned = signs[:, None, None] * rates / unit
-    x, y, tension, _, outcome, steps = _solve(incidence, offsets / unit, turned, lengths / unit, None, None, tolerance)
-    x, y = unit * x, signs * y
-    length = _lengths(incidence, offsets, rates, x, y)
-    return ConeSolution(
-        x, y, _stress(tension, length), tension, _has_tension(tension, length / lengths), 1.0, outcome, steps
-    )
+    turned = signs[:, None, None] * rates
+    found = _solve(incidence, offsets, turned, tolerance, _unit(lengths), lengths)[0]
+    return replace(found, parameters=signs * found.parameters)
 
 
 def nearest(incidence: sp.csr_array, offsets: Array, rates: Array, lengths: Array, tolerance: float) -> ConeSolution:
     """The smallest parameters y, by the largest |y_k|, for which |g x + b + Σ_k b'_k y_k| ≤ ℓ: as `farthest`."""
     # One cone (ℓ_α, L_α) an edge and rows s ± y_k ≥ 0, for the unknowns (x, y, s).
-    k, unit = len(rates), _unit(lengths)
+    k = len(rates)
     limits = sp.hstack([sp.vstack([sp.eye_array(k), -sp.eye_array(k)]), np.ones((2 * k, 1))])
-    x, y, tension, _, outcome, steps = _solve(
-        incidence, offsets / unit, rates / unit, lengths / unit, None, limits, tolerance
-    )
-    x, y = unit * x, y[:k]
-    length = _lengths(incidence, offsets, rates, x, y)
-    return ConeSolution(
-        x, y, _stress(tension, length), tension, _has_tension(tension, length / lengths), 1.0, outcome, steps
-    )
+    return _solve(incidence, offsets, rates, tolerance, _unit(lengths), lengths, limits=limits)[0]
 
 
 def fit_perimeters(
@@ -109,25 +95,32 @@ def fit_perimeters(
     m, fixed = len(offsets), np.zeros((0, *offsets.shape))
     extents = sp.hstack([sp.eye_array(m), sp.csc_array((m, 1))])
     limits = sp.hstack([-sides, perimeters[:, None]])
-    x, y, tension, of_cells, outcome, steps = _solve(incidence, offsets, fixed, 0.0, extents, limits, tolerance)
-    ratio, length = float(y[-1]), _lengths(incidence, offsets, fixed, x, y[:0])
-    stressed = _has_tension(of_cells, sides @ length / (ratio * perimeters))
-    return ConeSolution(x, y[:0], _stress(tension, length), of_cells, stressed, ratio, outcome, steps)
+    found, of_cells = _solve(incidence, offsets, fixed, tolerance, 1.0, extents=extents, limits=limits)
+    length = np.linalg.norm(incidence @ found.coordinates + offsets, axis=1)
+    stressed = _has_tension(of_cells, sides @ length / (found.ratio * perimeters))
+    return replace(found, multipliers=of_cells, stressed=stressed)
 
 
-def _lengths(incidence: sp.csr_array, offsets: Array, rates: Array, x: Array, y: Array) -> Array:
-    """|g x + b + Σ_k b'_k y_k|, (N_b,)."""
-    return np.linalg.norm(incidence @ x + offsets + np.einsum("kad,k->ad", rates, y), axis=1)
+def interior_point(
+    cost: Array, A: sp.sparray, b: Array, cones: Sequence[object], tolerance: float, method: str = "auto"
+) -> Any:
+    """Clarabel's solution of the least cost·z with b − A z in the cones, on one thread.
+
+    method  of its linear systems
+    """
+    settings = clarabel.DefaultSettings()
+    settings.verbose = False
+    # One thread, so one order of the sums and one result.
+    settings.max_threads = 1
+    settings.direct_solve_method = method
+    settings.tol_gap_abs = settings.tol_gap_rel = settings.tol_feas = tolerance
+    no_squares = sp.csc_matrix((len(cost),) * 2)
+    return clarabel.DefaultSolver(no_squares, cost, sp.csc_matrix(A), b, cones, settings).solve()
 
 
 def _unit(lengths: Array) -> float:
     """A power of two near the mean length: tolerances of the program are absolute."""
     return float(2.0 ** np.round(np.log2(lengths.mean())))
-
-
-def _stress(tension: Array, length: Array) -> Array:
-    """Tension per length, (N_b,); zero for edges that collapse, whose direction is not known."""
-    return np.divide(tension, length, out=np.zeros_like(length), where=length > _NO_LENGTH)
 
 
 def _has_tension(multipliers: Array, filled: Array) -> NDArray[np.bool_]:
@@ -139,49 +132,51 @@ def _solve(
     incidence: sp.csr_array,
     offsets: Array,
     rates: Array,
-    lengths: Array | float,
-    extents: sp.sparray | None,
-    limits: sp.sparray | None,
     tolerance: float,
-) -> tuple[Array, Array, Array, Array, Outcome, int]:
+    unit: float,
+    lengths: Array | float = 0.0,
+    extents: sp.sparray | None = None,
+    limits: sp.sparray | None = None,
+) -> tuple[ConeSolution, Array]:
     """Minimise the last of the unknowns y subject to |L_α(x, y)| ≤ ℓ_α + (extents y)_α and limits y ≥ 0.
 
-    x (n, d), y, the multipliers of the edges (N_b,) and of the limits, the outcome, and the number of iterations.
+    The solution, whose ratio is the last of y where there are extents, and the multipliers of the limits.  Lengths are
+    solved for in a unit.
     """
     (m, n), d = incidence.shape, offsets.shape[1]
     n_further = max([len(rates), *(part.shape[1] for part in (extents, limits) if part is not None)])
-    n_limits = 0 if limits is None else limits.shape[0]
     # Clarabel requires b − A z in the cones, for z = (x, y).
     g, (k, moved, axis) = incidence.tocoo(), np.nonzero(rates)
     axes = np.arange(d)
     rows = [((d + 1) * g.row[:, None] + 1 + axes).ravel(), (d + 1) * moved + 1 + axis]
     cols = [(d * g.col[:, None] + axes).ravel(), d * n + k]
-    values = [np.repeat(-g.data, d), -rates[k, moved, axis]]
-    for part, start, step in ((extents, 0, d + 1), (limits, (d + 1) * m, 1)):
+    values = [np.repeat(-g.data, d), -rates[k, moved, axis] / unit]
+    for part, start, step, size in ((extents, 0, d + 1, unit), (limits, (d + 1) * m, 1, 1.0)):
         if part is not None:
             by_y = part.tocoo()
             rows, cols = [*rows, start + step * by_y.row], [*cols, d * n + by_y.col]
-            values.append(-by_y.data)
+            values.append(-by_y.data / size)
+    n_limits = 0 if limits is None else limits.shape[0]
     shape = ((d + 1) * m + n_limits, d * n + n_further)
     A = sp.csc_matrix((np.concatenate(values), (np.concatenate(rows), np.concatenate(cols))), shape=shape)
-    cones: list[object] = [clarabel.SecondOrderConeT(d + 1)] * m
-    if n_limits:
-        cones.append(clarabel.NonnegativeConeT(n_limits))
-    b = np.zeros((m, d + 1))
-    b[:, 0], b[:, 1:] = lengths, offsets
-    cost = np.zeros(d * n + n_further)
-    cost[-1] = 1.0
-    right = np.concatenate([b.ravel(), np.zeros(n_limits)])
-    no_squares = sp.csc_matrix((len(cost),) * 2)
-    settings = clarabel.DefaultSettings()
-    settings.verbose = False
-    # One thread, so one order of the sums and one result.
-    settings.max_threads = 1
+    cones = [clarabel.SecondOrderConeT(d + 1)] * m + [clarabel.NonnegativeConeT(n_limits)] * (n_limits > 0)
+    b = np.zeros(shape[0])
+    b[: (d + 1) * m].reshape(m, d + 1)[:] = np.column_stack([np.broadcast_to(lengths, m), offsets]) / unit
     # In the plane factors are so sparse that blocks of columns, which are several times faster in space, do not pay.
-    settings.direct_solve_method = "qdldl" if d == 2 else "auto"
-    settings.tol_gap_abs = settings.tol_gap_rel = settings.tol_feas = tolerance
-    answer = clarabel.DefaultSolver(no_squares, cost, A, right, cones, settings).solve()
+    cost = np.append(np.zeros(shape[1] - 1), 1.0)
+    answer = interior_point(cost, A, b, cones, tolerance, "qdldl" if d == 2 else "auto")
     z, multipliers = np.array(answer.x), np.array(answer.z)
-    tension = multipliers[: (d + 1) * m].reshape(m, d + 1)[:, 0]
-    outcome = _OUTCOMES.get(str(answer.status).removeprefix("Almost"), "stalled")
-    return z[: d * n].reshape(n, d), z[d * n :], tension, multipliers[(d + 1) * m :], outcome, answer.iterations
+    x, y = unit * z[: d * n].reshape(n, d), z[d * n :]
+    tension, parameters = multipliers[: (d + 1) * m].reshape(m, d + 1)[:, 0], y[: len(rates)]
+    length = np.linalg.norm(incidence @ x + offsets + np.einsum("kad,k->ad", rates, parameters), axis=1)
+    # Tension per length; zero for edges that collapse, whose direction is not known.
+    sigma = np.divide(tension, length, out=np.zeros_like(length), where=length > _NO_LENGTH)
+    allowed, ratio = (lengths, 1.0) if extents is None else (extents @ y, float(y[-1]))
+    with np.errstate(divide="ignore", invalid="ignore"):
+        # Sides of a cell may collapse.
+        stressed = _has_tension(tension, length / allowed)
+    outcome = str(answer.status).removeprefix("Almost")
+    solved = ConeSolution(
+        x, parameters, sigma, tension, stressed, ratio, _OUTCOMES.get(outcome, "stalled"), answer.iterations
+    )
+    return solved, multipliers[(d + 1) * m :]

@@ -15,6 +15,8 @@ import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
 
+from critflow.solvers.cone import interior_point
+
 SEMIDEFINITE = 1e-10  # gap and feasibility of semidefinite programs: reached by Clarabel on all networks tested
 
 Array = NDArray[np.float64]
@@ -97,11 +99,7 @@ def _least(measured: Array, number: NDArray[np.int64], one: Array) -> Relaxation
         clarabel.SecondOrderConeT(1 + len(kept)),
         clarabel.PSDTriangleConeT(len(number)),
     ]
-    settings = clarabel.DefaultSettings()
-    settings.verbose = False
-    settings.max_threads = 1
-    settings.tol_gap_abs = settings.tol_gap_rel = settings.tol_feas = SEMIDEFINITE
-    answer = clarabel.DefaultSolver(sp.csc_matrix((len(cost),) * 2), cost, A, b, cones, settings).solve()
+    answer = interior_point(cost, A, b, cones, SEMIDEFINITE)
     y = np.array(answer.x)[:-1]
     multipliers = -back @ np.array(answer.z)[2 : 2 + len(kept)]
     solved = answer.status in (clarabel.SolverStatus.Solved, clarabel.SolverStatus.AlmostSolved)
