@@ -35,6 +35,11 @@ def test_the_dataset_has_the_dtypes_units_and_meanings_of_the_table(tmp_path, ru
         meanings = dict(zip(ds.status.attrs["flag_meanings"].split(), ds.status.attrs["flag_values"], strict=True))
         assert meanings == {status.name: status.value for status in Status}
         assert ds.status.attrs["flag_values"].dtype == ds.status.dtype
+        failed = ds.sel(seed=1, population="random")
+        assert failed.status == Status.failed and (failed.steps == -1).all()
+        assert failed.residual.isnull() and ds.sigma.sel(population="random").isnull().sum() == ds.sizes["edge"]
+        assert ds.steps.attrs["value_if_missing"] == -1
+        assert (ds.status.sel(population="random") == Status.ok).sum() == 3
 
 
 def test_values_are_those_of_the_case_function(tmp_path, run, tiny):
@@ -47,17 +52,6 @@ def test_values_are_those_of_the_case_function(tmp_path, run, tiny):
             np.testing.assert_array_equal(case[name].values, np.asarray(right[name], case[name].dtype), err_msg=name)
     assert ds.seed.values.tolist() == [1, 3]
     assert ds.population.values.tolist() == ["random", "floppy"]  # the order of the study
-
-
-def test_a_failed_case_is_filled_and_the_others_are_not(tmp_path, run):
-    assert run(tmp_path, "trouble=1-random", "how=raise") == 3
-    ds = xr.load_dataset(tmp_path / "tiny.nc")
-    failed = ds.sel(seed=1, population="random")
-    assert failed.status == Status.failed
-    assert failed.residual.isnull() and failed.sigma.isnull().all() and (failed.steps == -1).all()
-    assert ds.steps.attrs["value_if_missing"] == -1
-    assert (ds.status.sel(population="random") == Status.ok).sum() == 3
-    assert ds.sigma.sel(population="random").isnull().sum() == ds.sizes["edge"]
 
 
 @pytest.mark.parametrize(
