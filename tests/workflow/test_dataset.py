@@ -58,7 +58,6 @@ def test_values_are_those_of_the_case_function(tmp_path, run, tiny):
     ("settings", "names"),
     [
         (("trouble=2-floppy", "how=other edges"), ("seed2-floppy", "edges")),
-        (("trouble=2-wide", "how=other edges", "seeds=2", "populations=random,wide"), ("seed2-wide", "edges")),
         (("trouble=0-random", "how=longer", "populations=random"), ("seed1-random", "edge")),
     ],
 )

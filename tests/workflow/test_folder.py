@@ -103,7 +103,7 @@ def test_status_dry_run_and_run_agree_on_what_is_stored(mixed, capsys, tally):
 
 
 def test_the_note_restores_the_study_and_the_settings(tmp_path, run, tiny):
-    settings = ["seeds=5,2", "populations=wide", "strains=0.5", "spread=3"]
+    settings = ["seeds=5,2", "populations=floppy", "strains=0.5", "spread=3"]
     assert run(tmp_path, *settings) == 0
     loaded, selection = Folder(tmp_path).selection()
     assert loaded.path.samefile(tiny.path)

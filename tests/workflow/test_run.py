@@ -88,7 +88,7 @@ def wait_for_a_case(folder, alive):
 def test_an_interrupted_task_begins_no_further_case(tmp_path):
     """The cases of one seed are one task."""
     folder, study = tmp_path / "out", Path(__file__).with_name("algebra_study.py")
-    process = begun(folder, ["seeds=0", "parts=left,right,middle"], study=study, environment=SLOW)
+    process = begun(folder, ["seeds=0"], study=study, environment=SLOW)
     wait_for_a_case(folder, process.is_alive)
     os.kill(process.pid, signal.SIGINT)
     assert ended(process) == 130, messages(folder)
