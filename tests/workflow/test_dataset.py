@@ -102,27 +102,6 @@ def test_fewer_variables_equal_those_of_the_whole(tmp_path, run):
     assert contents_of(tmp_path / "tiny.nc") == whole
 
 
-WANTED = '''
-from pathlib import Path
-
-def selective(parameters, *, seed, population, wanted):
-    """As the other, but records the requested variables and returns only them."""
-    Path(parameters["how"]).write_text(",".join(sorted(wanted)))
-    made = case(parameters, seed=seed, population=population)
-    return {name: value for name, value in made.items() if name in {*wanted, "status"}}
-
-study ='''
-
-
-def test_a_case_function_learns_which_variables_are_requested(tmp_path, run, source, tiny):
-    path, seen = source("\nstudy =", WANTED, "case=case", "case=selective"), tmp_path / "seen"
-    every = sorted(v.name for v in tiny.study.variables)
-    for text, names in (("all", every), ("scalars", ["residual", "status"]), ("steps", ["status", "steps"])):
-        settings = (f"how={seen}", "seeds=0", "populations=random", f"variables={text}")
-        assert run(tmp_path / "out", *settings, study=path) == 0
-        assert seen.read_text().split(",") == names
-
-
 # What ACDD recommends and a spring network does not have: a place on Earth, a time, an instrument, a publisher; names
 # of people and institutions, which the software does not know; a name in the table of standard names. The date is in
 # `history` only, so that nothing else differs from run to run.
