@@ -231,27 +231,12 @@ ELSEWHERE = {
 # What every answer must satisfy
 
 # Fields that are NaN where a quantity is unknown or does not apply, by the documentation.
-MAY_BE_NAN = {
-    "error_bound",
-    "condition",
-    "residual",
-    "bond_errors",
-    "ratio",
-    "uncertainty",
-    "nearest_singular",
-    "least_stiffness",
-    "gap",
-    "smallest_nonzero",
-    "largest_zero",
-    "objective_error",
-    "bound",
-    "error",
-    "stress_error",
-    "undetermined",
-    "cuts",
-    "weights",
-    "after",
-}
+MAY_BE_NAN = set(
+    """
+    error_bound condition residual bond_errors ratio uncertainty nearest_singular least_stiffness gap
+    smallest_nonzero largest_zero objective_error bound error stress_error undetermined cuts weights after
+    """.split()
+)
 
 
 def nan_fields(value, name="value", seen=()):

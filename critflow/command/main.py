@@ -210,9 +210,7 @@ def list_studies(
         known = load_study(study).study
         print(f"{known.name}: {known.title}")
         for axis in known.axes:
-            choices = [word for word in axis.choices if word not in axis.values]
-            more = f" (or {spelled(choices)})" if choices else ""
-            print(f"  --set {axis.key}={spelled(axis.values)}{more}: {axis.long_name}")
+            print(f"  --set {axis.key}={spelled(axis.values)}: {axis.long_name}")
         for key, value in known.parameters.items():
             print(f"  --set {key}={spelled(value)}")
         print("  --set variables=all (or scalars, or names): computed and stored")

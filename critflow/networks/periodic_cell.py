@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import reduce
 from itertools import product
 
 import numpy as np
@@ -57,12 +58,14 @@ def near_images(points: Array, cell: Array, margin: float) -> tuple[IntArray, In
 def images_in_cell(ends: Array) -> tuple[Array, IntArray]:
     """Images that touch the cell of lines, ends (n, 2, d) in its units: ends (m, 2, d), and the line of each (m,)."""
     ends = ends - np.floor(ends[:, :1])
-    low, high = ends.min(axis=1), ends.max(axis=1)
-    first, last = -np.floor(high.max(axis=0) + BORDER).astype(int), -np.floor(low.min(axis=0)).astype(int)
-    pieces, lines = [], []
-    for image in product(*(range(a, b + 1) for a, b in zip(first, last, strict=True))):
+    # Along each axis the whole shifts and the lines that they move to the cell: one test for all images of a shift.
+    shifts = []
+    for low, high in zip(np.minimum(ends[:, 0], ends[:, 1]).T, np.maximum(ends[:, 0], ends[:, 1]).T, strict=True):
+        whole = range(-int(np.floor(high.max() + BORDER)), 1 - int(np.floor(low.min())))
         # A line along a border is drawn at the lower one of both.
-        within = (low + image < 1 - BORDER) & ((high + image > BORDER) | (low + image > -BORDER))
-        lines.append(np.flatnonzero(within.all(axis=1)))
-        pieces.append(ends[lines[-1]] + image)
+        shifts.append([(n, (low + n < 1 - BORDER) & ((high + n > BORDER) | (low + n > -BORDER))) for n in whole])
+    pieces, lines = [], []
+    for image in product(*shifts):
+        lines.append(np.flatnonzero(reduce(np.logical_and, [within for _, within in image])))
+        pieces.append(ends[lines[-1]] + [n for n, _ in image])
     return np.concatenate(pieces), np.concatenate(lines)

@@ -42,8 +42,8 @@ class Assembly:
 
     def __init__(self, selection: Selection, shards: Path, failed: Iterable[str] = ()):
         self.selection, self.shards, self.failed = selection, shards, frozenset(failed)
-        self.first = selection.study.axis_names[0]
-        self.table = _Table(selection)
+        self.first, self.variables = selection.study.axis_names[0], selection.study.variables
+        self.sizes = {c.name: len(selection.parameters[c.parameter]) for c in selection.study.coordinates}
         self._begin_origins()
 
     def pieces(self) -> Iterator[tuple[slice, dict[str, np.ndarray]]]:
@@ -53,29 +53,32 @@ class Assembly:
         """
         self._begin_origins()
         values, n = self.selection.axes[self.first], self._rows()
+        whole = {v.name: self._empty(v, self.selection) for v in self.variables if self.first not in v.dims}
+        filled = set[tuple[str, tuple]]()  # places of variables without some axis
         for start in range(0, len(values), n):
             part = replace(self.selection, axes={**self.selection.axes, self.first: values[start : start + n]})
-            self.table.begin(part)
+            rows = {v.name: self._empty(v, part) for v in self.variables if self.first in v.dims}
+            filled = {place for place in filled if place[0] in whole}
+            places = {name: {value: i for i, value in enumerate(values)} for name, values in part.axes.items()}
             for case in part.cases():
-                if case.id in self.failed:
-                    self.table.add(case, {"status": np.asarray(int(Status.failed))})
-                elif shard := read_shard(self.shards, self.selection.study, case):
-                    self.table.add(case, {**shard.arrays, "status": np.asarray(int(shard.status))})
+                status, arrays = Status.failed, dict[str, np.ndarray]()
+                if case.id not in self.failed:
+                    if (shard := read_shard(self.shards, self.selection.study, case)) is None:
+                        continue
+                    status, arrays = shard.status, dict(shard.arrays)
                     self.codes[shard.code] += 1
                     self.environments[shard.environment] += 1
                     self.checksum += int.from_bytes(sha256(f"{case.id} {shard.checksum}\n".encode()).digest())
+                self._insert(case, arrays | {"status": np.asarray(int(status))}, rows | whole, places, filled)
             last = start + n >= len(values)
-            shared = [v.name for v in self.selection.study.variables if self.first not in v.dims]
-            names = [name for name in self.table.variables if name not in shared] + shared * last
-            yield slice(start, start + len(part.axes[self.first])), {name: self.table.array(name) for name in names}
+            yield slice(start, start + len(part.axes[self.first])), rows | whole if last else rows
 
     def template(self) -> xr.Dataset:
         """The dataset with its sizes, coordinates and attributes, and lazy fill values in place of the variables."""
         self._rows()
-        sizes = self.table.sizes | {name: len(values) for name, values in self.selection.axes.items()}
         data = {}
-        for variable in self.selection.study.variables:
-            shape = [sizes.setdefault(dim, 0) for dim in variable.dims]  # 0: no case has this variable
+        for variable in self.variables:
+            shape = self._shape(variable, self.selection)
             empty = dask.array.full(shape, variable.filler, dtype=variable.dtype, chunks=-1)
             data[variable.name] = xr.Variable(variable.dims, empty, variable_attributes(variable))
         attributes = {name: value for name, value in _global_attributes(self.selection).items() if value != ""}
@@ -103,7 +106,7 @@ class Assembly:
 
         The code that computed the cases may be older than the code that wrote the dataset.
         """
-        volatile = " shards_sha256" * any(v.volatile for v in self.selection.study.variables)
+        volatile = " shards_sha256" * any(v.volatile for v in self.variables)
         attributes = {
             "cases_code": _counted(self.codes),
             "cases_environment": _counted(self.environments),
@@ -117,18 +120,55 @@ class Assembly:
 
     def _rows(self) -> int:
         """Rows of a piece of about `_PIECE` bytes; the inner sizes are those of the first cases that have them."""
-        sizes, variables = self.table.sizes, self.selection.study.variables
         for case in self.selection.cases():
-            if all(dim in sizes for variable in variables for dim in variable.dims):
+            if all(dim in {*self.sizes, *self.selection.axes} for variable in self.variables for dim in variable.dims):
                 break
             if case.id not in self.failed and (shard := read_shard(self.shards, self.selection.study, case)):
-                self.table.measure(case, shard.arrays)
+                self._measure(case, shard.arrays)
+        one = replace(self.selection, axes={**self.selection.axes, self.first: (0,)})
         row = sum(
-            np.dtype(v.dtype).itemsize * math.prod(sizes.get(dim, 0) for dim in v.dims if dim != self.first)
-            for v in variables
-            if self.first in v.dims
+            np.dtype(v.dtype).itemsize * math.prod(self._shape(v, one)) for v in self.variables if self.first in v.dims
         )
         return max(1, _PIECE // max(row, 1))
+
+    def _shape(self, variable: Variable, part: Selection) -> tuple[int, ...]:
+        """The shape of a variable in a part of the cases; a size is 0 where no case has the variable."""
+        sizes = self.sizes | {name: len(values) for name, values in part.axes.items()}
+        return tuple(sizes.get(dim, 0) for dim in variable.dims)
+
+    def _empty(self, variable: Variable, part: Selection) -> np.ndarray:
+        return np.full(self._shape(variable, part), variable.filler, variable.dtype)
+
+    def _measure(self, case: Case, arrays: Mapping[str, np.ndarray]) -> None:
+        """Take the inner sizes of a case, and refuse those that differ."""
+        for name, array in arrays.items():
+            for dim, size in zip(self.selection.study.inner_dims[name], array.shape, strict=True):
+                if self.sizes.setdefault(dim, size) != size:
+                    lengths = f"length {size} in {dim!r} of {name!r}, cases before it {self.sizes[dim]}"
+                    raise IntegrityError(f"case {case.id} has {lengths}: run different sizes as separate studies")
+
+    def _insert(
+        self,
+        case: Case,
+        arrays: Mapping[str, np.ndarray],
+        table: Mapping[str, np.ndarray],
+        places: Mapping[str, Mapping[int | str, int]],
+        filled: set[tuple[str, tuple]],
+    ) -> None:
+        """Insert the arrays of one case at the place of its axis values."""
+        self._measure(case, arrays)
+        for variable in self.variables:
+            if (name := variable.name) not in arrays:
+                continue
+            where = {dim: places[dim][case.values[dim]] for dim in variable.dims if dim in places}
+            place, array = tuple(where.get(dim, slice(None)) for dim in variable.dims), arrays[name]
+            if len(where) < len(places):
+                known = (name, tuple(where.values()))
+                if known in filled and table[name][place].tobytes() != array.tobytes():
+                    advice = "correct the case function and raise the study's version"
+                    raise IntegrityError(f"case {case.id} gives another {name!r} than cases that share it: {advice}")
+                filled.add(known)
+            table[name][place] = array
 
 
 def write_dataset(assembly: Assembly, path: Path, origin: Mapping[str, str]) -> dict[str, str]:
@@ -144,7 +184,7 @@ def write_dataset(assembly: Assembly, path: Path, origin: Mapping[str, str]) -> 
     with replacing(path) as partial:
         stamped.to_netcdf(partial, engine="netcdf4", format="NETCDF4")
         with netCDF4.Dataset(partial, "a") as file:
-            for variable in assembly.selection.study.variables:
+            for variable in assembly.variables:
                 empty = template[variable.name]
                 for dim in [dim for dim in variable.dims if dim not in file.dimensions]:
                     file.createDimension(dim, empty.sizes[dim])
@@ -200,57 +240,6 @@ def variable_attributes(variable: Variable) -> dict[str, Any]:
     if variable.volatile:
         attributes["comment"] = "differs from run to run"
     return attributes
-
-
-class _Table:
-    """The arrays of one piece of a dataset, and of the variables that all pieces share."""
-
-    def __init__(self, selection: Selection):
-        self.study = selection.study
-        self.variables = {variable.name: variable for variable in selection.study.variables}
-        self.sizes = {c.name: len(selection.parameters[c.parameter]) for c in selection.study.coordinates}
-        self.sizes |= {name: len(values) for name, values in selection.axes.items()}
-        self.rows: dict[str, dict] = {}
-        self.arrays: dict[str, np.ndarray] = {}
-        self.shared: set[tuple[str, tuple]] = set()  # filled places of variables without some axis
-
-    def begin(self, piece: Selection) -> None:
-        """Begin a piece: arrays without the first axis stay, with what filled them."""
-        first = self.study.axis_names[0]
-        self.rows = {name: {value: row for row, value in enumerate(values)} for name, values in piece.axes.items()}
-        self.sizes |= {name: len(values) for name, values in piece.axes.items()}
-        self.arrays = {name: array for name, array in self.arrays.items() if first not in self.variables[name].dims}
-        self.shared = {place for place in self.shared if first not in self.variables[place[0]].dims}
-
-    def measure(self, case: Case, arrays: Mapping[str, np.ndarray]) -> None:
-        """Take the inner sizes of a case, and refuse those that differ."""
-        for name, array in arrays.items():
-            for dim, size in zip(self.study.inner_dims[name], array.shape, strict=True):
-                if self.sizes.setdefault(dim, size) != size:
-                    lengths = f"length {size} in {dim!r} of {name!r}, cases before it {self.sizes[dim]}"
-                    raise IntegrityError(f"case {case.id} has {lengths}: run different sizes as separate studies")
-
-    def add(self, case: Case, arrays: Mapping[str, np.ndarray]) -> None:
-        """Insert the arrays of one case at the place of its axis values."""
-        self.measure(case, arrays)
-        for name, array in arrays.items():
-            dims, merged = self.variables[name].dims, self.array(name)
-            place = tuple(self.rows[dim][case.values[dim]] if dim in self.rows else slice(None) for dim in dims)
-            if not self.rows.keys() <= set(dims):
-                where = (name, tuple(row for row in place if isinstance(row, int)))
-                if where in self.shared and merged[place].tobytes() != array.tobytes():
-                    advice = "correct the case function and raise the study's version"
-                    raise IntegrityError(f"case {case.id} gives another {name!r} than cases that share it: {advice}")
-                self.shared.add(where)
-            merged[place] = array
-
-    def array(self, name: str) -> np.ndarray:
-        """The array of a variable; fill values where no case has given any."""
-        if name not in self.arrays:
-            variable = self.variables[name]
-            shape = [self.sizes.setdefault(dim, 0) for dim in variable.dims]
-            self.arrays[name] = np.full(shape, variable.filler, variable.dtype)
-        return self.arrays[name]
 
 
 def _counted(texts: Counter[str]) -> str:

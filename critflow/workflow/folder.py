@@ -78,6 +78,7 @@ class Part:
 class Note:
     """The note of the last run in a folder."""
 
+    schema_version: int
     study: str
     version: int
     file: str | None  # relative to the folder; None for a named study
@@ -166,18 +167,11 @@ class Folder:
             raise StudyError(f"{contents}: choose another folder with --out")
 
     def write_note(self, loaded: StudyFile, selection: Selection) -> None:
-        note = {
-            "schema_version": SCHEMA_VERSION,
-            "study": loaded.study.name,
-            "version": loaded.study.version,
-            "file": None if loaded.by_name else os.path.relpath(loaded.path, self.path.absolute()),
-            "parameters": selection.parameters,
-            "axes": selection.axes,
-            "variables": selection.study.selected,
-            "table": selection.study.table_digest,
-            "code": code_version(selection.study),
-        }
-        write_text(self.note, _note_text(note))
+        study = selection.study
+        file = None if loaded.by_name else os.path.relpath(loaded.path, self.path.absolute())
+        settings = (dict(selection.parameters), dict(selection.axes), study.selected)
+        note = Note(SCHEMA_VERSION, study.name, study.version, file, *settings, study.table_digest, code_version(study))
+        write_text(self.note, _note_text(vars(note)))
 
     def read_note(self) -> Note:
         """The note; `IntegrityError` if it is damaged, `StudyError` if it does not exist."""
@@ -188,7 +182,7 @@ class Folder:
             note = json.loads(text)
             if text != _note_text({key: value for key, value in note.items() if key != "sha256"}):
                 raise ValueError("it does not match its checksum")
-            if (version := note.pop("schema_version")) != SCHEMA_VERSION:
+            if (version := note["schema_version"]) != SCHEMA_VERSION:
                 raise ValueError(f"its schema_version is {version}, not {SCHEMA_VERSION}")
         except OSError as error:
             raise EnvironmentFailure(f"cannot read {self.note}: {error.strerror}: correct this first") from error

@@ -169,8 +169,8 @@ def _axis_values(axis: Axis, text: str) -> tuple:
     if axis.is_words:
         values: tuple = _pieces(axis.key, text)
         for value in values:
-            hint = nearest(value, axis.choices, "choices")
-            require(value in axis.choices, f"{axis.key} has no {value!r}: {hint}")
+            hint = nearest(value, [str(word) for word in axis.values], "choices")
+            require(value in axis.values, f"{axis.key} has no {value!r}: {hint}")
     else:
         values = _numbers(axis.key, text, int)
         _refuse_negative(axis.key, values)

@@ -61,7 +61,7 @@ def require(condition: bool, message: str) -> None:
 class Axis:
     """An axis of the study: one case is computed for every combination of axis values.
 
-    The values are whole numbers (from zero) or words.  `choices` are further words that are allowed.
+    The values are whole numbers (from zero), of which a run may have others, or all words that there are.
     """
 
     name: str  # dimension of the dataset and keyword of the case function, as in "seed"
@@ -69,7 +69,6 @@ class Axis:
     long_name: str
     key: str = ""  # word of `--set`; the name with an s by default
     noun: str = ""  # counted by the progress line, on the first axis; the key by default
-    choices: Sequence[str] = ()
 
     def __post_init__(self) -> None:
         _identifier(self.name, "axis")
@@ -84,8 +83,6 @@ class Axis:
         object.__setattr__(self, "values", values)
         object.__setattr__(self, "key", self.key or f"{self.name}s")
         object.__setattr__(self, "noun", self.noun or self.key)
-        words = (*values, *self.choices) if self.is_words else ()
-        object.__setattr__(self, "choices", tuple(dict.fromkeys(words)))
 
     @property
     def is_words(self) -> bool:
@@ -93,7 +90,7 @@ class Axis:
 
     def ordered(self, values: Iterable[Any]) -> tuple:
         """Values of this axis in the order of every dataset: numbers increase, words are in the declared order."""
-        return tuple(sorted(values, key=self.choices.index if self.is_words else None))
+        return tuple(sorted(values, key=list(self.values).index if self.is_words else None))
 
 
 @dataclass(frozen=True)

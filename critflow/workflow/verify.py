@@ -33,27 +33,23 @@ def verify_folder(folder: Folder) -> tuple[int, list[str], bool]:
     stored = sum(state == DONE for _, state, _ in states)
     bad = [state for state in states if state.state in (DAMAGED, CHANGED)]
     problems = [f"{shard_path(folder.shards, case)} is {state}: {reason}" for case, state, reason in bad]
+    recomputed = False
     try:
         with opened_dataset(path) as opened:
-            dataset = opened.load() if opened.nbytes < SMALL else opened
             if not problems:  # damaged shards can be compared with nothing
+                dataset = opened.load() if opened.nbytes < SMALL else opened
                 assembly = Assembly(selection, folder.shards, [case.id for case, state, _ in states if state == FAILED])
                 problems += [f"{path}: {line}: {REWRITE}" for line in _differences(assembly, dataset)]
-            if not problems:
+            if not problems:  # texts and physics of a damaged dataset can be anything
                 problems += _outdated_texts(study, folder, dataset)
-            if study.verify is None or not study.can_report("verify"):
-                return stored, problems, False
-            try:
-                contradictions = [f"{path}: {line}" for line in study.verify(dataset)]
-            except Exception:
-                if not problems:  # the physics of a damaged dataset can be anything
-                    raise
-                return stored, problems, False
+                if study.verify is not None and study.can_report("verify"):
+                    problems += [f"{path}: {line}" for line in study.verify(dataset)]
+                    recomputed = True
     except (IntegrityError, StudyError) as error:
         if isinstance(error, StudyError) and not problems:  # of a run that was stopped
             raise
-        return stored, [*problems, str(error)], False
-    return stored, problems + contradictions, True
+        problems.append(str(error))
+    return stored, problems, recomputed
 
 
 def _differences(assembly: Assembly, dataset: xr.Dataset) -> Iterator[str]:

@@ -280,10 +280,11 @@ def _local_cluster(workers: Workers, processes: int) -> LocalCluster:
 
 def _scheduler_client(workers: Workers) -> Client:
     address, security = workers.scheduler, Security(require_encryption=not workers.insecure)
+    # A client that fails without certificates is closed by the garbage collector, which may block the start of another.
+    if address.startswith("tls://") and security.get_connection_args("client").get("ssl_context") is None:
+        raise InputError(f"{address} needs certificates: set distributed.comm.tls in dask's configuration")
     try:
         return Client(address, timeout=10, security=security, set_as_default=False)
-    except TypeError as error:  # without certificates
-        raise InputError(f"{address} needs certificates: set distributed.comm.tls in dask's configuration") from error
     except (OSError, ValueError) as error:
         raise EnvironmentFailure(f"no scheduler answers at {address}: start one, or give another address") from error
 

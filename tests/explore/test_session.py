@@ -86,17 +86,6 @@ def test_a_slider_that_moves_on_is_one_step_of_undo(session):
     assert not session.can_redo
 
 
-def test_buttons_add_to_what_was_done_before(session):
-    for edge in (5, 9, 20):
-        session.apply(("cut", edge))
-    assert session.state.model.network.n_edges == 93 and session.recipe() == [("cut", 5), ("cut", 9), ("cut", 20)]
-    session.apply(("population", "random_stress"))
-    assert session.state.model.network.n_edges == 93
-    for _ in range(3):
-        session.undo()
-    assert session.state.model.network.n_edges == 95
-
-
 def test_the_recipe_leaves_out_what_later_changes_overrule(session):
     replay(session, [("edge", 5, 1.0), ("cut", 2), ("strain", "dilation", 0.01), ("population", "bulk_modulus")])
     assert session.recipe() == [("cut", 2), ("population", "bulk_modulus")]
@@ -160,12 +149,6 @@ def test_a_change_that_fails_leaves_the_state(session, change, word):
     with pytest.raises(CritflowError, match=word):
         session.apply(change)
     assert session.state is before
-
-
-def test_sources_refuse_what_they_cannot_show():
-    for given in ({"n_vertices": 10**7}, {"n_vertices": 2.5}, {"seed": "x"}):
-        with pytest.raises(CritflowError):
-            Random(**given)
 
 
 def test_a_network_in_space_is_referred_to_its_picture(tmp_path):

@@ -1,6 +1,5 @@
 """Factors of matrices with a fixed pattern: each owns its numbers, and tells a singular matrix from a lost pivot."""
 
-import gc
 import pickle
 from concurrent.futures import ThreadPoolExecutor
 
@@ -56,39 +55,6 @@ def test_a_factor_is_sent_to_another_process_without_its_solver(backend):
     sent = pickle.loads(pickle.dumps(factor))
     np.testing.assert_array_equal(sent.solve(RIGHT), factor.solve(RIGHT))
     np.testing.assert_array_equal(sent.multiply(RIGHT), factor.multiply(RIGHT))
-
-
-def counting(pattern, monkeypatch):
-    """The solvers of a pattern in the order of their eliminations."""
-    pattern.factorize(np.ones(NETWORK.n_edges))
-    kind, order = type(pattern._solvers[0]), []
-    update = kind.update
-
-    def counted(self, matrix):
-        order.append(self)
-        update(self, matrix)
-
-    monkeypatch.setattr(kind, "update", counted)
-    return order
-
-
-@pytest.mark.parametrize("backend", eliminating_backends())
-def test_two_factors_in_use_do_not_displace_each_other(backend, monkeypatch):
-    pattern = laplacian(NETWORK, backend)
-    order = counting(pattern, monkeypatch)
-    kept = pattern.factorize(stresses(1)[0])
-    for sigma in stresses(5):
-        newest = pattern.factorize(sigma)
-        for factor in (kept, newest, kept):
-            factor.solve(RIGHT)
-    # Six factors, and one more elimination of the one that is kept.
-    assert len(order) == 7 and len(pattern._solvers) == 2
-    # Its solver is free again once it is gone.
-    del kept, factor
-    gc.collect()
-    pattern.factorize(sigma)
-    newest.solve(RIGHT)
-    assert len(pattern._solvers) == 2 and order[-1] is pattern._solvers[1]
 
 
 @pytest.mark.parametrize("backend", eliminating_backends())

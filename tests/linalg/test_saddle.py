@@ -9,6 +9,15 @@ from critflow.linalg.backends import eliminating_backends
 from critflow.linalg.saddle import CondensedSaddle, Saddle
 
 
+def assert_solved(network, sigma, L, u, multipliers, forces, elongations, atol=1e-10):
+    """P u + Rᵀ λ = f and R u = e, by dense incidence; elongations along σ cannot be met and are left out."""
+    g, _ = grounded(network)
+    met = elongations - (elongations @ sigma) / (sigma @ sigma) * sigma
+    np.testing.assert_allclose(np.einsum("ad,ad->a", L, g @ u), met, rtol=0, atol=atol)
+    balance = g.T @ (sigma[:, None] * (g @ u) + multipliers[:, None] * L)
+    np.testing.assert_allclose(balance, forces, rtol=0, atol=atol)
+
+
 @pytest.mark.parametrize("name", ["voronoi", "voronoi 3D", "square-octagon"])
 @pytest.mark.parametrize("backend", eliminating_backends())
 def test_saddle_solves_both_equations(backend, name):
@@ -17,19 +26,14 @@ def test_saddle_solves_both_equations(backend, name):
     sigma = random_stress(m, 4)
     sigma *= np.sqrt(m / np.sum(sigma**2))
     L = dense_bond_vectors(network, sigma)
-    g, _ = grounded(network)
     rng = np.random.default_rng(5)
-    forces, elongations = rng.standard_normal((g.shape[1], d)), rng.standard_normal(m)
+    forces, elongations = rng.standard_normal((len(network.free), d)), rng.standard_normal(m)
     saddle = Saddle(network, backend)
     assert saddle.stable(sigma, L) and not saddle.stable(-sigma, L)
     u, multipliers, error = saddle.factorize(sigma, L).solve(forces, elongations)
     # Two residuals, each against its own right side; refinement stops at rounding times the condition.
     assert error < 1e-12
-    # No displacement gives elongations along σ, which are left out.
-    elongations -= (elongations @ sigma) / (sigma @ sigma) * sigma
-    np.testing.assert_allclose(np.einsum("ad,ad->a", L, g @ u), elongations, rtol=0, atol=1e-10)
-    balance = g.T @ (sigma[:, None] * (g @ u) + multipliers[:, None] * L)
-    np.testing.assert_allclose(balance, forces, rtol=0, atol=1e-10)
+    assert_solved(network, sigma, L, u, multipliers, forces, elongations)
 
 
 def test_a_compliance_stays_in_the_equations():
@@ -45,9 +49,9 @@ def test_a_compliance_stays_in_the_equations():
     factor = Saddle(network).factorize(sigma, L, compliance=compliance)
     border = rng.standard_normal((1, 30))
     u, multipliers, y, _ = factor.solve_bordered(forces, elongations, border)
+    assert border @ multipliers == pytest.approx(0, abs=1e-10)
     g, _ = grounded(network)
     stretch = np.einsum("ad,ad->a", L, g @ u) + y @ border
-    assert border @ multipliers == pytest.approx(0, abs=1e-10)
     np.testing.assert_allclose(stretch - compliance * multipliers, elongations, rtol=0, atol=1e-10)
     balance = g.T @ (sigma[:, None] * (g @ u) + multipliers[:, None] * L)
     np.testing.assert_allclose(balance, forces, rtol=0, atol=1e-10)
@@ -64,12 +68,7 @@ def test_the_condensed_saddle_solves_the_saddle(n_vertices, spread):
     given = rng.standard_normal(network.n_edges)
     u, multipliers, error = CondensedSaddle(network).factorize(sigma, L).solve(forces, given)
     assert error < 1e-13
-    # The equations themselves, by products with g; elongations along σ cannot be met and are left out.
-    rates = network.free_incidence @ u
-    met = given - (sigma @ given) / (sigma @ sigma) * sigma
-    np.testing.assert_allclose(np.sum(L * rates, axis=1), met, rtol=0, atol=1e-11)
-    balance = network.divergence @ (sigma[:, None] * rates + multipliers[:, None] * L)
-    np.testing.assert_allclose(balance, forces, rtol=0, atol=1e-11)
+    assert_solved(network, sigma, L, u, multipliers, forces, given, atol=1e-11)
     other, lagrange, _ = Saddle(network).factorize(sigma, L).solve(forces, given)
     np.testing.assert_allclose(u, other, rtol=0, atol=1e-9 * np.abs(other).max())
     # The multipliers are free by a multiple of the self-stress.

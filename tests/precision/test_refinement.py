@@ -16,11 +16,9 @@ from critflow import (
     CriticalConfiguration,
     CriticalManifold,
     Network,
-    SolveError,
     Status,
     critical_from_lengths,
     design,
-    elasticity,
     lattice,
     optimize,
     three_bar_linkage,
@@ -196,16 +194,6 @@ def test_a_solution_when_read_has_the_status_and_the_numbers_of_one_at_once(name
         assert repr(found) == repr(expected)
 
 
-def test_wide_stresses_are_not_singular():
-    # Pivots spread as the stresses do; a positive stress that connects every vertex always has a configuration.
-    for p in (8, 14, 20, 60):
-        for seed in range(5):
-            solution = CriticalManifold(NETWORK).solve(wide(p, seed))
-            assert solution.status in (Status.ok, Status.ill_conditioned)
-    with pytest.raises(SolveError, match="rounding"):
-        CriticalManifold(NETWORK).configuration(wide(60, 0))
-
-
 def test_unstressed_vertex_is_singular():
     sigma = np.ones(NETWORK.n_edges)
     sigma[(NETWORK.edges == 5).any(axis=1)] = 0.0
@@ -254,21 +242,6 @@ def test_wrong_factor_is_refined_or_rejected():
             assert reference.largest_error(refined.x, true.coordinates[NETWORK.free]) <= refined.error
             assert refined.error < 1e-15
             assert reference.largest_error(refined.L, true.bond_vectors) < 3e-16
-
-
-def test_moduli_at_the_transition_have_bounds():
-    ratios = []
-    for name in ("wide 0.5", "wide 4", "signed 2", "singular +1e-4", "singular -1e-11", "small edges 1e-8", "shear"):
-        for network, given in DIFFICULTIES[name]:
-            sigma = scaled(given)
-            critical = CriticalManifold(network).configuration(sigma)
-            found = elasticity(critical).value
-            bulk, shear = reference.transition_moduli(network, exact_configuration(network, sigma))
-            pairs = ((found.bulk, found.errors.bulk, bulk), (found.shear, found.errors.shear, shear))
-            for value, bound, true in pairs:
-                assert abs(value - true) <= bound
-                ratios.append(float(bound / abs(value - true)))
-    assert np.median(ratios) < 30
 
 
 @pytest.mark.parametrize("spread, seed", [(0.0, 0), (0.05, 1), (0.1, 2), (0.3, 0)])

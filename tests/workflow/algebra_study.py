@@ -29,7 +29,7 @@ def case(parameters, *, seed, part):
 study = Study(
     name="algebra",
     title="Dense algebra",
-    axes=(Axis("seed", range(4), "seed"), Axis("part", ("left", "right"), "part", choices=("middle",))),
+    axes=(Axis("seed", range(4), "seed"), Axis("part", ("left", "right", "middle"), "part")),
     parameters={"size": 150},
     case=case,
     variables=(

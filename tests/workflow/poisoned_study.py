@@ -67,7 +67,7 @@ study = Study(
     name="poisoned",
     title="A study whose cases fail",
     axes=(
-        Axis("kind", ("none",), "how the bad case fails", choices=tuple(POISONS)),
+        Axis("kind", ("none", *POISONS), "how the bad case fails"),
         Axis("seed", range(3), "number of the case"),
     ),
     parameters={"bad": 1, "label": ""},

@@ -35,6 +35,11 @@ def test_the_dataset_has_the_dtypes_units_and_meanings_of_the_table(tmp_path, ru
         meanings = dict(zip(ds.status.attrs["flag_meanings"].split(), ds.status.attrs["flag_values"], strict=True))
         assert meanings == {status.name: status.value for status in Status}
         assert ds.status.attrs["flag_values"].dtype == ds.status.dtype
+        failed = ds.sel(seed=1, population="random")
+        assert failed.status == Status.failed and (failed.steps == -1).all()
+        assert failed.residual.isnull() and ds.sigma.sel(population="random").isnull().sum() == ds.sizes["edge"]
+        assert ds.steps.attrs["value_if_missing"] == -1
+        assert (ds.status.sel(population="random") == Status.ok).sum() == 3
 
 
 def test_values_are_those_of_the_case_function(tmp_path, run, tiny):
@@ -49,22 +54,10 @@ def test_values_are_those_of_the_case_function(tmp_path, run, tiny):
     assert ds.population.values.tolist() == ["random", "floppy"]  # the order of the study
 
 
-def test_a_failed_case_is_filled_and_the_others_are_not(tmp_path, run):
-    assert run(tmp_path, "trouble=1-random", "how=raise") == 3
-    ds = xr.load_dataset(tmp_path / "tiny.nc")
-    failed = ds.sel(seed=1, population="random")
-    assert failed.status == Status.failed
-    assert failed.residual.isnull() and failed.sigma.isnull().all() and (failed.steps == -1).all()
-    assert ds.steps.attrs["value_if_missing"] == -1
-    assert (ds.status.sel(population="random") == Status.ok).sum() == 3
-    assert ds.sigma.sel(population="random").isnull().sum() == ds.sizes["edge"]
-
-
 @pytest.mark.parametrize(
     ("settings", "names"),
     [
         (("trouble=2-floppy", "how=other edges"), ("seed2-floppy", "edges")),
-        (("trouble=2-wide", "how=other edges", "seeds=2", "populations=random,wide"), ("seed2-wide", "edges")),
         (("trouble=0-random", "how=longer", "populations=random"), ("seed1-random", "edge")),
     ],
 )
@@ -107,27 +100,6 @@ def test_fewer_variables_equal_those_of_the_whole(tmp_path, run):
     assert run(tmp_path) == 0
     assert stamps_of(tmp_path) == with_few
     assert contents_of(tmp_path / "tiny.nc") == whole
-
-
-WANTED = '''
-from pathlib import Path
-
-def selective(parameters, *, seed, population, wanted):
-    """As the other, but records the requested variables and returns only them."""
-    Path(parameters["how"]).write_text(",".join(sorted(wanted)))
-    made = case(parameters, seed=seed, population=population)
-    return {name: value for name, value in made.items() if name in {*wanted, "status"}}
-
-study ='''
-
-
-def test_a_case_function_learns_which_variables_are_requested(tmp_path, run, source, tiny):
-    path, seen = source("\nstudy =", WANTED, "case=case", "case=selective"), tmp_path / "seen"
-    every = sorted(v.name for v in tiny.study.variables)
-    for text, names in (("all", every), ("scalars", ["residual", "status"]), ("steps", ["status", "steps"])):
-        settings = (f"how={seen}", "seeds=0", "populations=random", f"variables={text}")
-        assert run(tmp_path / "out", *settings, study=path) == 0
-        assert seen.read_text().split(",") == names
 
 
 # What ACDD recommends and a spring network does not have: a place on Earth, a time, an instrument, a publisher; names

@@ -4,7 +4,6 @@ import ctypes
 import errno
 import os
 import resource
-import signal
 import sys
 from functools import partial
 from pathlib import Path
@@ -19,11 +18,6 @@ pytestmark = pytest.mark.timeout(120)
 
 def limit(kind, value):
     resource.setrlimit(getattr(resource, kind), (value, value))
-
-
-def limit_memory(spare):
-    used = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize()
-    limit("RLIMIT_AS", used + spare)
 
 
 def obey_permissions():
@@ -95,16 +89,4 @@ def test_a_file_that_the_machine_does_not_read_is_not_taken_for_damaged(tmp_path
     assert_refused(folder, ended(begun(folder, prepare=partial(refuse_reading, number, suffix))))
     assert {path: path.stat().st_ino for path in (folder / "shards").iterdir()} == stored
     assert tally() == []
-    assert_completed(folder)
-
-
-@pytest.mark.parametrize("spare", [0, 2**20, 2**23])
-def test_too_little_memory_damages_nothing(tmp_path, spare):
-    """Compiled libraries may crash without memory; netCDF may report an unknown format instead, exit code 4."""
-    folder = tmp_path / "out"
-    code = ended(begun(folder, prepare=partial(limit_memory, spare)))
-    assert code in (0, 3, 4, 6, -signal.SIGSEGV, -signal.SIGABRT), messages(folder)
-    assert "Traceback" not in messages(folder)
-    stored_whole(folder)
-    assert main([*words_of(folder), "--retry-failed"]) == 0
     assert_completed(folder)

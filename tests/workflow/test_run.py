@@ -85,32 +85,10 @@ def wait_for_a_case(folder, alive):
         time.sleep(0.01)
 
 
-def assert_interrupted(folder, settings, err, tally):
-    """The message says how to continue, and the number of stored cases in it is true."""
-    assert "Traceback" not in err
-    (line,) = [line for line in err.splitlines() if line.startswith("critflow:")]
-    done = stored_whole(folder, settings)
-    assert 1 <= len(done) < 20
-    assert f"{len(done)} of 20" in line and "same command" in line
-    tally()
-    assert main(words_of(folder, settings)) == 0
-    assert len(tally()) == 20 - len(done)
-
-
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_an_interrupted_run_stores_the_running_case(tmp_path, number, tally):
-    settings, folder = ("seeds=0:20",), tmp_path / "out"
-    process = begun(folder, settings, environment=SLOW)
-    wait_for_a_case(folder, process.is_alive)
-    os.kill(process.pid, number)
-    assert ended(process) == 130, messages(folder)
-    assert_interrupted(folder, settings, messages(folder), tally)
-
-
 def test_an_interrupted_task_begins_no_further_case(tmp_path):
     """The cases of one seed are one task."""
     folder, study = tmp_path / "out", Path(__file__).with_name("algebra_study.py")
-    process = begun(folder, ["seeds=0", "parts=left,right,middle"], study=study, environment=SLOW)
+    process = begun(folder, ["seeds=0"], study=study, environment=SLOW)
     wait_for_a_case(folder, process.is_alive)
     os.kill(process.pid, signal.SIGINT)
     assert ended(process) == 130, messages(folder)
@@ -119,14 +97,19 @@ def test_an_interrupted_task_begins_no_further_case(tmp_path):
 
 @pytest.mark.timeout(300)
 def test_an_interrupted_run_with_workers_stores_the_running_cases(tmp_path, start, tally):
-    """The Ctrl-C of a terminal reaches the workers too."""
+    """The Ctrl-C of a terminal reaches the workers too; the number of stored cases in the message is true."""
     settings = ("seeds=0:20",)
     process = start(tmp_path, *settings, workers=2, study="plain", environment=SLOW)
     wait_for_a_case(tmp_path, lambda: process.poll() is None)
     os.killpg(process.pid, signal.SIGINT)
     out, err = process.communicate()
-    assert (process.returncode, out) == (130, "")
-    assert_interrupted(tmp_path, settings, err, tally)
+    assert (process.returncode, out) == (130, "") and "Traceback" not in err
+    (line,) = [line for line in err.splitlines() if line.startswith("critflow:")]
+    done = stored_whole(tmp_path, settings)
+    assert 1 <= len(done) < 20 and f"{len(done)} of 20" in line and "same command" in line
+    tally()
+    assert main(words_of(tmp_path, settings)) == 0
+    assert len(tally()) == 20 - len(done)
 
 
 def test_a_second_interrupt_stops_at_once(tmp_path):

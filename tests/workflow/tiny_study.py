@@ -68,7 +68,7 @@ study = Study(
     title="A study without physics",
     axes=(
         Axis("seed", range(4), "seed of the network", noun="networks"),
-        Axis("population", ("random", "floppy"), "kind of configuration", choices=("wide",)),
+        Axis("population", ("random", "floppy"), "kind of configuration"),
     ),
     parameters={"n_edges": 6, "spread": 0.1, "strains": decimals("0.001:0.003:0.001")}
     | {"trouble": "none", "how": "raise", "pause": 0.0},
