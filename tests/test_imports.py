@@ -24,8 +24,8 @@ LAYERS = (
 # Layers without xarray, files, figures and processes; exchange reads and writes files.
 PHYSICS = tuple(name for name in LAYERS[: LAYERS.index("workflow")] if name != "exchange")
 # Solvers are functions of vectors and matrices, and the engine computes cases of any kind.
-WITHOUT = {"solvers": {"networks"}, "workflow": {*PHYSICS, "exchange"} - {"result", "progress"}}
-HEAVY = {"xarray", "dask", "distributed", "netCDF4", "typer"}
+WITHOUT = {"solvers": {"networks"}, "workflow": {*PHYSICS, "exchange"} - {"result"}}
+HEAVY = {"xarray", "dask", "distributed", "netCDF4", "typer", "rich"}
 ALLOWED = {
     *("__future__", "abc", "collections", "copy", "dataclasses", "difflib", "enum"),
     *("functools", "inspect", "itertools", "re", "types", "typing", "weakref"),
@@ -154,7 +154,7 @@ def test_the_command_starts_without_slow_libraries():
         waiting |= (top & SOURCES.keys()) - reached
     roots = {module.split(".")[0] for module in reached}
     assert {"critflow.workflow.tasks", "typer"} <= reached
-    assert not roots & {"scipy", "xarray", "dask", "distributed", "matplotlib", "mpmath"}
+    assert not roots & {"scipy", "xarray", "dask", "distributed", "matplotlib", "rich", "mpmath"}
 
 
 def test_functions_keep_their_names_where_a_folder_has_the_same():

@@ -5,25 +5,32 @@ The optional extra `peers` installs these packages (`pip install -e '.[test,peer
 """
 
 from contextlib import ExitStack, closing
+from itertools import pairwise
 
 import numpy as np
 import pytest
+from frameworks import chain, star
 
 from critflow import (
     Hookean,
     Network,
     PowerLaw,
+    delaunay_network,
+    design,
     elasticity,
     equilibrium,
     foam_network,
     lattice,
     optimize,
+    rigidity,
     spring_state,
     strain_path,
     voronoi_network,
 )
+from critflow.design.stiffnesses import isotropic_targets
 from critflow.networks.deformation import strain_basis
 from critflow.response.soft_spectrum import soft_spectrum
+from critflow.rigidity.counts import zero_modes
 from critflow.rigidity.second_order import second_order_rigidity
 from critflow.springs.hessian import geometric_split
 from workflows.benchmarks.lammps import Lammps
@@ -90,6 +97,28 @@ def test_lammps_reaches_the_same_equilibrium_in_three_dimensions(relaxed):
     assert -pressure == pytest.approx(float(ours.sigma @ ours.lengths**2) / (3 * ours.network.volume), rel=1e-8)
 
 
+@pytest.mark.parametrize("law", [Hookean(), PowerLaw(4)], ids=str)
+def test_lammps_pressures_give_the_bulk_modulus(relaxed, law):
+    network = voronoi_network(100, seed=2)
+    critical = optimize(network, "tension_variance", throw=False).value
+    path = strain_path(critical, [0.0199, 0.02, 0.0201], law=law).value
+    pressures = [relaxed(state)[2] for state in path.states]
+    # B = −V dP/dV by central differences of a step 1e-4 of the volume.
+    volumes = [state.network.volume for state in path.states]
+    derivative = -(pressures[2] - pressures[0]) / (volumes[2] - volumes[0])
+    assert volumes[1] * derivative == pytest.approx(path.bulk_modulus[1], rel=1e-6)
+
+
+def test_lammps_finds_the_designed_modulus(relaxed):
+    network, ratio, step = delaunay_network(24, seed=1), -0.5, 1e-6
+    rest = np.linalg.norm(network.bond_vectors(network.positions), axis=1)
+    at_rest = spring_state(network, rest, network.positions)
+    start = design(at_rest, isotropic_targets(2, 1.0, ratio), change="stiffness").value
+    energy = relaxed(start.deformed((1 + step) * np.eye(2)))[1]
+    # E = ½ V B (dV/V)², with B = E_Young/(2(1 − ν)) in the plane.
+    assert energy / (2 * network.volume * step**2) == pytest.approx(1 / (2 * (1 - ratio)), rel=1e-4)
+
+
 def test_lammps_finds_the_bands_of_strained_networks(lammps, tmp_path):
     critical, strain = optimize(voronoi_network(40, seed=2), "bulk_modulus").value, 1e-4
     state, network = strain_path(critical, [strain]).value.states[0], critical.network
@@ -105,6 +134,65 @@ def test_lammps_finds_the_bands_of_strained_networks(lammps, tmp_path):
     tension = float(state.sigma @ critical.sigma / (critical.sigma @ critical.sigma))
     np.testing.assert_allclose(theirs[:soft], tension * bands.soft, rtol=10 * strain)
     np.testing.assert_allclose(theirs[soft:], bands.stiff, rtol=0, atol=10 * strain)
+
+
+def pinned_frameworks():
+    """Small pinned frameworks: name, edges, pins, positions."""
+    pins = {0: (0.0, 0.0), 1: (4.0, 0.0), 2: (1.0, 3.0)}
+    star = np.array([[0, 3], [1, 3], [2, 3]])
+    positions = np.array([[0, 0], [4, 0], [1, 3], [1.5, 1.0], [2.0, 1.5], [2.5, 0.5]], float)
+    yield "three edges on one vertex", star, pins, positions[:4]
+    prism = np.array([[0, 3], [1, 4], [2, 5], [3, 4], [4, 5], [3, 5]])
+    yield "a triangle on three legs", prism, pins, positions
+    yield "a braced triangle", np.concatenate([prism, [[0, 4], [1, 5]]]), pins, positions
+    chain, two = np.array([[0, 2], [2, 3], [3, 4], [4, 1]]), {0: pins[0], 1: pins[1]}
+    yield "a chain", chain, two, np.delete(positions, 2, axis=0)
+    yield "a straight chain", chain, two, np.array([[0, 0], [4, 0], [1, 0], [2, 0], [3, 0]], float)
+
+
+def as_framework(edges, pins, positions):
+    """The plane network as a framework: bars from an additional vertex to all pins make them one rigid body."""
+    pyrigi, rational = pytest.importorskip("pyrigi"), pytest.importorskip("sympy").Rational
+    hub, names = len(positions), list(pins)
+    bars = [tuple(edge) for edge in np.asarray(edges).tolist()]
+    bars += [(hub, i) for i in names] + list(pairwise(names))
+    # Rational coordinates, so that PyRigi decides by algebra without rounding.
+    places = [*np.asarray(positions).tolist(), [-7.25, 5.5]]
+    exact = {i: tuple(rational(str(c)) for c in place) for i, place in enumerate(places)}
+    return pyrigi.Framework(pyrigi.Graph(bars), exact)
+
+
+@pytest.mark.parametrize("case", list(pinned_frameworks()), ids=lambda case: case[0])
+def test_pyrigi_counts_the_same_stresses_and_flexes(case):
+    _, edges, pins, positions = case
+    network = Network(edges, pins=pins, n_vertices=len(positions))
+    counts, modes = rigidity(network, positions).value, zero_modes(network, positions).value
+    framework = as_framework(edges, pins, positions)
+    assert counts.n_self_stresses == len(framework.stresses())
+    assert counts.n_zero_modes == len(modes.modes) == len(framework.nontrivial_inf_flexes())
+
+
+# PyRigi decides prestress stability for one stress with up to two flexes, and for any stresses with one flex.
+SECOND_ORDER = {
+    "three bars stretched": chain([1, 1.5, 0.5]),
+    "three bars, one reversed": chain([4, 1, -2]),
+    "three bars, the middle reversed": chain([2, -1, 2]),
+    "three bars, two reversed": chain([6, -1, -2]),
+    "two bars": chain([1, 2]),
+    "two bars folded": chain([4, -1]),
+    "pins on either side": star([-1, 2, 3, -4]),
+    "pins on one side": star([1, 2, 4]),
+}
+
+
+@pytest.mark.parametrize("name", SECOND_ORDER)
+def test_pyrigi_finds_the_same_order_of_rigidity(name):
+    network, x = SECOND_ORDER[name]
+    framework = as_framework(network.edges, network.pins, x)
+    value = second_order_rigidity(network, x).value
+    assert value.first_order_rigid == framework.is_inf_rigid()
+    assert value.prestress_stable == framework.is_prestress_stable()
+    assert value.second_order_rigid == framework.is_second_order_rigid()
 
 
 # Frameworks of PyRigi's collection, and the pinned body of each: as many joined vertices as dimensions.

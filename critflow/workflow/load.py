@@ -17,6 +17,7 @@ from critflow.result import EnvironmentFailure, StudyError
 from critflow.workflow.provenance import STUDY_MODULE
 from critflow.workflow.study import Study, nearest
 
+_BENCHMARKS = ("failure_map", "speed")  # not part of the installed package
 _loading = threading.Lock()
 
 
@@ -56,6 +57,9 @@ def load_study(word: str) -> StudyFile:
     if os.sep in word or (word not in named and (Path(word) / "study.py").is_file()):
         return load_file(Path(word) / "study.py")
     if word not in named:
+        if word in _BENCHMARKS:
+            place = f"run it in a source checkout of critflow, where it is workflows/benchmarks/{word}"
+            raise StudyError(f"the benchmark {word!r} is not part of the installed package: {place}")
         hint = nearest(word, list(named), "studies") if named else "there is none in ./workflows"
         raise StudyError(f"there is no study {word!r}: {hint}")
     loaded = load_file(named[word])

@@ -7,14 +7,22 @@ replace the dataset; the cases of the former settings stay stored, and a run wit
 
 from __future__ import annotations
 
-import sys
-import time
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from itertools import groupby
 from pathlib import Path
 
-from critflow.progress import running, tell
+from rich.console import Console
+from rich.progress import (
+    BarColumn,
+    MofNCompleteColumn,
+    Progress,
+    TextColumn,
+    TimeElapsedColumn,
+    TimeRemainingColumn,
+)
+
 from critflow.result import IntegrityError, Status, StudyError
 from critflow.workflow.dataset import Assembly, write_dataset
 from critflow.workflow.folder import CHANGED, DAMAGED, DONE, FAILED, MISSING, CaseState, Folder, Note, reason_lines
@@ -84,16 +92,17 @@ def run_study(
         folder.write_note(loaded, plan.selection)
         for case in plan.todo:
             delete_failure(folder.failed, case)
-        _compute(loaded, plan, folder, workers)
+        progress = _RunProgress(plan.selection.study.name, len(plan.todo))
+        _compute(loaded, plan, folder, workers, progress)
         if folder.part is None:
-            return _finish(plan, folder, origin)
+            return _finish(plan, folder, origin, progress)
         states = folder.states(plan.selection)
         if others := sum(state == MISSING for _, state, _ in states):
             message = f"{others} cases of other parts are missing: the last part writes the dataset"
         else:
             with folder.merging() as last:
                 if last:
-                    return _finish(plan, folder, origin)
+                    return _finish(plan, folder, origin, progress)
             message = "another run writes the dataset of all parts"
         own = {state.case.id for state in plan.states}
         failed = {case.id: reason for case, state, reason in states if state == FAILED and case.id in own}
@@ -166,7 +175,7 @@ def _selects(selection: Selection, case: Case) -> bool:
     return all(case.values[name] in values for name, values in selection.axes.items())
 
 
-def _compute(loaded: StudyFile, plan: RunPlan, folder: Folder, workers: Workers) -> None:
+def _compute(loaded: StudyFile, plan: RunPlan, folder: Folder, workers: Workers, progress: _RunProgress) -> None:
     """Compute the planned cases; `Interrupted` if some were not begun or finished."""
     study, first = plan.selection.study, plan.selection.study.axis_names[0]
     word = study.name if loaded.by_name else str(loaded.path)
@@ -176,41 +185,40 @@ def _compute(loaded: StudyFile, plan: RunPlan, folder: Folder, workers: Workers)
     job = Job(str(loaded.path), loaded.digest, path, parameters, study.selected, command, seconds, folder.part)
     groups = groupby(plan.todo, lambda case: case.values[first])
     tasks: list[Task] = [[case.values for case in group] for _, group in groups]
-    stored, begun = 0, time.monotonic()
+    stored = 0
     cases = f"{len(plan.todo)} cases in {workers.place}"
-    with running(study.name), open(folder.log, "a", encoding="utf-8") as log, interruption(folder.stop) as stopped:
+    with progress.bar, open(folder.log, "a", encoding="utf-8") as log, interruption(folder.stop) as stopped:
         log.write(f"# {timestamp()} {code_version(study)}; {environment()}; {cases}\n")
         for line in [*plan.messages, *reason_lines([s for s in plan.states if s.state in (DAMAGED, CHANGED)])]:
-            _say(f"critflow: {line}")
+            progress.say(f"critflow: {line}")
         if tasks:
-            _say(agreed(f"{study.name}: {len(tasks)} {study.axes[0].noun}, {cases}"))
+            progress.say(agreed(f"{study.name}: {len(tasks)} {study.axes[0].noun}, {cases}"))
         try:
             for outcomes in compute(job, tasks, workers, stopped) if tasks else ():
                 stored += len(outcomes)
                 for case_id, status, seconds, checksum, error in outcomes:
                     log.write(f"{case_id} {Status(status).name} {seconds:.3f} s {checksum} {error}\n")
                 log.flush()
-                if outcomes:
-                    _count(study.name, stored - len(outcomes), stored, len(plan.todo), time.monotonic() - begun)
+                progress.count(stored)
         except KeyboardInterrupt:
             raise Interrupted(f"stopped at once; complete cases are stored: {_RESUME}") from None
     if stored < len(plan.todo):
         raise Interrupted(f"interrupted after {stored} of {len(plan.todo)} cases: {_RESUME}")
 
 
-def _finish(plan: RunPlan, folder: Folder, origin: Mapping[str, str]) -> RunResult:
+def _finish(plan: RunPlan, folder: Folder, origin: Mapping[str, str], progress: _RunProgress) -> RunResult:
     """Write the dataset of all stored cases, and its report."""
     study, states = plan.selection.study, folder.states(plan.selection)
     path = folder.dataset(study.name)
     failed = [(case, reason) for case, state, reason in states if state == FAILED]
-    _say(agreed(f"{study.name}: writing the dataset of {len(states)} cases"))
+    progress.say(agreed(f"{study.name}: writing the dataset of {len(states)} cases"))
     attributes = write_dataset(Assembly(plan.selection, folder.shards, [case.id for case, _ in failed]), path, origin)
     requested = {case.id: reason for case, reason in failed if _selects(plan.requested, case)}
     code, codes = code_version(study), attributes.get("cases_code", "").split("; ")
     others = [text for text in codes if text and not text.startswith(f"{code}:")]
     advice = "they are kept; raise the study's version to compute them again"
     messages = [f"cases computed by other code than {code}: {'; '.join(others)}: {advice}"] if others else []
-    _say(f"{study.name}: drawing the figures and testing the claims")
+    progress.say(f"{study.name}: drawing the figures and testing the claims")
     try:
         report = write_report(study, folder)
     except ReportError as error:
@@ -221,13 +229,29 @@ def _finish(plan: RunPlan, folder: Folder, origin: Mapping[str, str]) -> RunResu
     return RunResult(path, plan.kept, requested, report, messages)
 
 
-def _say(line: str) -> None:
-    print(line, file=sys.stderr, flush=True)
+class _RunProgress:
+    """Number of finished cases: a bar on a terminal, ten lines elsewhere."""
 
+    def __init__(self, title: str, total: int):
+        self.title, self.total, self.done = title, total, 0
+        self.console = Console(stderr=True, highlight=False, soft_wrap=True)
+        columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TextColumn("cases"))
+        times = (TimeElapsedColumn(), TextColumn("left"), TimeRemainingColumn())
+        off = not (self.console.is_terminal and total)
+        # The time left is that at the mean rate since the start: cases can last longer than the half minute by default.
+        self.bar = Progress(*columns, *times, console=self.console, disable=off, speed_estimate_period=math.inf)
+        self.task = self.bar.add_task(title, total=total)
 
-def _count(title: str, before: int, done: int, total: int, seconds: float) -> None:
-    """Tell the number of finished cases: in the line of a terminal, or in ten lines elsewhere."""
-    left = f"about {seconds / done * (total - done):.0f} s left" if done < total else f"in {seconds:.1f} s"
-    tell(f"{done}/{total} cases, {left}")
-    if not sys.stderr.isatty() and done * 10 // total > before * 10 // total:
-        _say(f"{title}: {done}/{total} cases, {left}")
+    def say(self, line: str) -> None:
+        """Print a line on stderr without disturbing the bar."""
+        self.console.print(line, markup=False)
+
+    def count(self, done: int) -> None:
+        """Show the cases of finished tasks."""
+        if self.bar.disable and done * 10 // self.total > self.done * 10 // self.total:
+            elapsed = self.bar.tasks[0].elapsed or 0.0
+            left = elapsed / done * (self.total - done)
+            ending = f"about {left:.0f} s left" if done < self.total else f"in {elapsed:.1f} s"
+            self.say(f"{self.title}: {done}/{self.total} cases, {ending}")
+        self.done = done
+        self.bar.update(self.task, completed=done)

@@ -78,6 +78,15 @@ def test_studies_are_found_by_name_in_the_working_directory(tmp_path, monkeypatc
         load_study("other")  # the name in the file is another
 
 
+def test_a_benchmark_that_a_wheel_does_not_contain_is_named_with_its_place(tmp_path, monkeypatch):
+    """Outside a checkout of the source."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("critflow.workflow.load.named_studies", lambda: {})
+    with pytest.raises(StudyError, match="checkout") as caught:
+        load_study("speed")
+    assert "\n" not in str(caught.value)
+
+
 def test_a_file_is_executed_once_for_each_content(tmp_path):
     path = tmp_path / "plain.py"
     path.write_text(STUDY)
