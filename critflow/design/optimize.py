@@ -185,14 +185,24 @@ def _closed_form(problem: _Problem) -> Optimum:
         )
     if not optimum.ok:
         return replace(optimum, stats=replace(optimum.stats, residual=np.nan))
-    residual = _residual(evaluate(manifold, goal, optimum.value.sigma))
+    stats = Stats.deferred(
+        lambda: replace(optimum.stats, residual=_residual(evaluate(manifold, goal, optimum.value.sigma))),
+        method="closed_form",
+        steps=0,
+    )
     if problem.is_bulk:
-        error = partial(transition_modulus_error, dilation(manifold.network.dimension), optimum.value)
+        error = partial(_bulk_error, goal, optimum)
     else:
         # Value and bound are both rounded, and the value is at most the exact bound.
         rounding = EPS * manifold.network.n_edges * optimum.bound
         error = partial(float, abs(optimum.bound - optimum.objective) + rounding)
-    return replace(optimum, stats=replace(optimum.stats, residual=residual), error_of=error)
+    return replace(optimum, stats=stats, error_of=error)
+
+
+def _bulk_error(goal: Quantity, optimum: Optimum) -> float:
+    """The error bound of the refined configuration, and the difference of the value, which is that of the plain one."""
+    difference = abs(goal.evaluate(optimum.value)[0] - optimum.objective)
+    return difference + transition_modulus_error(dilation(optimum.value.network.dimension), optimum.value)
 
 
 def _closed_form_pays(problem: _Problem) -> bool:
