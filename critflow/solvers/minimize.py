@@ -21,6 +21,7 @@ from critflow.result import Status
 ARMIJO = 1e-4  # part of the predicted decrease that a step must reach (Nocedal & Wright, section 3.1)
 ROUNDING = 1e-14  # relative change of a value that is rounding: the roundings of one sum over the edges
 FLAT = 1e-11  # curvature of a flat direction, relative to the steepest: the precision of Hessian-vector products
+_SPARE = 5  # room for pairs beyond the memory of L-BFGS: copies of the memory are then a tenth of a step
 IDLE = 100  # steps of L-BFGS without a smaller value or residual after which rounding has stopped it
 
 Array = NDArray[np.float64]
@@ -86,15 +87,19 @@ def minimise(
     tolerance: float,
     max_steps: int,
     monitor: Monitor | None = None,
+    stationary: float = np.inf,
 ) -> Minimum:
     """Minimise a function from x0 (n,) until its residual is below the tolerance.
+
+    stationary  residual of a start above which a step is tried even if it meets the tolerance: a rough tolerance may be
+                met where the function is largest
 
     Other stop statuses: `singular` for a value that is not finite, `stalled`, `step_limit`, and those of the monitor.
     """
     point = function.at(x0)
     state: State | None = method.init(point)
     for step in range(max_steps):
-        if point.residual < tolerance:
+        if point.residual < tolerance and (step or point.residual <= stationary):
             return Minimum(point, Status.ok, step)
         if not np.isfinite(point.value):
             return Minimum(point, Status.singular, step)
@@ -103,7 +108,7 @@ def minimise(
         assert state is not None
         point, state = method.step(function, point, state)
         if state is None:
-            return Minimum(point, Status.stalled, step)
+            return Minimum(point, Status.ok if point.residual < tolerance else Status.stalled, step)
     return Minimum(point, Status.ok if point.residual < tolerance else Status.step_limit, max_steps)
 
 
@@ -169,38 +174,44 @@ class Pairs:
     """
 
     def __init__(self, memory: int, n: int):
-        # The place of the oldest pair takes the next one.
-        self._dx, self._dgradient, self._products = (np.empty((memory, size)) for size in (n, n, memory))
+        self._memory = memory
+        # Pairs in turn, so that the last ones are one block; where the room ends they move to its beginning.
+        room = memory + _SPARE
+        self._dx, self._dgradient, self._products = (np.empty((room, size)) for size in (n, n, room))
         self.clear()
 
     def __len__(self) -> int:
-        return len(self._order)
+        return self._last - self._first
 
     def clear(self) -> None:
-        self._order: list[int] = []
+        self._first = self._last = 0
 
     def append(self, dx: Array, dgradient: Array) -> None:
-        place = self._order.pop(0) if len(self) == len(self._dx) else len(self)
-        self._order.append(place)
-        self._dx[place], self._dgradient[place] = dx, dgradient
-        self._products[: len(self), place] = self._dx[: len(self)] @ dgradient
+        if self._last == len(self._dx):
+            first, kept = self._last - self._memory + 1, self._memory - 1
+            for pairs in (self._dx, self._dgradient):
+                pairs[:kept] = pairs[first:]
+            self._products[:kept, :kept] = self._products[first:, first:]
+            self._last = kept
+        self._dx[self._last], self._dgradient[self._last] = dx, dgradient
+        self._last += 1
+        self._first = max(0, self._last - self._memory)
+        block = slice(self._first, self._last)
+        self._products[block, self._last - 1] = self._dx[block] @ dgradient
 
     def direction(self, gradient: Array, diagonal: Array | float) -> Array:
         """−H⁻¹ g with the inverse Hessian implied by the pairs and a diagonal part of the Hessian that is known."""
         if not len(self):
             return -gradient
-        order, scattered = np.array(self._order), np.empty(len(self))
-        S, Y = self._dx[: len(self)], self._dgradient[: len(self)]
-        R = self._products[order][:, order]
-        first = dtrtrs(R, (S @ gradient)[order])[0]
-        scattered[order] = first
-        direction = scattered @ Y - gradient
-        dx, dgradient = S[order[-1]], Y[order[-1]]
+        block = slice(self._first, self._last)
+        S, Y, R = self._dx[block], self._dgradient[block], self._products[block, block]
+        first = dtrtrs(R, S @ gradient)[0]
+        direction = first @ Y - gradient
+        dx, dgradient = S[-1], Y[-1]
         rest = dgradient - diagonal * dx
         curvature = rest @ dx
         direction /= diagonal + (rest @ rest / curvature if curvature > 0 else dgradient @ dgradient / R[-1, -1])
-        scattered[order] = dtrtrs(R, R.diagonal() * first + (Y @ direction)[order], trans=1)[0]
-        return direction - scattered @ S
+        return direction - dtrtrs(R, R.diagonal() * first + Y @ direction, trans=1)[0] @ S
 
 
 class LBFGSState(NamedTuple):
