@@ -205,7 +205,7 @@ class DescentMonitor:
     def _status(self, point: Point) -> Status | None:
         sigma, L = point.state.balance.sigma, point.state.balance.bond_vectors
         length = np.sqrt(dot(L, L))
-        if length.min() > SOUND * length.mean() and sigma.min() > SOUND**2:
+        if length.min() * len(length) > SOUND * length.sum() and sigma.min() > SOUND**2:
             # Far from all limits below.
             self.last_sound = point.x
             return None
