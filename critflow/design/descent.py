@@ -141,8 +141,9 @@ def _repeated(
 def _saddle_is_possible(monitor: DescentMonitor, end: Minimum) -> bool:
     """Whether the end of a descent is tested: always where it is as stationary as by default."""
     residual, start = end.point.residual, monitor.start
-    symmetric = bool(np.diff(np.sort(start)).min(initial=np.inf) < SYMMETRIC * np.ptp(start))
-    return residual <= STATIONARY or (residual <= STOPPED and symmetric)
+    if not STATIONARY < residual <= STOPPED:
+        return residual <= STATIONARY
+    return bool(np.diff(np.sort(start)).min(initial=np.inf) < SYMMETRIC * np.ptp(start))
 
 
 def _improves(again: Minimum, end: Minimum) -> bool:
