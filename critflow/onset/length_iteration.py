@@ -12,9 +12,11 @@ The iteration converges linearly, three steps a digit, if lengths in these ratio
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Callable, Iterator
 
 import numpy as np
+from scipy.linalg.lapack import dgelss
 
 from critflow.critical.manifold import Balance, CriticalManifold
 from critflow.linalg.vectors import dot, norms
@@ -44,31 +46,35 @@ def iterate_lengths(
     lengths   ℓ up to a factor, (N_b,)
     deformed  bond vectors L (N_b, d) → F L: a network on a deformed boundary is in balance under the same stresses
     """
-    theta, deviations = np.zeros(manifold.network.n_edges), [np.inf] * PATIENCE
-    thetas: list[Array] = []
-    steps: list[Array] = []
+    n = manifold.network.n_edges
+    theta, deviations = np.zeros(n), [np.inf] * PATIENCE
+    last: tuple[Array, Array] | None = None
+    moves: deque[Array] = deque(maxlen=REMEMBERED)
+    changes: deque[Array] = deque(maxlen=REMEMBERED)
     while True:
-        theta = theta - theta.mean()
+        # Sums over n are the bits of means, which take longer for small networks.
+        theta = theta - theta.sum() / n
         if not np.abs(theta).max() < LARGEST:
             return
         sigma = np.exp(theta)
-        balance = manifold.balance(sigma * np.sqrt(len(sigma) / np.sum(sigma**2)))
+        balance = manifold.balance(sigma * np.sqrt(n / (sigma**2).sum()))
         ratios = norms(deformed(balance.bond_vectors) if deformed else balance.bond_vectors) / lengths
         if not (np.isfinite(ratios).all() and ratios.all()):
             return
         stretch = np.log(ratios)
-        stretch -= stretch.mean()
+        stretch -= stretch.sum() / n
         deviations.append(float(np.abs(stretch).max()))
         if not deviations[-1] < 0.5 * deviations[-1 - PATIENCE]:
             return
         yield balance, deviations[-1]
         f = STEP * stretch
-        thetas, steps = [*thetas, theta][-REMEMBERED - 1 :], [*steps, f][-REMEMBERED - 1 :]
-        theta = theta + f
-        if len(steps) > 1:
-            changes = np.diff(steps, axis=0)
-            weights = np.linalg.lstsq(changes @ changes.T, changes @ f, rcond=1e-14)[0]
-            theta -= weights @ (np.diff(thetas, axis=0) + changes)
+        previous, last, theta = last, (theta, f), theta + f
+        if previous is not None:
+            moves.append(last[0] - previous[0])
+            changes.append(f - previous[1])
+            rows = np.array(changes)
+            weights = dgelss(rows @ rows.T, rows @ f, cond=1e-14)[1]
+            theta -= weights @ (np.array(moves) + rows)
 
 
 def mean_strain(path: BoundaryPath, lengths: Array, L: Array, near: float) -> float:
