@@ -12,7 +12,6 @@ The iteration converges linearly, three steps a digit, if lengths in these ratio
 
 from __future__ import annotations
 
-from collections import deque
 from collections.abc import Callable, Iterator
 
 import numpy as np
@@ -48,9 +47,8 @@ def iterate_lengths(
     """
     n = manifold.network.n_edges
     theta, deviations = np.zeros(n), [np.inf] * PATIENCE
-    last: tuple[Array, Array] | None = None
-    moves: deque[Array] = deque(maxlen=REMEMBERED)
-    changes: deque[Array] = deque(maxlen=REMEMBERED)
+    thetas: list[Array] = []
+    steps: list[Array] = []
     while True:
         # Sums over n are the bits of means, which take longer for small networks.
         theta = theta - theta.sum() / n
@@ -68,13 +66,13 @@ def iterate_lengths(
             return
         yield balance, deviations[-1]
         f = STEP * stretch
-        previous, last, theta = last, (theta, f), theta + f
-        if previous is not None:
-            moves.append(last[0] - previous[0])
-            changes.append(f - previous[1])
-            rows = np.array(changes)
-            weights = dgelss(rows @ rows.T, rows @ f, cond=1e-14)[1]
-            theta -= weights @ (np.array(moves) + rows)
+        thetas, steps = [*thetas, theta][-REMEMBERED - 1 :], [*steps, f][-REMEMBERED - 1 :]
+        theta = theta + f
+        if len(steps) > 1:
+            places, ahead = np.array(thetas), np.array(steps)
+            changes = ahead[1:] - ahead[:-1]
+            weights = dgelss(changes @ changes.T, changes @ f, cond=1e-14)[1]
+            theta -= weights @ (places[1:] - places[:-1] + changes)
 
 
 def mean_strain(path: BoundaryPath, lengths: Array, L: Array, near: float) -> float:

@@ -74,13 +74,7 @@ class ExtendedGeometry:
 
     def tension_forces(self, sigma: Extended, L: Extended) -> Extended:
         """gᵀ(σ ∘ L) over the free vertices, (n_free, d), of σ (N_b, 1) and L (N_b, d), to 32 digits of those."""
-
-        def tensions(rows: slice) -> Extended:
-            # One stress for each component, as NumPy is slower where it repeats them in every product.
-            stress = Extended(*(np.repeat(values[rows], L.high.shape[1], axis=1) for values in sigma))
-            return multiply(stress, part(L, rows))
-
-        return self.divergence(_in_blocks(tensions, L.high.shape))
+        return self.divergence(_in_blocks(lambda rows: multiply(part(sigma, rows), part(L, rows)), L.high.shape))
 
     def divergence(self, edge_vectors: Extended) -> Extended:
         """gᵀ v over the free vertices, (n_free, d), of edge vectors v (N_b, d), to 32 digits of those."""

@@ -114,11 +114,7 @@ def largest_modulus(network: Network | CriticalManifold, strain: Deformable) -> 
         here = found.value
     if not found.ok or len(here.collapsed_edges):
         here = found.value
-    stats = Stats.deferred(
-        lambda: replace(found.stats, method="closed_form", steps=0, residual=here.residual),
-        method="closed_form",
-        steps=0,
-    )
+    stats = Stats.deferred(lambda: found.stats, method="closed_form", steps=0, residual=here.residual)
     optimum = Optimum(found.value, Status.ok, stats, objective=modulus.evaluate(here)[0], bound=bound)
     if here.residual < BALANCED and (zero or abs(optimum.gap) < BALANCED) and shortest > NO_LENGTH:
         edges = here.collapsed_edges

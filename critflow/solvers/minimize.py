@@ -21,7 +21,6 @@ from critflow.result import Status
 ARMIJO = 1e-4  # part of the predicted decrease that a step must reach (Nocedal & Wright, section 3.1)
 ROUNDING = 1e-14  # relative change of a value that is rounding: the roundings of one sum over the edges
 FLAT = 1e-11  # curvature of a flat direction, relative to the steepest: the precision of Hessian-vector products
-_SPARE = 5  # room for pairs beyond the memory of L-BFGS: copies of the memory are then a tenth of a step
 IDLE = 100  # steps of L-BFGS without a smaller value or residual after which rounding has stopped it
 
 Array = NDArray[np.float64]
@@ -174,44 +173,38 @@ class Pairs:
     """
 
     def __init__(self, memory: int, n: int):
-        self._memory = memory
-        # Pairs in turn, so that the last ones are one block; where the room ends they move to its beginning.
-        room = memory + _SPARE
-        self._dx, self._dgradient, self._products = (np.empty((room, size)) for size in (n, n, room))
+        # The place of the oldest pair takes the next one.
+        self._dx, self._dgradient, self._products = (np.empty((memory, size)) for size in (n, n, memory))
         self.clear()
 
     def __len__(self) -> int:
-        return self._last - self._first
+        return len(self._order)
 
     def clear(self) -> None:
-        self._first = self._last = 0
+        self._order: list[int] = []
 
     def append(self, dx: Array, dgradient: Array) -> None:
-        if self._last == len(self._dx):
-            first, kept = self._last - self._memory + 1, self._memory - 1
-            for pairs in (self._dx, self._dgradient):
-                pairs[:kept] = pairs[first:]
-            self._products[:kept, :kept] = self._products[first:, first:]
-            self._last = kept
-        self._dx[self._last], self._dgradient[self._last] = dx, dgradient
-        self._last += 1
-        self._first = max(0, self._last - self._memory)
-        block = slice(self._first, self._last)
-        self._products[block, self._last - 1] = self._dx[block] @ dgradient
+        place = self._order.pop(0) if len(self) == len(self._dx) else len(self)
+        self._order.append(place)
+        self._dx[place], self._dgradient[place] = dx, dgradient
+        self._products[: len(self), place] = self._dx[: len(self)] @ dgradient
 
     def direction(self, gradient: Array, diagonal: Array | float) -> Array:
         """−H⁻¹ g with the inverse Hessian implied by the pairs and a diagonal part of the Hessian that is known."""
         if not len(self):
             return -gradient
-        block = slice(self._first, self._last)
-        S, Y, R = self._dx[block], self._dgradient[block], self._products[block, block]
-        first = dtrtrs(R, S @ gradient)[0]
-        direction = first @ Y - gradient
-        dx, dgradient = S[-1], Y[-1]
+        order, scattered = np.array(self._order), np.empty(len(self))
+        S, Y = self._dx[: len(self)], self._dgradient[: len(self)]
+        R = self._products[order][:, order]
+        first = dtrtrs(R, (S @ gradient)[order])[0]
+        scattered[order] = first
+        direction = scattered @ Y - gradient
+        dx, dgradient = S[order[-1]], Y[order[-1]]
         rest = dgradient - diagonal * dx
         curvature = rest @ dx
         direction /= diagonal + (rest @ rest / curvature if curvature > 0 else dgradient @ dgradient / R[-1, -1])
-        return direction - dtrtrs(R, R.diagonal() * first + Y @ direction, trans=1)[0] @ S
+        scattered[order] = dtrtrs(R, R.diagonal() * first + (Y @ direction)[order], trans=1)[0]
+        return direction - scattered @ S
 
 
 class LBFGSState(NamedTuple):
