@@ -44,7 +44,7 @@ class _RelativeVariance(_OfLengths):
         dlength = dot(unit, dL)
         values, dvalues = weight * length, dweight * length + weight * dlength
         variance, derivative = _relative_variance(values)
-        mean, dmean = values.mean(), dvalues.mean()
+        mean, dmean = _mean(values), _mean(dvalues)
         change = dvalues - dmean - (derivative @ dvalues) * mean - variance * dmean
         change = 2 / (len(values) * mean**2) * change - 2 * dmean / mean * derivative
         stretching = (change * weight + derivative * dweight)[:, None] * unit
@@ -138,7 +138,12 @@ def _divisors(length: Array) -> Array:
 
 def _relative_variance(values: Array) -> tuple[float, Array]:
     """Variance over squared mean, without cancellation, and its derivative."""
-    mean = values.mean()
+    mean = _mean(values)
     deviation = values - mean
-    variance = float(np.mean(deviation**2) / mean**2)
+    variance = _mean(deviation**2) / mean**2
     return variance, 2 / (len(values) * mean**2) * (deviation - variance * mean)
+
+
+def _mean(values: Array) -> float:
+    """The bits of `values.mean()`, which takes three times as long for small networks."""
+    return float(values.sum()) / len(values)

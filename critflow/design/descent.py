@@ -40,7 +40,10 @@ UNRESOLVED_LENGTH = 1e-8
 # Gain that remains at an infimum in the edges that do not tend to their limits, relative to the value; standard
 # networks reach 4e-4, and false infima have more than 1e-2.
 CONVERGED_REST = 1e-3
-STATIONARY = 1e-8  # gradient above which a descent was stopped early on purpose, by a rough tolerance: no saddle test
+# Gradients above which a descent was stopped early on purpose, by a rough tolerance, and up to which it was not, as by
+# default.  Between them only a start with a symmetry leads to a saddle, but for accidents.
+STOPPED, STATIONARY = 1e-8, 1e-12
+SYMMETRIC = 1e-9  # distance of two components of a gradient, relative to all, of edges that are images of each other
 # Smallest pivot over the largest of a nearly singular prestress matrix: lengths are then known to 1e-7.
 NEARLY_SINGULAR = 1e-9
 TRAPPED = 20  # number of successive steps at nearly singular matrices that show a limit at a singular one
@@ -81,7 +84,9 @@ def descend(
     signed = isinstance(objective, SignedStressObjective)
     monitor = (SignedDescentMonitor if signed else DescentMonitor)(objective, observe)
     repeated = partial(_repeated, objective, partial(_minimise, objective, method, tolerance, monitor), monitor)
-    end, saddles = minimise_past_saddles(objective, repeated, objective.unknowns(start), max_steps, STATIONARY)
+    end, saddles = minimise_past_saddles(
+        objective, repeated, objective.unknowns(start), max_steps, partial(_saddle_is_possible, monitor)
+    )
     balance = end.point.state.balance
     reached = manifold.solve_when_read(balance.sigma, balance)
     optimum = Optimum(
@@ -133,6 +138,14 @@ def _repeated(
     return replace(end, steps=steps)
 
 
+def _saddle_is_possible(monitor: DescentMonitor, end: Minimum) -> bool:
+    """Whether the end of a descent is tested: always where it is as stationary as by default."""
+    residual, start = end.point.residual, monitor.start
+    if not STATIONARY < residual <= STOPPED:
+        return residual <= STATIONARY
+    return bool(np.diff(np.sort(start)).min(initial=np.inf) < SYMMETRIC * np.ptp(start))
+
+
 def _improves(again: Minimum, end: Minimum) -> bool:
     """Whether a repeated descent replaces the end of the first one."""
     ended = [one.status in (Status.ok, *_NOT_ATTAINED) for one in (again, end)]
@@ -153,7 +166,7 @@ def _minimise(
     for name in DESCENTS[method]:
         minimiser: Method[Any] = Fire(objective.time_step) if name == "fire" else METHODS[name]()
         left = _MAX_STEPS[name] if max_steps is None else max_steps - steps
-        end = minimise(objective, minimiser, x, tolerance, left, monitor)
+        end = minimise(objective, minimiser, x, tolerance, left, monitor, STATIONARY)
         steps += end.steps
         if end.status not in (Status.step_limit, Status.stalled) or monitor.ended or steps == max_steps:
             break
@@ -166,18 +179,22 @@ class DescentMonitor:
 
     last_sound  unknowns of the last configuration without edges shorter, or stresses weaker, than `SOUND` allows;
                 σ = 1 without one
+    start       gradient at the first point, (N_b,)
     ended       whether the observer ended the descent
     """
 
     def __init__(self, objective: StressObjective, observe: Observer | None = None):
         self.objective, self._observe, self._step = objective, observe, 0
         self.last_sound = np.zeros(objective.manifold.network.n_edges)
+        self.start = np.zeros_like(self.last_sound)
         self.crossings: list[int] = []
         self.nearest_singular = np.nan
         self.negative_pivots: int | None = None
         self.ended, self._trapped = False, 0
 
     def __call__(self, point: Point) -> Status | None:
+        if not self._step:
+            self.start = point.gradient
         status, balance = self._status(point), point.state.balance
         value = self.objective.sign * point.value
         enough = self._observe is not None and self._observe(self._step, value, balance.sigma, balance.bond_vectors)
@@ -189,7 +206,7 @@ class DescentMonitor:
     def _status(self, point: Point) -> Status | None:
         sigma, L = point.state.balance.sigma, point.state.balance.bond_vectors
         length = np.sqrt(dot(L, L))
-        if length.min() > SOUND * length.mean() and sigma.min() > SOUND**2:
+        if length.min() * len(length) > SOUND * length.sum() and sigma.min() > SOUND**2:
             # Far from all limits below.
             self.last_sound = point.x
             return None

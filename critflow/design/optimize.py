@@ -58,6 +58,8 @@ def optimize(
                modulus; "conic" for the length variance, exactly; "auto": the cheapest that reaches the tolerance
     signs      "positive": every edge under tension; "any": compression too, and "G_0" without penalty
     start      initial σ, (N_b,); 1 on every edge by default
+    tolerance  of the largest component of dO/dσ; to one above the default, saddles are left only from a start with a
+               symmetry, and above 1e-8 from none
     max_steps  limit of the steps from each start, in all parts of the method together
     starts     number of starts; from the second on random, |N(0, 1)|, drawn from `rng`; the best optimum is returned
     observe    called with (step, value, σ, L) at the start and after every step of a descent; when it returns a true
@@ -185,14 +187,24 @@ def _closed_form(problem: _Problem) -> Optimum:
         )
     if not optimum.ok:
         return replace(optimum, stats=replace(optimum.stats, residual=np.nan))
-    residual = _residual(evaluate(manifold, goal, optimum.value.sigma))
+    stats = Stats.deferred(
+        lambda: replace(optimum.stats, residual=_residual(evaluate(manifold, goal, optimum.value.sigma))),
+        method="closed_form",
+        steps=0,
+    )
     if problem.is_bulk:
-        error = partial(transition_modulus_error, dilation(manifold.network.dimension), optimum.value)
+        error = partial(_bulk_error, goal, optimum)
     else:
         # Value and bound are both rounded, and the value is at most the exact bound.
         rounding = EPS * manifold.network.n_edges * optimum.bound
         error = partial(float, abs(optimum.bound - optimum.objective) + rounding)
-    return replace(optimum, stats=replace(optimum.stats, residual=residual), error_of=error)
+    return replace(optimum, stats=stats, error_of=error)
+
+
+def _bulk_error(goal: Quantity, optimum: Optimum) -> float:
+    """The error bound of the refined configuration, and the difference of the value, which is that of the plain one."""
+    difference = abs(goal.evaluate(optimum.value)[0] - optimum.objective)
+    return difference + transition_modulus_error(dilation(optimum.value.network.dimension), optimum.value)
 
 
 def _closed_form_pays(problem: _Problem) -> bool:

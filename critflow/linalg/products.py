@@ -27,8 +27,8 @@ def add_product(matrix: sp.csr_array | sp.csc_matrix, x: NDArray[Any], y: NDArra
     one, several = _KERNELS[matrix.format]
     # Of a transposed array `ravel` alone takes longer than the product.
     x = np.ascontiguousarray(x)
-    if x.ndim == 1:
-        one(rows, cols, matrix.indptr, matrix.indices, matrix.data, x, y)
+    if x.size == cols:
+        one(rows, cols, matrix.indptr, matrix.indices, matrix.data, x.ravel(), y.ravel())
     else:
         several(rows, cols, x.shape[1], matrix.indptr, matrix.indices, matrix.data, x.ravel(), y.ravel())
     return y

@@ -15,6 +15,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 
 import numpy as np
+from scipy.linalg.lapack import dgelss
 
 from critflow.critical.manifold import Balance, CriticalManifold
 from critflow.linalg.vectors import dot, norms
@@ -44,20 +45,22 @@ def iterate_lengths(
     lengths   ℓ up to a factor, (N_b,)
     deformed  bond vectors L (N_b, d) → F L: a network on a deformed boundary is in balance under the same stresses
     """
-    theta, deviations = np.zeros(manifold.network.n_edges), [np.inf] * PATIENCE
+    n = manifold.network.n_edges
+    theta, deviations = np.zeros(n), [np.inf] * PATIENCE
     thetas: list[Array] = []
     steps: list[Array] = []
     while True:
-        theta = theta - theta.mean()
+        # Sums over n are the bits of means, which take longer for small networks.
+        theta = theta - theta.sum() / n
         if not np.abs(theta).max() < LARGEST:
             return
         sigma = np.exp(theta)
-        balance = manifold.balance(sigma * np.sqrt(len(sigma) / np.sum(sigma**2)))
+        balance = manifold.balance(sigma * np.sqrt(n / (sigma**2).sum()))
         ratios = norms(deformed(balance.bond_vectors) if deformed else balance.bond_vectors) / lengths
         if not (np.isfinite(ratios).all() and ratios.all()):
             return
         stretch = np.log(ratios)
-        stretch -= stretch.mean()
+        stretch -= stretch.sum() / n
         deviations.append(float(np.abs(stretch).max()))
         if not deviations[-1] < 0.5 * deviations[-1 - PATIENCE]:
             return
@@ -66,9 +69,10 @@ def iterate_lengths(
         thetas, steps = [*thetas, theta][-REMEMBERED - 1 :], [*steps, f][-REMEMBERED - 1 :]
         theta = theta + f
         if len(steps) > 1:
-            changes = np.diff(steps, axis=0)
-            weights = np.linalg.lstsq(changes @ changes.T, changes @ f, rcond=1e-14)[0]
-            theta -= weights @ (np.diff(thetas, axis=0) + changes)
+            places, ahead = np.array(thetas), np.array(steps)
+            changes = ahead[1:] - ahead[:-1]
+            weights = dgelss(changes @ changes.T, changes @ f, cond=1e-14)[1]
+            theta -= weights @ (places[1:] - places[:-1] + changes)
 
 
 def mean_strain(path: BoundaryPath, lengths: Array, L: Array, near: float) -> float:

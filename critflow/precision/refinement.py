@@ -156,8 +156,8 @@ class Refinement:
         The forces gᵀ((σ − low) ∘ L) = −gᵀ(low ∘ L) are small, so that one solve in doubles has all digits that count.
         """
         shift, change, left = self._correction(bound, factor, product(self._divergence, -low * L), goal)
-        rounding = self.sum_of_sizes(bound.stress, change) + self.sum_of_sizes(low, L)
-        forces = _largest(left) + self._roundings * rounding
+        rounding = np.abs(bound.stress) * _largest(change) + np.abs(low) * _largest(L)
+        forces = _largest(left) + self._roundings * product(self._spread, rounding)
         errors = bound(forces)
         return shift, bound(forces, sharply=True) if errors.max() > goal else errors
 
@@ -166,24 +166,21 @@ class Refinement:
     ) -> Array:
         """Bounds (n_free, 1) on the errors of coordinates of a size, by the forces that are left, (n_free, d)."""
         stress, weight = bound.stress, bound.weight
-        rounding, lost = self._roundings * self.sum_of_sizes(stress, change), EXTENDED_ROUNDING * size
+        # P⁻¹ gᵀ(σ ∘ η) of a proof is a mean, over spanning trees, of sums of η along a path to a fixed vertex.
+        rounded = _largest(change) + EPS * _largest(L.high) if bound.proof else _largest(change)
+        forces = _largest(left) + self._roundings * product(self._spread, np.abs(stress) * rounded)
+        lost = EXTENDED_ROUNDING * size
         if bound.proof:
-            # P⁻¹ gᵀ(σ ∘ η) is then a mean, over spanning trees, of sums of η along a path to a fixed vertex.
-            rounding += EPS * self._roundings * self.sum_of_sizes(stress, L.high)
-            return bound(_largest(left) + rounding, sharply) + len(weight) * lost
-        return bound(_largest(left) + rounding + lost * weight, sharply)
+            return bound(forces, sharply) + len(weight) * lost
+        return bound(forces + lost * weight, sharply)
 
     def product(self, stress: Array, vector: Array) -> Array:
         """P v, (n_free, 1), by differences along the edges, which nearly equal entries do not spoil."""
         return product(self._divergence, stress * product(self._g, vector))
 
-    def sum_of_sizes(self, stress: Array, change: Array) -> Array:
-        """Σ|σ_α||change_α| around each free vertex, (n_free, 1)."""
-        return product(self._spread, np.abs(stress) * _largest(change))
-
     def rounding(self, stress: Array, vector: Array) -> Array:
         """Bound on the rounding of `product`."""
-        return self._roundings * self.sum_of_sizes(stress, product(self._g, vector))
+        return self._roundings * product(self._spread, np.abs(stress * product(self._g, vector)))
 
 
 def _largest(vectors: Array) -> Array:

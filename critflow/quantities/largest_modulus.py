@@ -97,34 +97,27 @@ def largest_modulus(network: Network | CriticalManifold, strain: Deformable) -> 
     Raises `InputError` in three dimensions except for dilations: such forces seldom close there.
     """
     manifold = CriticalManifold.of(network)
-    network, k = manifold.network, manifold.network.stiffness
-    A, shortest = transition_modulus(network, strain).symmetric, 1.0
-    found: Solution[CriticalConfiguration] | None = None
-    if is_dilation(A):
-        # F = A is isotropic: the configuration is L* itself.
-        found = manifold.solve(k)
-    elif network.dimension != 2:
+    network, modulus, shortest = manifold.network, transition_modulus(manifold.network, strain), 1.0
+    A, k = modulus.symmetric, network.stiffness
+    if not is_dilation(A) and network.dimension != 2:
         raise InputError("in three dimensions only the largest modulus of a dilation has a known configuration")
-    L_star = found.value.bond_vectors if found is not None and found.ok else manifold.balance(k).bond_vectors
-    F, moment = force_map(network, L_star, A)
+    balance = manifold.balance(k * np.sqrt(network.n_edges / (k @ k)))
+    F, moment = force_map(network, balance.bond_vectors, A)
     bound, zero = float(np.trace(F @ moment @ F.T)) / network.volume, vanishes(F, moment, A)
-    if found is None:
-        found, shortest = (manifold.solve(k), 1.0) if zero else _closed(manifold, L_star, F, A, bound)
-    value = found.value
-    optimum = Optimum(
-        value=value,
-        status=Status.ok,
-        stats=Stats(
-            "closed_form",
-            residual=value.residual,
-            condition=found.stats.condition,
-            error_bound=value.error_bound,
-        ),
-        objective=TransitionModulus(A).evaluate(value)[0],
-        bound=bound,
-    )
-    if value.residual < BALANCED and (zero or abs(optimum.gap) < BALANCED) and shortest > NO_LENGTH:
-        edges = value.collapsed_edges
+    if zero or is_dilation(A):
+        # F = A of a dilation is isotropic: the configuration is L* itself.
+        found: Solution[CriticalConfiguration] = manifold.solve_when_read(balance.sigma, balance)
+        x = network.all_coordinates(balance.coordinates)
+        here = CriticalConfiguration(network, balance.sigma, x, balance.bond_vectors)
+    else:
+        found, shortest = _closed(manifold, balance.bond_vectors, F, A, bound)
+        here = found.value
+    if not found.ok or len(here.collapsed_edges):
+        here = found.value
+    stats = Stats.deferred(lambda: found.stats, method="closed_form", steps=0, residual=here.residual)
+    optimum = Optimum(found.value, Status.ok, stats, objective=modulus.evaluate(here)[0], bound=bound)
+    if here.residual < BALANCED and (zero or abs(optimum.gap) < BALANCED) and shortest > NO_LENGTH:
+        edges = here.collapsed_edges
         note = f"edges {', '.join(map(str, edges))} have no length there" if len(edges) else ""
         return replace(optimum, collapsed_edges=edges, note=note)
     # Forces that are all parallel, or an edge that vanishes: the bound is approached, not attained.

@@ -86,15 +86,19 @@ def minimise(
     tolerance: float,
     max_steps: int,
     monitor: Monitor | None = None,
+    stationary: float = np.inf,
 ) -> Minimum:
     """Minimise a function from x0 (n,) until its residual is below the tolerance.
+
+    stationary  residual of a start above which a step is tried even if it meets the tolerance: a rough tolerance may be
+                met where the function is largest
 
     Other stop statuses: `singular` for a value that is not finite, `stalled`, `step_limit`, and those of the monitor.
     """
     point = function.at(x0)
     state: State | None = method.init(point)
     for step in range(max_steps):
-        if point.residual < tolerance:
+        if point.residual < tolerance and (step or point.residual <= stationary):
             return Minimum(point, Status.ok, step)
         if not np.isfinite(point.value):
             return Minimum(point, Status.singular, step)
@@ -103,7 +107,7 @@ def minimise(
         assert state is not None
         point, state = method.step(function, point, state)
         if state is None:
-            return Minimum(point, Status.stalled, step)
+            return Minimum(point, Status.ok if point.residual < tolerance else Status.stalled, step)
     return Minimum(point, Status.ok if point.residual < tolerance else Status.step_limit, max_steps)
 
 

@@ -36,18 +36,18 @@ Descent = Callable[[Array, int | None], Minimum]
 
 
 def minimise_past_saddles(
-    function: Function, descend: Descent, x0: Array, max_steps: int | None, stationary: float
+    function: Function, descend: Descent, x0: Array, max_steps: int | None, tested: Callable[[Minimum], bool]
 ) -> tuple[Minimum, int | None]:
     """A descent from x0 (n,), continued from every saddle at which it ends; and the number of saddles.
 
-    stationary  residual above which the end is not tested, as after a descent to a rough tolerance, where the test
-                would cost more than the descent; the number of saddles is then None if no other was met
+    tested  whether an end is to be tested, which costs as much as half of a descent; where it is not, the number of
+            saddles is None if no other was met
 
     `Status.stalled` where no step off a saddle decreases the value.
     """
     end = descend(x0, max_steps)
     steps, saddles = end.steps, 0
-    while end.status is Status.ok and end.point.residual <= stationary:
+    while end.status is Status.ok and tested(end):
         direction = negative_curvature_direction(function, end.point)
         if direction is None:
             return Minimum(end.point, end.status, steps), saddles

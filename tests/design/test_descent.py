@@ -163,6 +163,21 @@ def test_a_descent_leaves_saddles(n_vertices, seed, threshold, method):
     assert solution.saddles == 1
     assert solution.objective > -alone.value * (1 + 1e-3)
     assert largest_curvature(manifold, goal, np.log(solution.value.sigma)) < 1e-6
+    # Vertices with the same neighbours are a symmetry of the start, which leads to the saddle at rough tolerances too.
+    assert optimize(manifold, goal, method, tolerance=1e-10).saddles == 1
+
+
+def test_ends_that_rough_tolerances_leave_untested():
+    network = voronoi_network(40, seed=1)
+    assert [optimize(network, "V_tau", tolerance=t).saddles for t in (1e-4, 1e-10, 1e-12)] == [None, None, 0]
+
+
+@pytest.mark.parametrize("method", ["auto", "lbfgs"])
+def test_a_start_that_meets_a_rough_tolerance_is_left(method):
+    # At equal stresses G_0 is nearly zero, its least value, where the gradient vanishes too.
+    network = voronoi_network(100, seed=0)
+    rough = optimize(network, "G_0", method, tolerance=1e-3)
+    assert rough.objective > 0.9 * optimize(network, "G_0", method).objective
 
 
 @pytest.mark.parametrize("method", ["fire", "lbfgs", "newton", "auto"])

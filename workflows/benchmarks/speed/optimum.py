@@ -8,8 +8,8 @@ the value would be rounding:
     V_τ, G_0    the largest d log O/d log σ of an edge.  G_0 with its penalty has several local optima, in
                 which methods may end.  The network of 10,000 vertices does not attain its infimum of V_τ, where an
                 edge has no length, and so has no such error: that size is left out
-Methods of critflow test whether the end is a saddle, at tolerances of 1e-8 and less; other packages do not, which is
-part of the times.
+Methods of critflow test whether the end is a saddle, at the default tolerance of 1e-12 and less; other packages do not,
+which is part of the times.
 
 jax_fdm knows no periodic cells: it is compared on the part of the network that does not cross the cell, hung on the
 vertices whose edges were removed, where these are when all edges are equally long: V_L = 0 is attained.  Few such
