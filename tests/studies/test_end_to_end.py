@@ -15,7 +15,7 @@ OTHER = {"gallery", "percolation", "three_dimensions"}
 DIFFER = {
     "boundary": (8, {"BoundaryTerm-side"}),
     "gallery": (10, {"BulkModulus", "Networks-JK-spread_wide"}),
-    "three_bar": (18, {"2FF", "3-barlinkage-G-regions", "3-barlinkage-G-floppy"}),
+    "three_bar": (8, {"2FF", "3-barlinkage-G-regions", "3-barlinkage-G-floppy"}),
 }
 HOLD = {
     "onset": "OnsetConvex",
