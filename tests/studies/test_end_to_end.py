@@ -18,7 +18,7 @@ DIFFER = {
     "three_bar": (8, {"2FF", "3-barlinkage-G-regions", "3-barlinkage-G-floppy"}),
 }
 HOLD = {
-    "onset": "OnsetConvex",
+    "onset": "OnsetCoordination-triangular",
     "shear": "ShearModulusSteepestDescent-bound",
     "three_dimensions": "ResponseMetrics-C",
     "weak_forces": "soft-band",
