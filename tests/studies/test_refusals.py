@@ -32,7 +32,7 @@ SETTINGS = {
     "percolation": {"n_vertices=7": "n_vertices"},
     "shear": {
         **{"method=steepest": "fire", "algorithms=steepest": "fire", "n_vertices=7": "n_vertices"},
-        **{"fractions=0.5,1.5": "between", "n_steps=0": "least", "n_starts=0": "least"},
+        **{"fractions=0.5,1.5": "between", "n_steps=0": "positive"},
         **{"populations=shear": "population", "thresholds=0,0.1": "positive"},
     },
     "speed": {
