@@ -61,9 +61,9 @@ def threshold_power(sizes, halves):
 
 
 def percolation_figure(ds):
-    """Part of the networks with every edge stressed, part of slack edges, and the curves of all sizes rescaled."""
-    figure = Figure(figsize=(13.5, 4.4), dpi=110, layout="constrained")
-    whole, edges, collapse = figure.subplots(1, 3)
+    """Part of the networks with every edge stressed, and part of slack edges."""
+    figure = Figure(figsize=(11, 4.4), dpi=110, layout="constrained")
+    whole, edges = figure.subplots(1, 2)
     full, slack, counts = curve(ds)
     sizes, spreads = ds.n_vertices.values, ds.spread.values
     halves = np.array([half_point(spreads, row) for row in full])
@@ -74,18 +74,12 @@ def percolation_figure(ds):
         whole.fill_between(spreads, full[row] - error, full[row] + error, color=style["color"], alpha=0.12, linewidth=0)
         whole.plot(spreads, full[row], label=label, **style)
         edges.plot(spreads, np.where(slack[row] > 0, slack[row], np.nan), **style)
-        collapse.plot(spreads / half, full[row], **style)
     whole.axvline(PRINTED_SPREAD, color="0.3", linestyle="--", linewidth=1)
     whole.text(PRINTED_SPREAD + 0.005, 0.97, "printed in\nthe paper", fontsize=8.5, va="top")
     whole.set(xlabel="spread of rest lengths $s$", ylabel="networks with every edge stressed", ylim=(-0.03, 1.05))
     edges.set(xlabel="spread of rest lengths $s$", ylabel="part of slack edges", yscale="log")
     lines = whole.get_legend_handles_labels()
-    figure.legend(*lines, fontsize=9, frameon=False, loc="center right", bbox_to_anchor=(1, 0.55))
-    collapse.axvline(1, color="0.6", linestyle=":", linewidth=1)
-    collapse.set(xlabel="$s / s_{1/2}(N_v)$", ylabel="networks with every edge stressed", xlim=(0, 2.5))
-    if np.isfinite(power := threshold_power(sizes, halves)):
-        law = rf"$s_{{1/2}} \propto N_v^{{{power:.2f}}}$"
-        collapse.text(0.97, 0.95, law, ha="right", va="top", fontsize=10, transform=collapse.transAxes)
+    figure.legend(*lines, fontsize=9, frameon=False, loc="center right", bbox_to_anchor=(1, 0.4))
     lettered(*figure.axes)
     figure.suptitle(
         "Full percolation of stress is lost at ever smaller spreads of rest lengths as networks grow",
