@@ -37,13 +37,12 @@ def test_claims_change_their_verdict_with_the_arrays(dataset):
         ("bulk_modulus_affine", "bulk_modulus", 1.01, "BulkModulusAffine"),
         ("flat_directions", "bulk_modulus", 2, "BulkModulusHessian"),
         ("shear_modulus_0", "shear_modulus_2", 0.1, "Networks-GHI"),
-        ("tension", "random_stress_1", 1.1, "Networks"),
         ("stressed_fraction", "random_lengths", 0.99, "Networks-JK-spread"),
     ):
         changed = dataset.copy(deep=True)
         changed[name].loc[{"panel": panel}] *= factor
         assert {claim.key: claim.verdict for claim in claims(changed)}[key] == "differs", key
-    assert [claim.key for claim in claims(dataset.sel(panel=["random_stress_1"]))] == ["Networks"]
+    assert claims(dataset.sel(panel=["random_stress_1"])) == []
 
 
 def test_a_part_of_the_panels_makes_a_figure_too(dataset):
