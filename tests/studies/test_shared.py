@@ -60,7 +60,7 @@ def test_a_contradiction_names_the_case_and_the_checks(status, lines):
 
 
 STORED = re.compile(
-    r"(sampled_|strained_|sheared_)?(coordinates|bulk|growth|tip|least|signed|tensile|sampled|achieved|critical_strain"
+    r"(sampled_|strained_|sheared_)?(coordinates|bulk|growth|least|signed|tensile|sampled|achieved|critical_strain"
     r"|(bulk|shear)_modulus(_0|_stress_corrected)?|C_[BG](_stress_corrected)?(_exact)?)"
 )
 
