@@ -3,12 +3,10 @@
 import json
 
 import numpy as np
-import pytest
 
 from critflow import CriticalManifold, Status, voronoi_network
 from critflow.command.main import main
 from critflow.workflow import stable_rng
-from critflow.workflow.load import load_study
 from workflows.benchmarks import reference
 from workflows.shared.measurements import BOUNDED
 
@@ -46,39 +44,6 @@ def test_too_few_strains_for_a_line_leave_the_fits_out(run_study, tmp_path):
     claims = {claim["key"]: claim for claim in json.loads((tmp_path / "claims.json").read_text())}
     assert claims["ModulusStrainScaling"]["verdict"] == "measured"
     assert "undefined" in claims["ModulusStrainScaling"]["value"]
-
-
-def test_figures_claims_and_summary_are_written(folder, assert_picture):
-    for name in ("gallery", "structure", "response"):
-        assert_picture(folder / "figures" / f"{name}.png")
-    claims = json.loads((folder / "claims.json").read_text())
-    assert {"LengthVariance", "TensionVariance", "percolation-spread_wide"} <= {claim["key"] for claim in claims}
-    verdicts = {claim["key"]: claim["verdict"] for claim in claims}
-    assert verdicts["LengthVariance"] == verdicts["ResponseMetrics-A"] == "holds"
-    assert verdicts["percolation-spread_wide"] == verdicts["ResponseMetrics-A-random_lengths_wide"] == "differs"
-    assert all(claim["because"] for claim in claims if claim["verdict"] == "differs")
-    summary = json.loads((folder / "summary.json").read_text())
-    assert summary["networks"] == 3 and len(summary["populations"]) == 7
-
-
-def test_verify_names_a_stress_out_of_balance(dataset):
-    changed = dataset.copy(deep=True)
-    changed.sigma.loc[{"population": "random_stress", "seed": 1, "edge": 5}] *= 1 + 1e-6
-    (problem,) = load_study(STUDY).study.verify(changed)
-    assert problem.startswith("seed 1, population random_stress: force balance")
-
-
-@pytest.mark.parametrize(
-    "variable, change",
-    [("C_B", 1.001), ("C_G_error", 1.1), ("energy", -1.0), ("stressed_fraction", 0.9), ("residual", 1e6)],
-)
-def test_verify_recomputes_scalars_from_the_arrays(dataset, variable, change):
-    changed = dataset.copy(deep=True)
-    one = {"population": "bulk_modulus", "seed": 1}
-    changed[variable].loc[one] *= change
-    (problem,) = load_study("ensemble").study.verify(changed)
-    assert problem.startswith("seed 1, population bulk_modulus: ")
-    assert variable.removesuffix("_error") in problem
 
 
 def test_show_prints_a_certificate(folder, tmp_path, capsys, assert_picture):

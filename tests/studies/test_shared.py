@@ -11,7 +11,7 @@ import xarray as xr
 from critflow import Status
 from critflow.workflow.load import load_study, named_studies
 from workflows.shared.populations import LABELS, PAPER_POPULATIONS, POPULATIONS
-from workflows.shared.reports import finite, series, spread, status_counts
+from workflows.shared.reports import finite, spread, status_counts
 from workflows.shared.verification import contradictions
 
 WORKFLOWS = Path(__file__).parents[2] / "workflows"
@@ -34,12 +34,6 @@ def test_a_study_imports_no_other_study():
         for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
             if isinstance(node, ast.ImportFrom) and node.level > 1:
                 assert (node.module or "").split(".")[0] not in folders, path
-
-
-def test_any_number_of_series_has_colours_and_markers():
-    styles = [tuple(sorted(series(n).items())) for n in range(7)]
-    assert len(set(styles)) == 7
-    assert series(20) == series(6) and series(7) == series(0)
 
 
 def test_numbers_that_are_not_finite_are_left_out():
