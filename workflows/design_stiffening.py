@@ -26,7 +26,6 @@ NAMES = ("B_0", "C_B", "C_G")
 # Strains at which the growth is fitted by a parabola, and seeds of the networks that attain the targets.
 STRAINS = np.linspace(0.0, 4e-4, 9)[1:]
 OTHER = 100
-PARAMETERS = {"n_vertices": 400, "threshold": 0.1, "spread": 0.1, "sources": SOURCES}
 
 
 def case(parameters, *, seed):
@@ -139,7 +138,7 @@ study = Study(
     title="Stiffening on demand",
     references=PAPER,
     axes=(networks(10),),
-    parameters=PARAMETERS,
+    parameters={"n_vertices": 400, "threshold": 0.1, "spread": 0.1, "sources": SOURCES},
     case=case,
     check=check,
     variables=(

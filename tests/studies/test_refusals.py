@@ -32,7 +32,7 @@ SETTINGS = {
     "percolation": {"n_vertices=7": "n_vertices"},
     "shear": {
         **{"method=steepest": "fire", "algorithms=steepest": "fire", "n_vertices=7": "n_vertices"},
-        **{"fractions=0.5,1.5": "between", "n_steps=0": "least", "n_starts=0": "least"},
+        **{"fractions=0.5,1.5": "between", "n_steps=0": "positive"},
         **{"populations=shear": "population", "thresholds=0,0.1": "positive"},
     },
     "speed": {
@@ -66,6 +66,11 @@ def test_settings_that_could_only_fail_are_refused(study, setting, word, tmp_pat
         ("boundary", "sigma", "sigma, force balance"),
         ("boundary", "sheared_cell", "sheared_cell at 0"),
         ("boundary", "sheared_bond_vectors", "sheared_bond_vectors at 0"),
+        *(("ensemble", name, name) for name in ("C_B", "energy", "stressed_fraction", "residual")),
+        *(("ensemble", name, word) for name, word in (("C_G_error", "C_G"), ("sigma", "force balance"))),
+        *(("gallery", name, name) for name in ("length", "tension", "tension_variance", "bulk_modulus_0")),
+        *(("gallery", name, name) for name in ("shear_modulus_0", "bulk_modulus_affine")),
+        ("gallery", "coordinates", "force balance"),
         ("shear", "shear_modulus", "shear_modulus"),
         ("shear", "longest_edge", "longest_edge"),
         ("shear", "least_tension", "least_tension"),

@@ -11,7 +11,7 @@ import xarray as xr
 from critflow import Status
 from critflow.workflow.load import load_study, named_studies
 from workflows.shared.populations import LABELS, PAPER_POPULATIONS, POPULATIONS
-from workflows.shared.reports import finite, series, spread, status_counts
+from workflows.shared.reports import finite, spread, status_counts
 from workflows.shared.verification import contradictions
 
 WORKFLOWS = Path(__file__).parents[2] / "workflows"
@@ -36,12 +36,6 @@ def test_a_study_imports_no_other_study():
                 assert (node.module or "").split(".")[0] not in folders, path
 
 
-def test_any_number_of_series_has_colours_and_markers():
-    styles = [tuple(sorted(series(n).items())) for n in range(7)]
-    assert len(set(styles)) == 7
-    assert series(20) == series(6) and series(7) == series(0)
-
-
 def test_numbers_that_are_not_finite_are_left_out():
     values = np.array([1.0, np.nan, 3.0, np.inf])
     assert finite(values).tolist() == [1.0, 3.0]
@@ -60,7 +54,7 @@ def test_a_contradiction_names_the_case_and_the_checks(status, lines):
 
 
 STORED = re.compile(
-    r"(sampled_|strained_|sheared_)?(coordinates|bulk|growth|tip|least|signed|tensile|sampled|achieved|critical_strain"
+    r"(sampled_|strained_|sheared_)?(coordinates|bulk|growth|least|signed|tensile|sampled|achieved|critical_strain"
     r"|(bulk|shear)_modulus(_0|_stress_corrected)?|C_[BG](_stress_corrected)?(_exact)?)"
 )
 

@@ -5,8 +5,7 @@ import pytest
 from problems import random_stress, voronoi_3d
 
 from critflow import CriticalManifold, InputError, voronoi_network
-from critflow.critical.variances import LengthVariance, TensionVariance
-from workflows.shared.structure import face_anisotropy, force_anisotropy, polygon_anisotropy, relative_variance
+from workflows.shared.structure import face_anisotropy, force_anisotropy, polygon_anisotropy
 
 
 def sides_of(corners):
@@ -67,17 +66,6 @@ def test_force_triangles_by_the_eigenvalue_formula():
         # Sides ordered by angle form the convex polygon.
         pulls = pulls[np.argsort(np.arctan2(pulls[:, 1], pulls[:, 0]))]
         assert value == pytest.approx(by_eigenvalues(np.cumsum(pulls, axis=0)), rel=1e-8)
-
-
-def test_variances_by_their_formulas():
-    critical = CriticalManifold(voronoi_network(60, seed=2)).configuration(random_stress(90, 1))
-    for objective, values in (
-        (LengthVariance(), critical.lengths),
-        (TensionVariance(), critical.sigma * critical.lengths),
-    ):
-        known = pytest.approx(np.mean(values**2) / np.mean(values) ** 2 - 1, rel=1e-12)
-        assert objective.evaluate(critical)[0] == known
-        assert relative_variance(values) == known
 
 
 def test_networks_without_faces_raise():

@@ -9,14 +9,6 @@ SPAN = 2.0
 STUDY = "three_bar"
 
 
-def test_every_grid_was_computed_in_one_span(dataset):
-    assert (dataset.status == Status.ok).all()
-    assert set(dataset.grid.values) == {"chart", "middle", "stretched"} | {
-        f"{kind}_{edge}" for kind in ("folded", "branch") for edge in (1, 2, 3)
-    }
-    np.testing.assert_allclose(dataset.coordinates.isel(vertex=3, axis=0).values[dataset.outcome == 0], SPAN, rtol=0)
-
-
 def test_where_there_is_no_configuration_nothing_is_stored(dataset):
     bad = dataset.outcome.values == Status.singular
     for name in ("metric", "second_form", "principal_curvature", "tangents", "length"):

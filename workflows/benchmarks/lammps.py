@@ -69,19 +69,13 @@ class Lammps:
         start = np.array(self.program.gather_atoms("x", 1, 3))
         self._start = (ctypes.c_double * len(start))(*start)
 
-    def relax(
-        self, style: str, options: str, max_force: float, most_steps: int, time_step: float = 0.005
-    ) -> tuple[Array, int, float]:
-        """Wrapped coordinates (N_v, d), iterations and the largest force component, from the start.
-
-        time_step  the first one of FIRE, which may grow tenfold; the default is that of LAMMPS
-        """
+    def relax(self, style: str, options: str, max_force: float, most_steps: int) -> tuple[Array, int, float]:
+        """Wrapped coordinates (N_v, d), iterations and the largest force component, from the start."""
         run = self.program
         begin = run.extract_global("ntimestep")
         run.scatter_atoms("x", 1, 3, self._start)
         run.commands_string(
-            f"""timestep {time_step!r}
-            min_style {style}
+            f"""min_style {style}
             min_modify norm inf {options}
             minimize 0.0 {max_force!r} {most_steps} {10 * most_steps}"""
         )

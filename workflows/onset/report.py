@@ -112,11 +112,8 @@ def surface_figure(ds):
 
 
 def claims(ds):
-    """The statements on onsets; those on Voronoi networks only where they were run."""
-    made = [_bounds(ds), *_order(ds), *_dual(ds)]
-    if "voronoi" in ds.family.values and np.isfinite(ds.sel(family="voronoi").surface_strain).any():
-        made += [_convex(ds), _normals(ds)]
-    return made
+    """The statements on onsets."""
+    return [_bounds(ds), *_order(ds)]
 
 
 def _bounds(ds):
@@ -150,45 +147,3 @@ def _order(ds):
                 criterion=f"no rise between two z of a network, in {TITLES.get(deformation, deformation)}",
                 kind="ours" if family == "mikado" else "check",
             )  # fmt: skip
-
-
-def _dual(ds):
-    """Voronoi networks with straight dual edges balance tensions, so that they are critical as built."""
-    if "voronoi" in ds.family.values and 3.0 in ds.z.values:
-        status = ds.strain_status.sel(family="voronoi", z=3.0).values
-        rigid = bool((status == Status.rigid).all())
-        hidden = bool(np.isin(status, (Status.rigid, Status.undecided)).all()) and not rigid
-        yield Claim.tested(
-            "OnsetVoronoi", "Voronoi networks are at the transition as built: the dual Delaunay edges are their forces",
-            "rigid at zero strain", f"outcomes {status_counts(status)}", None if hidden else rigid,
-            "so close to the transition rounding hides the side" if hidden else "some are floppy",
-            criterion="rigid in every network; undecided where rounding hides it", kind="check",
-        )  # fmt: skip
-
-
-def _sides(ds):
-    """Largest excess of a point of each surface over a tangent plane, relative to the distance of the plane."""
-    one = ds.sel(family="voronoi").transpose("seed", "population", "direction", "component", ...)
-    points, normals = one.surface_point.values, one.surface_normal.values
-    # Components along orthogonal tensors of squared size 2.
-    side = 2 * np.einsum("spni,spmi->spnm", normals, points)
-    return np.nanmax(side / np.einsum("spnn->spn", side)[..., None], axis=(2, 3)) - 1
-
-
-def _convex(ds):
-    worst = float(np.nanmax(_sides(ds)))
-    return Claim.tested(
-        "OnsetConvex", "strains that leave a network floppy are convex, with the stresses as normals", "convex",
-        f"no point exceeds a tangent plane by more than {max(worst, 0):.1g} of its distance", worst < 1e-8,
-        "some point lies outside a tangent plane", criterion="1e-8 of its distance", kind="check",
-    )  # fmt: skip
-
-
-def _normals(ds):
-    one = ds.sel(family="voronoi")
-    compressive = float((one.surface_normal.isel(component=1) < 0).mean())
-    return Claim.tested(
-        "OnsetTension", "the mean stress at every onset of cables is tensile", "positive",
-        f"{100 * compressive:.2g} % of the normals have negative dilation", compressive == 0, "some have not",
-        criterion="every normal", kind="check",
-    )  # fmt: skip

@@ -39,7 +39,6 @@ VERBS = {"holds": "hold", "differs": "differ", "undecided": "undecided"}
 # The default method of each task and the reason for it, from the measurements.
 REASONS = {
     "configuration": "a sparse solver chosen by size: QDLDL for small matrices, Pardiso or METIS for large ones",
-    "gradient": "one more solve with the same factor",
     "length_variance": "an iteration towards equal lengths; for high accuracy Newton's method at its end",
     "tension_variance": "L-BFGS; Newton's method where gradients alone stop",
     "bulk_modulus": "closed form: one solve attains the bound",
@@ -49,8 +48,6 @@ REASONS = {
     "rest_lengths": "the same iteration, or the cone program where edges are slack, then Newton's method",
     "strain_step": "Newton's method: the softness grows as 1/γ, and no other method reaches these errors",
     "moduli": "linear response with the factor of the last Newton step",
-    "transition_moduli": "sums over edges, without a factorisation",
-    "coefficients": "exact, from the transition alone; fits have a bias and need a strain path",
 }
 
 

@@ -6,17 +6,15 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from critflow.result import Status
-from critflow.workflow import Claim, stable_rng
+from critflow.workflow import Claim
 
 from ..shared.figures import legend_below, lettered, panels
-from ..shared.power_laws import shown
 from ..shared.reports import series
 
 # The spread that the paper prints as the largest with every edge stressed.
 PRINTED_SPREAD = 0.3
 # B_0 of random rest lengths over the largest: the "about 10 %" below it of the paper, with half of that as margin.
 PRINTED_BULK, BULK_TOLERANCE = 0.9, 0.05
-_RESAMPLED = 500  # ensembles behind the interval of the power
 
 
 def curve(ds):
@@ -41,29 +39,10 @@ def half_point(spreads, full):
     return float(spreads[last] + part * (spreads[last + 1] - spreads[last]))
 
 
-def threshold_interval(ds):
-    """The 95 % interval of this power when the networks are drawn again with repetition."""
-    full, spreads = percolating(ds).values, ds.spread.values
-    picks = stable_rng(full.shape[2], "threshold").integers(0, full.shape[2], (_RESAMPLED, full.shape[2]))
-    powers = []
-    for pick in picks:
-        rows = np.nanmean(full[:, :, pick], axis=2)
-        powers.append(threshold_power(ds.n_vertices.values, np.array([half_point(spreads, row) for row in rows])))
-    return tuple(np.nanquantile(powers, (0.025, 0.975)))
-
-
-def threshold_power(sizes, halves):
-    """The power of N_v with which the half point falls, by least squares of logarithms; NaN for less than two."""
-    known = np.isfinite(halves)
-    if known.sum() < 2:
-        return np.nan
-    return float(np.polyfit(np.log(sizes[known]), np.log(halves[known]), 1)[0])
-
-
 def percolation_figure(ds):
-    """Part of the networks with every edge stressed, part of slack edges, and the curves of all sizes rescaled."""
-    figure = Figure(figsize=(13.5, 4.4), dpi=110, layout="constrained")
-    whole, edges, collapse = figure.subplots(1, 3)
+    """Part of the networks with every edge stressed, and part of slack edges."""
+    figure = Figure(figsize=(11, 4.4), dpi=110, layout="constrained")
+    whole, edges = figure.subplots(1, 2)
     full, slack, counts = curve(ds)
     sizes, spreads = ds.n_vertices.values, ds.spread.values
     halves = np.array([half_point(spreads, row) for row in full])
@@ -74,18 +53,12 @@ def percolation_figure(ds):
         whole.fill_between(spreads, full[row] - error, full[row] + error, color=style["color"], alpha=0.12, linewidth=0)
         whole.plot(spreads, full[row], label=label, **style)
         edges.plot(spreads, np.where(slack[row] > 0, slack[row], np.nan), **style)
-        collapse.plot(spreads / half, full[row], **style)
     whole.axvline(PRINTED_SPREAD, color="0.3", linestyle="--", linewidth=1)
     whole.text(PRINTED_SPREAD + 0.005, 0.97, "printed in\nthe paper", fontsize=8.5, va="top")
     whole.set(xlabel="spread of rest lengths $s$", ylabel="networks with every edge stressed", ylim=(-0.03, 1.05))
     edges.set(xlabel="spread of rest lengths $s$", ylabel="part of slack edges", yscale="log")
     lines = whole.get_legend_handles_labels()
-    figure.legend(*lines, fontsize=9, frameon=False, loc="center right", bbox_to_anchor=(1, 0.55))
-    collapse.axvline(1, color="0.6", linestyle=":", linewidth=1)
-    collapse.set(xlabel="$s / s_{1/2}(N_v)$", ylabel="networks with every edge stressed", xlim=(0, 2.5))
-    if np.isfinite(power := threshold_power(sizes, halves)):
-        law = rf"$s_{{1/2}} \propto N_v^{{{power:.2f}}}$"
-        collapse.text(0.97, 0.95, law, ha="right", va="top", fontsize=10, transform=collapse.transAxes)
+    figure.legend(*lines, fontsize=9, frameon=False, loc="center right", bbox_to_anchor=(1, 0.4))
     lettered(*figure.axes)
     figure.suptitle(
         "Full percolation of stress is lost at ever smaller spreads of rest lengths as networks grow",
@@ -143,12 +116,6 @@ def claims(ds):
         f"s = {PRINTED_SPREAD}", f"half of the networks lose it at {text}", halves[-1] >= PRINTED_SPREAD,
         "the text describes full percolation, which ends far below the spread it prints",
         criterion=f"half of the largest networks percolate at {PRINTED_SPREAD}", kind="paper",
-    )  # fmt: skip
-    yield Claim(
-        "percolation-size", "how full percolation depends on size", "not stated",
-        "the spread at which half of the networks lose it changes as N_v^p, p = "
-        + shown((threshold_power(sizes, halves), *threshold_interval(ds))), "measured",
-        sample=f"{ds.sizes['seed']} networks a size",
     )  # fmt: skip
 
 

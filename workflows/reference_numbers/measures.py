@@ -188,15 +188,6 @@ def onset_self_stresses(parameters, seed):
     return Measured(float(certify(found.value).n_self_stresses), onset, taut)
 
 
-def convex_faces(parameters, seed):
-    """Part of the corners of all faces that are not reflex, in networks of random positive stress."""
-    n, shares = parameters["n_vertices"], []
-    for network in (voronoi_network(n, seed), delaunay_network(n, seed), lattice("honeycomb", 8, 8)):
-        critical = CriticalManifold(network).configuration(_random_stress(network, seed))
-        shares.append(1 - reflex(network.faces, critical.bond_vectors).mean())
-    return Measured(float(min(shares)), np.arange(len(shares)), np.array(shares))
-
-
 def reflex(faces, bond_vectors):
     """Whether each corner of each face, in the order of its sides, turns by more than a straight angle."""
     side = faces.signs[:, None] * bond_vectors[faces.edges]

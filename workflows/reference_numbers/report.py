@@ -72,10 +72,6 @@ QUANTITIES = {
         "self-stresses of random networks at their onset in shear", "1", 1.0, 0.0,
         "Vermeulen, Bose, Storm, Ellenbroek, Phys. Rev. E 96, 053003 (2017)", "some onset has several self-stresses",
     ),
-    "convex_faces": Quantity(
-        "all faces of critical planar networks are convex", "all", 1.0, 0.0,
-        "Tutte, Proc. London Math. Soc. 13, 743 (1963); Gandikota et al., arXiv:2204.09192", "some corner is reflex",
-    ),
     "auxetic": Quantity(
         "least Poisson's ratio of triangular lattices pruned with convex faces", "≃ −1", -1.0, 0.05,
         "Hagh, Thorpe, Phys. Rev. B 98, 100101 (2018)", "pruning ends before this value",

@@ -1,10 +1,9 @@
-"""Claims of the ascents, and of the shear modulus against size, threshold and starts; verification of the records."""
+"""Claims of the ascents, and of the shear modulus against size and threshold; verification of the records."""
 
 from __future__ import annotations
 
 import numpy as np
 
-from critflow.result import Status
 from critflow.workflow import Claim
 
 from ..shared.population_reports import described
@@ -14,8 +13,6 @@ from ..shared.reports import parameters, spread
 from ..shared.verification import contradictions
 from .figures import ascent_ends, by_size, detailed, recorded
 
-# An objective within this relative distance of the best one found counts as the best.
-BEST = 1e-6
 # Part of the bound [points] by which ascents of different sizes may end apart, and an exponent that is none: less than
 # a sixth from the smallest to the largest network.
 UNEQUAL, INDEPENDENT = 10, 0.05
@@ -30,7 +27,7 @@ def _ascent_claims(ds):
     good = ds.isel(seed=np.isfinite(ds.bound.values))
     finished = good.isel(seed=np.isfinite(good.shear_modulus.isel(step=-1).values))
     last = finished.isel(step=-1)
-    return [*_bound(good), *_extremes(last), *_onset(good), *_compression(good, last), _singular(ds, good, last)]
+    return [*_bound(good), *_extremes(last), *_onset(good), *_compression(good, last)]
 
 
 def _bound(good):
@@ -97,22 +94,6 @@ def _compression(good, last):
     )  # fmt: skip
 
 
-def _singular(ds, good, last):
-    runaway = int((ds.status == Status.singular).sum())
-    return Claim(
-        "singular-prestress", "the ascent crosses stresses with a singular prestress matrix, and may end at one",
-        "not stated", f"{spread(good.crossings, 3)} steps cross; {spread(good.negative_pivots, 3)} negative "
-        f"eigenvalues at the end; {runaway} of {ds.sizes['seed']} ascents end at a singular matrix, where lengths "
-        f"diverge and the modulus has a limit ({_limit(good)}); the others balance to "
-        f"{float(last.residual.max()):.0e} at the last step", "measured",
-    )  # fmt: skip
-
-
-def _limit(good):
-    part = (100 * good.shear_modulus_end / good.bound).where(good.status == Status.singular)
-    return f"{spread(part, 3)} % of the bound" if np.isfinite(part).any() else "none here"
-
-
 def _median(values):
     return f"{np.median(values):.0f}"
 
@@ -144,22 +125,13 @@ def _exponents(ds):
 
 
 def _bounds(ds):
-    """The part of the bound that the ascents reach, and the compressed length of configurations at the bound."""
-    sizes = ds.n_vertices.values
-    part = (100 * ds.shear_modulus_of_end / ds.bound).mean("seed")
-    reached = (
-        f"{algorithm} {float(part.sel(algorithm=algorithm, n_vertices=size)):.0f} % at N_v = {size}"
-        for algorithm in map(str, ds.algorithm.values)
-        for size in sizes
-    )
-    statement = "how much of the bound the ascents reach"
-    yield Claim("ShearModulusSteepestDescent-end", statement, "not stated", ", ".join(reached), "measured")
-    least = by_size(ds.least_compressed_length)
-    fit = exponent(sizes, least)
+    """The compressed length of configurations at the bound."""
+    sizes, least = ds.n_vertices.values, by_size(ds.least_compressed_length)
     yield Claim(
         "ShearModulusSteepestDescent-G-bound",
         "at the bound itself a compressed length ∝ N_v cannot be avoided (linear program over all configurations)",
-        "not stated", f"at least {np.nanmean(least / sizes[:, None]):.3f} N_v, exponent {shown(fit)}", "measured",
+        "not stated", f"at least {np.nanmean(least / sizes[:, None]):.3f} N_v, exponent "
+        + shown(exponent(sizes, least)), "measured",
     )  # fmt: skip
 
 
@@ -191,8 +163,6 @@ def _scaling_claims(ds):
         bool((edge.diff("threshold") < 0).all()), "the longest edges do not grow at every step",
         criterion="means fall at every step of r", sample=f"{detail.sizes['seed']} networks", kind="paper",
     )  # fmt: skip
-    if detail.sizes["start"] > 1 and detail.sizes["seed"]:
-        yield _start_claim(detail)
     if "shear_modulus" in ds.population.values:
         part = 100 * ds.shear_modulus_0.sel(population="shear_modulus") / ds.bound
         yield Claim(
@@ -220,24 +190,6 @@ def _size_claims(ds, sizes):
             holds, "values spread over decades among networks, so few of them rule the mean", criterion=word,
             sample=f"{int(np.isfinite(values).all(axis=0).sum())} networks a size", kind="paper",
         )  # fmt: skip
-
-
-def _start_claim(ds):
-    known = ds.dropna("seed", subset=["objective_of_start"])
-    objectives = known.objective_of_start.transpose("n_vertices", "seed", "start").values
-    best = objectives.max(axis=2, keepdims=True)
-    share = 100 * np.mean(objectives > best * (1 - BEST), axis=(1, 2))
-    spread = 100 * np.mean((best - objectives.min(axis=2, keepdims=True)) / best, axis=(1, 2))
-    first = 100 * np.mean((best[..., 0] - objectives[..., 0]) / best[..., 0], axis=1)
-    text = "; ".join(
-        f"N_v = {size}: {part:.0f} % of starts reach the best, they differ by {wide:.1f} % at most, σ = 1 lies "
-        f"{gap:.2f} % below it"
-        for size, part, wide, gap in zip(ds.n_vertices.values, share, spread, first, strict=True)
-    )
-    return Claim(
-        "ShearModulus+Constraint-starts", "how many starts find the best local optimum", "not stated",
-        f"of {ds.sizes['start']} starts (means over {known.sizes['seed']} networks) {text}", "measured",
-    )  # fmt: skip
 
 
 # Verification

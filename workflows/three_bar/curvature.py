@@ -1,4 +1,4 @@
-"""Closed forms of metric, second form and curvature of the three-bar linkage, and the figure of its curvature.
+"""The curvature of the three-bar linkage in closed form, and its figure.
 
 On a line the signed lengths r_α ∝ 1/σ_α add up to the span D, so that every sheet is a level set of f = Σ ±√(2h) with
 gradient 1/r and Hessian −1/r³.
@@ -14,11 +14,6 @@ from critflow.figures.plot import COLOURS
 from .figures import CURVE, chart_lines, frame, span_of, title
 
 
-def _signed_lengths(ds):
-    """r_α from the stored coordinates of lines, (..., 3)."""
-    return np.diff(ds.coordinates.values[..., 0], axis=-1)
-
-
 def _closed_curvatures(r, normal, span):
     """Gaussian and mean curvature towards σ of the level set, each (...).
 
@@ -29,37 +24,6 @@ def _closed_curvatures(r, normal, span):
     side = np.sign(np.sum(r * normal, axis=-1))
     trace = np.sum(r**-3.0 * (np.roll(r, 1, axis=-1) ** -2.0 + np.roll(r, -1, axis=-1) ** -2.0), axis=-1)
     return span / (np.prod(r, axis=-1) ** 3 * gradient**2), side * trace / gradient**1.5 / 2
-
-
-def closed_forms(ds):
-    """Metric and second form of every stored point in the chart, by the level set."""
-    r, normal, span = _signed_lengths(ds), ds.normal.values, span_of(ds)
-    pole, basis = frame(ds)
-    s = ds.s.values
-    scale = 1 / (1 + np.sum(s**2, axis=-1) / 4)
-    V = scale[..., None, None] * (basis - (pole + normal)[..., :, None] * s[..., None, :] / 2)
-    # r = Dρ/Σρ with ρ = 1/σ changes by −r_α dσ_α/σ_α, plus a multiple of r that restores the sum.
-    turned = -r[..., :, None] / normal[..., :, None] * V
-    moved = turned - r[..., :, None] / span * turned.sum(axis=-2, keepdims=True)
-    tangents = r[..., :, None] * moved
-    side = np.sign(np.sum(r * normal, axis=-1))
-    curved = side / np.sqrt(np.sum(r**-2.0, axis=-1))
-    form = curved[..., None, None] * np.einsum("...ac,...a,...ad->...cd", tangents, r**-3.0, tangents)
-    return np.einsum("...ac,...ad->...cd", tangents, tangents), form
-
-
-def matrix_error(found, known):
-    """Largest difference of each matrix relative to its largest entry."""
-    axes = tuple(range(-2, 0))
-    return np.abs(found - known).max(axis=axes) / np.abs(known).max(axis=axes)
-
-
-def curvature_error(ds):
-    """Errors at every stored point: of the Gaussian curvature over itself, and of the mean one over the larger κ."""
-    gauss, mean = _closed_curvatures(_signed_lengths(ds), ds.normal.values, span_of(ds))
-    kappa = ds.principal_curvature.values
-    size = np.abs(kappa).max(axis=-1)
-    return np.abs(kappa.prod(axis=-1) / gauss - 1), np.abs(kappa.mean(axis=-1) - mean) / size
 
 
 def curvature_figure(ds):

@@ -12,9 +12,10 @@ from critflow import CriticalManifold, Status, rigidity, three_bar_linkage
 from critflow.critical.curvature import StereographicChart, SurfaceGeometry, dense, unit_response
 from critflow.critical.manifold import COLLAPSED
 from critflow.result import StudyError
-from critflow.workflow import Axis, Coordinate, Study, Variable, decimals, stable_rng
+from critflow.workflow import Axis, Coordinate, Study, decimals, stable_rng
 
 from ..shared.reports import PAPER
+from ..shared.tables import numbers, outcomes, stacked
 from .curvature import curvature_figure
 from .figures import geometry_figure, manifold_figure
 from .report import claims, verify
@@ -88,32 +89,21 @@ def at_point(manifold, chart, sigma):
 
 
 def check_at(manifold, chart, point):
-    """Checks at one stress: finite differences of h, rescaled stress, finite motions."""
-    s = point["s"]
-    sigma, span = chart.sigma(s), manifold.network.pins[3][0]
+    """Checks at one stress: the second form by finite differences of h, stability, finite motions."""
+    s, span = point["s"], manifold.network.pins[3][0]
+    sigma = chart.sigma(s)
 
-    def h(a, b):
-        return manifold.configuration(chart.sigma(s + np.array([a, b]))).lengths ** 2 / 2
+    def height(a, b):
+        return sigma @ manifold.configuration(chart.sigma(s + np.array([a, b]))).lengths ** 2 / 2
 
     # The distance to the nearest place without a tangent plane sets the length on which the surface changes.
     e = 2e-3 * min(float(np.abs(sigma).min()), float(np.abs(point["prestress_eigenvalue"]).min()))
-    first = np.stack([(8 * (h(e, 0) - h(-e, 0)) - h(2 * e, 0) + h(-2 * e, 0)) / (12 * e),
-                      (8 * (h(0, e) - h(0, -e)) - h(0, 2 * e) + h(0, -2 * e)) / (12 * e)], axis=1)  # fmt: skip
-    middle = 2 * h(0, 0)
-    mixed = sigma @ (h(e, e) - h(e, -e) - h(-e, e) + h(-e, -e)) / 4
-    second = np.array([[sigma @ (h(e, 0) + h(-e, 0) - middle), mixed],
-                       [mixed, sigma @ (h(0, e) + h(0, -e) - middle)]]) / e**2  # fmt: skip
-    rescaled = manifold.configuration(-3.0 * sigma)
-    counts = rigidity(manifold.network, point["coordinates"]).value
-    x = point["coordinates"][:, 0]
+    middle, mixed = 2 * height(0, 0), (height(e, e) - height(e, -e) - height(-e, e) + height(-e, -e)) / 4
+    first, second = (height(*step) + height(*-step) - middle for step in e * np.eye(2))
     return {
-        "numeric_metric": first.T @ first,
-        "numeric_second_form": second,
-        "rescaled_change": np.abs(rescaled.coordinates - point["coordinates"]).max(),
-        "rank": np.linalg.matrix_rank(point["tangents"], 1e-10 * np.abs(point["tangents"]).max()),
-        "n_self_stresses": counts.n_self_stresses,
-        "prestress_stable": bool(counts.prestress_stable),
-        "ways_out": len(finite_motions(np.diff(x), span, 1e-3)),
+        "numeric_second_form": np.array([[first, mixed], [mixed, second]]) / e**2,
+        "prestress_stable": bool(rigidity(manifold.network, point["coordinates"]).value.prestress_stable),
+        "ways_out": len(finite_motions(np.diff(point["coordinates"][:, 0]), span, 1e-3)),
     }
 
 
@@ -146,7 +136,7 @@ def examples(manifold):
     span = manifold.network.pins[3][0]
     pins = np.array([[0.0, 0.0], [span, 0.0]])
     lines = {"stretched": (0.44, 0.24, 0.32), "folded": (1.42, -0.24, -0.18), "branch": (0.62, -0.2, 0.58)}
-    out = {name: [] for name in ("sigma", "coordinates", "n_self_stresses", "n_zero_modes", "motion")}
+    out = []
     for name in EXAMPLES:
         if name in lines:
             r = span * np.array(lines[name])
@@ -158,13 +148,12 @@ def examples(manifold):
             first = 0.4 * span * np.stack([np.cos(angles), np.sin(angles)], axis=1)
             frames = [(a, meeting_points(a, pins[1], 0.38 * span, 0.36 * span)[1]) for a in first]
             x, sigma = np.array([pins[0], *frames.pop(0), pins[1]]), np.full(3, np.nan)
-        counts = rigidity(manifold.network, x).value
         motion = np.full((8, 4, 2), np.nan)
         for stored, frame in zip(motion, frames, strict=False):
             stored[:] = pins[0], *frame, pins[1]
-        for key, value in zip(out, (sigma, x, counts.n_self_stresses, counts.n_zero_modes, motion), strict=True):
-            out[key].append(value)
-    return {f"example_{key}": np.array(value) for key, value in out.items()}
+        n_self_stresses = rigidity(manifold.network, x).value.n_self_stresses
+        out.append({"sigma": sigma, "coordinates": x, "n_self_stresses": n_self_stresses, "motion": motion})
+    return {f"example_{name}": values for name, values in stacked(out).items()}
 
 
 def compatible(span, squares):
@@ -180,7 +169,7 @@ def case(parameters, *, grid):
     span, nodes = parameters["span"], np.array(parameters["s"])
     manifold, chart = CriticalManifold(three_bar_linkage(span)), StereographicChart.about(np.ones(3))
     points = [[at_point(manifold, chart, sigma) for sigma in row] for row in stresses(grid, nodes, parameters["reach"])]
-    result = gathered(points)
+    result = stacked([stacked(row) for row in points])
     # Heights of random configurations over each tangent plane: none is below a rigid one.
     free = span * stable_rng(0, "configurations").normal(0.5, 1.0, (1000, 2, 2))
     x = np.concatenate([np.zeros((1000, 1, 2)), free, np.tile([span, 0.0], (1000, 1, 1))], axis=1)
@@ -189,27 +178,20 @@ def case(parameters, *, grid):
     result["lowest_height"] = np.array([(h @ n).min() for n in normal.reshape(-1, 3)]).reshape(normal.shape[:2])
     result["lowest_height"] -= np.sum(normal * here, axis=-1)
     chosen = range(STRIDE // 2, len(nodes), STRIDE)
-    empty = {"numeric_metric": np.full((2, 2), np.nan), "numeric_second_form": np.full((2, 2), np.nan),
-             "rescaled_change": np.nan, "rank": 0, "n_self_stresses": 0, "prestress_stable": False,
-             "ways_out": 0}  # fmt: skip
+    empty = {"numeric_second_form": np.full((2, 2), np.nan), "prestress_stable": False, "ways_out": 0}
     checked = [[points[row][column] for column in chosen] for row in chosen]
     checks = [[check_at(manifold, chart, p) if p["outcome"] is Status.ok else empty for p in row] for row in checked]
     squares = (span * np.linspace(0.03, 2.4, 24)) ** 2
     return {
         "status": Status.ok,
         **result,
-        **gathered(checks),
+        **stacked([stacked(row) for row in checks]),
         **examples(manifold),
         "checked_row": chosen,
         "basis": dense(chart.basis),
         "lattice_square": squares,
         "lattice_compatible": compatible(span, squares).astype(int),
     }
-
-
-def gathered(points):
-    """Rows of dicts to one dict of arrays."""
-    return {name: np.array([[point[name] for point in row] for row in points]) for name in points[0][0]}
 
 
 def check(parameters, axes):
@@ -222,55 +204,55 @@ def check(parameters, axes):
         raise StudyError(f"s needs at least {2 * STRIDE} values: s=-2.1:2.1:0.1 covers every stress")
 
 
-def table():
-    """Names, dimensions, types, units and meanings of the stored variables."""
-    point, check_point = ("grid", "row", "column"), ("grid", "check_row", "check_column")
-
-    def at(name, dims, long_name, dtype="f8", **more):
-        return Variable(name, (*point, *dims), dtype, long_name=long_name, **more)
-
-    def checked(name, dims, long_name, dtype="f8", **more):
-        return Variable(name, (*check_point, *dims), dtype, long_name=long_name, **more)
-
-    yield at("s", ("chart_axis",), "stereographic coordinates about equal stresses")
-    yield at("sigma", ("edge",), "geometric stress (tension per length), sum of squares N_b")
-    yield at("normal", ("edge",), "stress of unit norm, normal to the manifold")
-    yield at("prestress_eigenvalue", ("mode",), "eigenvalues of the prestress matrix at unit stress, ascending")
-    yield at("n_negative", (), "negative eigenvalues of the prestress matrix", "i1")
-    yield at("outcome", (), "outcome at this stress", "i1", flags=Status)
-    yield at("length", ("edge",), "edge length")
-    yield at("coordinates", ("vertex", "axis"), "vertex coordinates, pins first and last")
-    yield at("coordinates_error_bound", (), "bound on the error of coordinates")
-    yield at("tangents", ("edge", "chart_axis"), "tangents of the manifold of half squared lengths, dh/ds")
-    yield at("metric", ("chart_axis", "chart_axis_"), "metric, products of the tangents")
-    yield at("second_form", ("chart_axis", "chart_axis_"), "second fundamental form towards the stress")
-    yield at("principal_curvature", ("mode",), "principal curvatures towards the stress, ascending")
-    yield at("lowest_height", (), "least height of 1000 random configurations over the tangent plane")
-    yield Variable("checked_row", ("check_row",), "i4", long_name="rows, and likewise columns, where checks were made")
-    yield checked("numeric_metric", ("chart_axis", "chart_axis_"), "metric by finite differences")
-    yield checked("numeric_second_form", ("chart_axis", "chart_axis_"), "second form by finite differences")
-    yield checked("rescaled_change", (), "largest move of a vertex when the stress is multiplied by -3")
-    yield checked("rank", (), "rank of the tangents", "i1")
-    yield checked("n_self_stresses", (), "self-stresses, counted by the rigidity matrix", "i1")
-    yield checked("prestress_stable", (), "whether the self-stress, up to its sign, stabilises all zero modes", "i1")
-    yield checked("ways_out", (), "number of motions that turn the first edge by 0.001 at fixed lengths", "i1")
-    yield Variable("example_sigma", ("example", "edge"), "f8", long_name="stress of each example, none if floppy")
-    yield Variable(
-        "example_coordinates", ("example", "vertex", "axis"), "f8", long_name="vertices of each example: "
-        + ", ".join(EXAMPLES),
-    )  # fmt: skip
-    yield Variable("example_n_self_stresses", ("example",), "i1", long_name="self-stresses of each example")
-    yield Variable("example_n_zero_modes", ("example",), "i1", long_name="zero modes of each example")
-    yield Variable(
-        "example_motion", ("example", "frame", "vertex", "axis"), "f8", long_name="configurations of the same lengths"
-    )
-    yield Variable("basis", ("edge", "chart_axis"), "f8", long_name="basis of the chart")
-    yield Variable("lattice_square", ("lattice",), "f8", long_name="squared lengths of a cubic lattice")
-    yield Variable(
-        "lattice_compatible", ("lattice", "lattice_", "lattice__"), "i1",
-        long_name="whether edges of such squared lengths can join the pins",
-    )  # fmt: skip
-    yield Variable("status", ("grid",), "i1", long_name="outcome of the grid", flags=Status)
+POINT, CHECKED = ("grid", "row", "column"), ("grid", "check_row", "check_column")
+VARIABLES = (
+    *numbers((*POINT, "chart_axis"), s="stereographic coordinates about equal stresses"),
+    *numbers(
+        (*POINT, "edge"),
+        sigma="geometric stress (tension per length), sum of squares N_b",
+        normal="stress of unit norm, normal to the manifold",
+        length="edge length",
+    ),
+    *numbers(
+        (*POINT, "mode"),
+        prestress_eigenvalue="eigenvalues of the prestress matrix at unit stress, ascending",
+        principal_curvature="principal curvatures towards the stress, ascending",
+    ),
+    *numbers(POINT, "i1", n_negative="negative eigenvalues of the prestress matrix"),
+    *outcomes(POINT, outcome="outcome at this stress"),
+    *numbers((*POINT, "vertex", "axis"), coordinates="vertex coordinates, pins first and last"),
+    *numbers(
+        POINT,
+        coordinates_error_bound="bound on the error of coordinates",
+        lowest_height="least height of 1000 random configurations over the tangent plane",
+    ),
+    *numbers((*POINT, "edge", "chart_axis"), tangents="tangents of the manifold of half squared lengths, dh/ds"),
+    *numbers(
+        (*POINT, "chart_axis", "chart_axis_"),
+        metric="metric, products of the tangents",
+        second_form="second fundamental form towards the stress",
+    ),
+    *numbers(("check_row",), "i4", checked_row="rows, and likewise columns, where checks were made"),
+    *numbers((*CHECKED, "chart_axis", "chart_axis_"), numeric_second_form="second form by finite differences"),
+    *numbers(
+        CHECKED,
+        "i1",
+        prestress_stable="whether the self-stress, up to its sign, stabilises all zero modes",
+        ways_out="number of motions that turn the first edge by 0.001 at fixed lengths",
+    ),
+    *numbers(("example", "edge"), example_sigma="stress of each example, none if floppy"),
+    *numbers(("example", "vertex", "axis"), example_coordinates=f"vertices of each example: {', '.join(EXAMPLES)}"),
+    *numbers(("example",), "i1", example_n_self_stresses="self-stresses of each example"),
+    *numbers(("example", "frame", "vertex", "axis"), example_motion="configurations of the same lengths"),
+    *numbers(("edge", "chart_axis"), basis="basis of the chart"),
+    *numbers(("lattice",), lattice_square="squared lengths of a cubic lattice"),
+    *numbers(
+        ("lattice", "lattice_", "lattice__"),
+        "i1",
+        lattice_compatible="whether edges of such squared lengths can join the pins",
+    ),
+    *outcomes(("grid",), status="outcome of the grid"),
+)
 
 
 study = Study(
@@ -282,7 +264,7 @@ study = Study(
     coordinates=(Coordinate("column", "s", "node of the grid: in the chart, its first coordinate"),),
     case=case,
     check=check,
-    variables=tuple(table()),
+    variables=VARIABLES,
     verify=verify,
     figures={"manifold": manifold_figure, "geometry": geometry_figure, "curvature": curvature_figure},
     claims=claims,

@@ -8,18 +8,14 @@ from critflow.workflow import Claim
 
 from ...shared.reports import duration, parameters, status_counts
 from .curves import SAME, behind, cases, detour, gain
-from .sizes import size_claims, size_summary
+from .sizes import size_summary
 from .tasks import TASKS
 
 MISSING = 3
 
 
 def claims(ds):
-    """Claims on every task against other packages, on the default against the front, and on sizes."""
-    return [*_speed_claims(ds), *size_claims(ds)]
-
-
-def _speed_claims(ds):
+    """Claims on every task against other packages, and on the default against the front."""
     everything = list(cases(ds))
     for word in map(str, ds.task.values):
         of_task = [(size, all_curves, default) for w, size, all_curves, default in everything if w == word]
@@ -39,11 +35,6 @@ def _speed_claims(ds):
             f"times over the front: {', '.join(map(_place, off))}" if off else "",
             f"{SAME:g} times the front, every chart", f"{len(worst)} charts",
         )  # fmt: skip
-    for name, package in _missing(ds):
-        yield Claim(
-            f"speed-accuracy-missing-{name.replace(' ', '-')}", f"{name} takes part", "not stated",
-            f"{package} is not installed: `pip install 'critflow[peers]'`", "measured",
-        )  # fmt: skip
 
 
 def _against_peers(ds, word, of_task):
@@ -60,8 +51,8 @@ def _against_peers(ds, word, of_task):
                 ahead.append(
                     f"{rival.name} has {rival.errors[n]:.0e} in {duration(rival.seconds[n])} at N_v = {size:,}, {mine}"
                 )
-    missing = sorted({name for name, _ in _missing(ds.sel(task=[word]))})
-    absent = f"; not installed: {', '.join(missing)}" if missing else ""
+    missing = (ds.presence.sel(task=word) == MISSING).any("n_vertices").values
+    absent = f"; not installed: {', '.join(map(str, ds.contestant.values[missing]))}" if missing.any() else ""
     key, statement = f"speed-accuracy-{word}", f"{TASKS[word].title}: critflow beats every peer at every accuracy"
     ratio, where = nearest
     if not ratio:
@@ -76,14 +67,6 @@ def _against_peers(ds, word, of_task):
 
 def _place(entry):
     return f"{entry[0]:.3g} ({entry[1]}, N_v = {entry[2]:,})"
-
-
-def _missing(ds):
-    """Methods whose package is not installed, with the package, once each."""
-    gone = (ds.presence == MISSING).any(("task", "n_vertices")).values
-    return [
-        (str(name), str(name).split()[0]) for name, missing in zip(ds.contestant.values, gone, strict=True) if missing
-    ]
 
 
 def summary(ds):

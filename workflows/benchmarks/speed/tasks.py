@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from . import coefficients, configuration, lengths, moduli, optimum, stages, strain
+from . import configuration, lengths, moduli, optimum, stages, strain
 
-MODULES = configuration, optimum, lengths, strain, moduli, coefficients
+MODULES = configuration, optimum, lengths, strain, moduli
 
 TASKS = {task.word: task for module in MODULES for task in module.TASKS}
 
