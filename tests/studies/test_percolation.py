@@ -1,9 +1,10 @@
-"""The percolation study, small: the curve and its half points."""
+"""The percolation study, small: the curve, its half points and their power of the size."""
 
 import numpy as np
+import pytest
 
 from critflow import Status
-from workflows.percolation.report import curve, half_point
+from workflows.percolation.report import curve, half_point, threshold_power
 
 STUDY = "percolation"
 
@@ -16,9 +17,11 @@ def test_narrow_rest_lengths_stress_every_edge(dataset):
     assert (dataset.solve_status.isel(spread=0) == Status.ok).all()
 
 
-def test_the_half_point_is_recovered():
+def test_the_half_point_and_its_power_are_recovered():
     spreads, sizes = np.linspace(0.05, 0.5, 46), np.array([50, 500])
     half = 0.8 * sizes**-0.25
     full = np.exp(-np.log(2) * (spreads / half[:, None]) ** 4)
     np.testing.assert_allclose([half_point(spreads, row) for row in full], half, atol=1e-3)
+    assert threshold_power(sizes, half) == pytest.approx(-0.25, rel=1e-12)
     assert np.isnan(half_point(spreads, np.ones(46)))
+    assert np.isnan(threshold_power(sizes, np.array([0.2, np.nan])))

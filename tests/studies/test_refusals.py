@@ -11,7 +11,7 @@ SETTINGS = {
     "design_curves": {"n_vertices=7": "n_vertices"},
     "design_fronts": {"fronts=colour": "colour", "least_stress=1": "least_stress", "points=1": "points"},
     "design_poisson": {"ratios=1": "between -1 and 1"},
-    "design_pruning": {"cuts=0": "positive"},
+    "design_pruning": {"repeats=0": "positive"},
     "design_reach": {"directions=2": "at least 3"},
     "design_stiffening": {"sources=colour": "colour"},
     "design_topology": {"cuts=0": "positive", "cuts=24000": "smaller"},

@@ -6,15 +6,17 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from critflow.result import Status
-from critflow.workflow import Claim
+from critflow.workflow import Claim, stable_rng
 
 from ..shared.figures import legend_below, lettered, panels
+from ..shared.power_laws import shown
 from ..shared.reports import series
 
 # The spread that the paper prints as the largest with every edge stressed.
 PRINTED_SPREAD = 0.3
 # B_0 of random rest lengths over the largest: the "about 10 %" below it of the paper, with half of that as margin.
 PRINTED_BULK, BULK_TOLERANCE = 0.9, 0.05
+_RESAMPLED = 500  # ensembles behind the interval of the power
 
 
 def curve(ds):
@@ -37,6 +39,25 @@ def half_point(spreads, full):
     last = below[0] - 1
     part = (full[last] - 0.5) / (full[last] - full[last + 1])
     return float(spreads[last] + part * (spreads[last + 1] - spreads[last]))
+
+
+def threshold_interval(ds):
+    """The 95 % interval of this power when the networks are drawn again with repetition."""
+    full, spreads = percolating(ds).values, ds.spread.values
+    picks = stable_rng(full.shape[2], "threshold").integers(0, full.shape[2], (_RESAMPLED, full.shape[2]))
+    powers = []
+    for pick in picks:
+        rows = np.nanmean(full[:, :, pick], axis=2)
+        powers.append(threshold_power(ds.n_vertices.values, np.array([half_point(spreads, row) for row in rows])))
+    return tuple(np.nanquantile(powers, (0.025, 0.975)))
+
+
+def threshold_power(sizes, halves):
+    """The power of N_v with which the half point falls, by least squares of logarithms; NaN for less than two."""
+    known = np.isfinite(halves)
+    if known.sum() < 2:
+        return np.nan
+    return float(np.polyfit(np.log(sizes[known]), np.log(halves[known]), 1)[0])
 
 
 def percolation_figure(ds):
@@ -116,6 +137,12 @@ def claims(ds):
         f"s = {PRINTED_SPREAD}", f"half of the networks lose it at {text}", halves[-1] >= PRINTED_SPREAD,
         "the text describes full percolation, which ends far below the spread it prints",
         criterion=f"half of the largest networks percolate at {PRINTED_SPREAD}", kind="paper",
+    )  # fmt: skip
+    yield Claim(
+        "percolation-size", "how full percolation depends on size", "not stated",
+        "the spread at which half of the networks lose it changes as N_v^p, p = "
+        + shown((threshold_power(sizes, halves), *threshold_interval(ds))), "measured",
+        sample=f"{ds.sizes['seed']} networks a size",
     )  # fmt: skip
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from critflow.result import Status
 from critflow.workflow import Claim
 
 from ..shared.population_reports import described
@@ -27,7 +28,7 @@ def _ascent_claims(ds):
     good = ds.isel(seed=np.isfinite(ds.bound.values))
     finished = good.isel(seed=np.isfinite(good.shear_modulus.isel(step=-1).values))
     last = finished.isel(step=-1)
-    return [*_bound(good), *_extremes(last), *_onset(good), *_compression(good, last)]
+    return [*_bound(good), *_extremes(last), *_onset(good), *_compression(good, last), _singular(ds, good, last)]
 
 
 def _bound(good):
@@ -94,6 +95,22 @@ def _compression(good, last):
     )  # fmt: skip
 
 
+def _singular(ds, good, last):
+    runaway = int((ds.status == Status.singular).sum())
+    return Claim(
+        "singular-prestress", "the ascent crosses stresses with a singular prestress matrix, and may end at one",
+        "not stated", f"{spread(good.crossings, 3)} steps cross; {spread(good.negative_pivots, 3)} negative "
+        f"eigenvalues at the end; {runaway} of {ds.sizes['seed']} ascents end at a singular matrix, where lengths "
+        f"diverge and the modulus has a limit ({_limit(good)}); the others balance to "
+        f"{float(last.residual.max()):.0e} at the last step", "measured",
+    )  # fmt: skip
+
+
+def _limit(good):
+    part = (100 * good.shear_modulus_end / good.bound).where(good.status == Status.singular)
+    return f"{spread(part, 3)} % of the bound" if np.isfinite(part).any() else "none here"
+
+
 def _median(values):
     return f"{np.median(values):.0f}"
 
@@ -125,13 +142,22 @@ def _exponents(ds):
 
 
 def _bounds(ds):
-    """The compressed length of configurations at the bound."""
-    sizes, least = ds.n_vertices.values, by_size(ds.least_compressed_length)
+    """The part of the bound that the ascents reach, and the compressed length of configurations at the bound."""
+    sizes = ds.n_vertices.values
+    part = (100 * ds.shear_modulus_of_end / ds.bound).mean("seed")
+    reached = (
+        f"{algorithm} {float(part.sel(algorithm=algorithm, n_vertices=size)):.0f} % at N_v = {size}"
+        for algorithm in map(str, ds.algorithm.values)
+        for size in sizes
+    )
+    statement = "how much of the bound the ascents reach"
+    yield Claim("ShearModulusSteepestDescent-end", statement, "not stated", ", ".join(reached), "measured")
+    least = by_size(ds.least_compressed_length)
+    fit = exponent(sizes, least)
     yield Claim(
         "ShearModulusSteepestDescent-G-bound",
         "at the bound itself a compressed length ∝ N_v cannot be avoided (linear program over all configurations)",
-        "not stated", f"at least {np.nanmean(least / sizes[:, None]):.3f} N_v, exponent "
-        + shown(exponent(sizes, least)), "measured",
+        "not stated", f"at least {np.nanmean(least / sizes[:, None]):.3f} N_v, exponent {shown(fit)}", "measured",
     )  # fmt: skip
 
 

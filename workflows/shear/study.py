@@ -141,6 +141,10 @@ def _recorded(n_vertices, hard_core, method, steps, seed):
         "shear_modulus_end": solution.objective,
         "closed_form_gap": largest_modulus(manifold, pure_shear(2)).gap,
         "needed_length": least_compressed_length(manifold, pure_shear(2)),
+        "crossings": len(solution.crossings),
+        "negative_pivots": solution.negative_pivots,
+        "nearest_singular": solution.nearest_singular,
+        "residual": solution.value.residual,
     }
 
 
@@ -222,6 +226,8 @@ AT_END = {
     "shear_modulus_end": "shear modulus at the last step, or its limit, in units of k",
     "closed_form_gap": "relative distance of the shear modulus of the closed form's configuration from the bound",
     "needed_length": "least compressed length of any configuration at the bound",
+    "nearest_singular": "smallest over largest pivot during the ascent",
+    "residual": "largest unbalanced force over the mean tension at the end",
 }
 EACH, EACH_SEED, RECORD = ("seed", "n_vertices"), ("seed",), ("seed", "step")
 ALGORITHM, PART = (*EACH, "algorithm"), (*EACH, "algorithm", "fraction")
@@ -237,6 +243,8 @@ def _table():
     yield Variable("sigma", (*RECORD, "edge"), "f4", long_name="geometric stress, sum of squares N_b")
     yield Variable("coordinates", (*RECORD, "vertex", "axis"), "f4", long_name="vertex coordinates")
     yield from (Variable(name, EACH_SEED, "f8", long_name=text) for name, text in AT_END.items())
+    yield Variable("crossings", EACH_SEED, "i4", long_name="steps across a singular prestress matrix", fill=-1)
+    yield Variable("negative_pivots", EACH_SEED, "i4", long_name="negative eigenvalues of the last prestress matrix")
     yield Variable("ascent_status", EACH_SEED, "i1", long_name="outcome of the ascent", flags=Status)
     yield Variable("step_of_part", PART, "i4", long_name="step that first reached this part; -1: none", fill=-2)
     yield Variable("algorithm_status", ALGORITHM, "i1", long_name="outcome of an ascent", flags=Status)
