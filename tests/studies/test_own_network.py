@@ -8,6 +8,10 @@ import xarray as xr
 
 from critflow import lattice, upper_bound, voronoi_network, write_network
 from critflow.command.main import main
+from critflow.result import StudyError
+from critflow.workflow.load import load_study
+from critflow.workflow.plan import select
+from workflows.benchmarks.failure_map.outcomes import Outcome
 
 NETWORK = voronoi_network(24, seed=3).deformed([[1.1, 0.2], [0.0, 1.0]])
 SMALL = ["--set", "variables=bulk_modulus_0,iterations,status", "--workers", "0", "--out", "out"]
@@ -51,6 +55,19 @@ def test_the_gallery_of_a_file():
     with xr.open_dataset("out/gallery.nc") as dataset:
         both = dataset.bulk_modulus_0.sel(panel=["bulk_modulus", "bulk_modulus_wave"]).values
         np.testing.assert_allclose(both, upper_bound(NETWORK, "B_0"), rtol=1e-10)
+
+
+def test_the_failure_map_of_a_file(monkeypatch, tmp_path):
+    study = load_study("failure_map").study
+    words = ("network=mine.csv", "difficulties=skew_cell,hard_core", "quantities=configuration", "n_steps=2", "seeds=0")
+    parameters = select(study, words).parameters
+    found = study.case(parameters, difficulty="skew_cell", seed=0)
+    assert (found["outcome"][0] == Outcome.exact).all() and (found["error"][0] < 1e-15).all()
+    empty = study.case(parameters, difficulty="hard_core", seed=0)
+    assert not empty["outcome"].any() and np.isnan(empty["strength"]).all()
+    write_network(voronoi_network(80, seed=1), "large.csv")
+    with pytest.raises(StudyError, match="vertices"):
+        select(study, ("network=large.csv",))
 
 
 @pytest.mark.parametrize(

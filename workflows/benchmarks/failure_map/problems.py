@@ -156,7 +156,7 @@ class Difficulty:
     name: str
     label: str  # meaning of the strength
     strengths: tuple[float, ...]
-    problem: Callable[[float, int, int], Problem]  # strength, seed, number of vertices
+    problem: Callable[[float, int, int | Network], Problem]  # strength, seed, number of vertices or network
     quantities: tuple[str, ...]
 
 
@@ -170,8 +170,13 @@ ALL = (*CONFIGURATION, *SPRINGS, *LENGTHS, *OPTIMA)
 QUANTITIES = (*CONFIGURATION, "elastic_moduli", *SPRINGS, *LENGTHS, *OPTIMA)
 
 
-def _standard(n_vertices, seed):
-    return lambda: voronoi_network(n_vertices, seed)
+def _standard(source, seed):
+    """Maker of the network of a file, or of a generated one of a number of vertices."""
+    return (lambda: source) if isinstance(source, Network) else lambda: voronoi_network(source, seed)
+
+
+def _n_edges(source):
+    return source.n_edges if isinstance(source, Network) else 3 * source // 2
 
 
 def _draw(seed, name):
@@ -179,7 +184,7 @@ def _draw(seed, name):
 
 
 def _spread(strength, seed, n_vertices):
-    powers = _draw(seed, "spread").uniform(-1, 1, 3 * n_vertices // 2)
+    powers = _draw(seed, "spread").uniform(-1, 1, _n_edges(n_vertices))
     return Problem(_standard(n_vertices, seed), lambda network: 10.0 ** (strength * powers))
 
 
@@ -241,7 +246,7 @@ def _small_strain(strength, seed, n_vertices):
 
 
 def _rest_lengths(strength, seed, n_vertices):
-    normal = _draw(seed, "lengths").standard_normal(3 * n_vertices // 2)
+    normal = _draw(seed, "lengths").standard_normal(_n_edges(n_vertices))
     return Problem(_standard(n_vertices, seed), lengths=lambda network: np.maximum(1 + strength * normal, 1e-3))
 
 
@@ -344,11 +349,13 @@ def _skew_cell(strength, seed, n_vertices):
 
 def _single_precision(strength, seed, n_vertices):
     problem = _spread(strength, seed, n_vertices)
-    powers = _draw(seed, "single").uniform(-1, 1, 3 * n_vertices // 2)
+    powers = _draw(seed, "single").uniform(-1, 1, _n_edges(n_vertices))
     problem.dtype, problem.lengths = np.float32, lambda network: 1 + 0.05 * powers
     return problem
 
 
+# Difficulties that make their own networks, and are left out for the network of a file.
+GENERATED = ("hard_core", "smallest", "soft_edges", "extra_edges", "straight_lines")
 _DECADES = tuple(10.0**-n for n in range(1, 17))
 DIFFICULTIES = {
     difficulty.name: difficulty
@@ -392,7 +399,7 @@ DIFFICULTIES = {
         ),
         Difficulty(
             "threshold", "threshold r, 0 without any", (0.5, 0.3, 0.1, 0.03, 0.01, 3e-3, 1e-3, 1e-4, 0),
-            lambda r, seed, n: Problem(_standard(n, seed), threshold=r or None), OPTIMA[12:],
+            lambda r, seed, source: Problem(_standard(source, seed), threshold=r or None), OPTIMA[12:],
         ),
         Difficulty("smallest", "number of vertices", (16, 14, 12, 10, 8, 6, 4, 2), _smallest, ALL),
         Difficulty("contrast", "largest over least stiffness", (1, 10, 100, 1e3, 1e4, 1e5, 1e6, 1e8), _contrast, ALL),
@@ -406,7 +413,7 @@ DIFFICULTIES = {
         ),
         Difficulty(
             "slack_backbone", "slack edges per taut edge", (0, 0.1, 0.3, 1, 3, 10, 24),
-            lambda x, seed, n: SlackProblem(taut=Problem(_standard(n, seed), _generic(seed)), ratio=x),
+            lambda x, seed, source: SlackProblem(taut=Problem(_standard(source, seed), _generic(seed)), ratio=x),
             ("transition_moduli", "stiffening"),
         ),
         Difficulty(

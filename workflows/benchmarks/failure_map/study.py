@@ -2,6 +2,8 @@
 
 No answer may be silently wrong.  Every point is correct within its claimed bound, returns a status, or raises an error
 with the reason; every other outcome is a violation.
+
+With `network=FILE` the difficulties are those of the network of a file; those with their own networks stay empty.
 """
 
 from __future__ import annotations
@@ -16,25 +18,28 @@ from critflow.result import StudyError
 from critflow.workflow import Axis, Coordinate, Study, Variable
 
 from ...shared.checks import check_network
+from ...shared.own_network import check_own, own_network, with_digest
 from ...shared.tables import padded
 from .outcomes import Finding, Outcome, Violation
-from .problems import DIFFICULTIES, QUANTITIES
+from .problems import DIFFICULTIES, GENERATED, QUANTITIES
 from .quantities import finding
 from .report import MAPS, bound_figure, claims, map_figure, summary
+
+MOST_VERTICES = 64
 
 
 def case(parameters, *, difficulty, seed):
     """All quantities at all strengths of one difficulty, for one network."""
     quantities, n_steps = parameters["quantities"], parameters["n_steps"]
-    chosen = DIFFICULTIES[difficulty]
-    strengths = evenly(chosen.strengths, n_steps)
+    own, chosen = own_network(parameters), DIFFICULTIES[difficulty]
+    strengths = () if own and difficulty in GENERATED else evenly(chosen.strengths, n_steps)
     strength = padded(strengths, n_steps)
     findings = np.full((len(quantities), n_steps), Finding(Outcome.absent), dtype=object)
     for step, value in enumerate(strengths):
         for row, quantity in enumerate(quantities):
             if quantity in chosen.quantities:
                 # A problem keeps what the methods of one quantity compute, so each has its own.
-                findings[row, step] = finding(quantity, chosen.problem(value, seed, parameters["n_vertices"]))
+                findings[row, step] = finding(quantity, chosen.problem(value, seed, own or parameters["n_vertices"]))
     columns = ("error", "bound", "outcome", "violation", "status")
     error, bound, outcome, violation, status = (
         np.array([[getattr(found, name) for found in row] for row in findings]) for name in columns
@@ -63,6 +68,13 @@ def check(parameters, axes):
         raise StudyError(f"there is no quantity {unknown[0]!r}: choose among {', '.join(QUANTITIES)}")
     if parameters["n_steps"] < 2:
         raise StudyError(f"n_steps={parameters['n_steps']} must be at least 2")
+    if own := own_network(parameters):
+        check_own(own)
+        if own.n_vertices > MOST_VERTICES:
+            raise StudyError(
+                f"network: the references in many digits are for at most {MOST_VERTICES} vertices, not "
+                f"{own.n_vertices}: give a smaller network"
+            )
     check_network(check_voronoi, parameters["n_vertices"], 0.82)
 
 
@@ -79,10 +91,12 @@ study = Study(
         "quantities": QUANTITIES,
         "n_vertices": 16,
         "n_steps": 16,
+        "network": "",
     },
     coordinates=(Coordinate("quantity", "quantities", "computed quantity, and the method"),),
     case=case,
     check=check,
+    complete=with_digest,
     variables=(
         Variable("strength", ("difficulty", "step"), "f8", long_name="strength of the difficulty"),
         Variable("error", POINT, "f8", long_name="true error, relative to the largest number of the answer"),
