@@ -179,7 +179,7 @@ def test_tasks_name_their_methods(word):
 def small(tmp_path_factory):
     folder = tmp_path_factory.mktemp("speed")
     words = [
-        "tasks=configuration,length_variance,tension_variance,bulk_modulus,rest_lengths,length_variance_pinned,"
+        "tasks=configuration,gradient,length_variance,tension_variance,bulk_modulus,rest_lengths,length_variance_pinned,"
         "stages",
         "n_vertices=40,2000000", f"contestants={','.join((*ASKED, *STAGES))}", "levels=0,10,20,28", "repeats=1",
         "budget=0.01", "least_time=0.01",
@@ -200,7 +200,7 @@ def test_every_point_has_its_time_error_and_outcome(small):
     assert (dataset.seconds <= dataset.seconds_high).where(ran, True).all()
     best = dataset.error.sel(contestant="auto").min("level")
     limits = {
-        "configuration": 1e-12, "length_variance": 1e-24, "tension_variance": 1e-8,
+        "configuration": 1e-12, "gradient": 1e-12, "length_variance": 1e-24, "tension_variance": 1e-8,
         "bulk_modulus": 1e-28, "rest_lengths": 1e-12, "length_variance_pinned": 1e-24,
     }  # fmt: skip
     for word, limit in limits.items():

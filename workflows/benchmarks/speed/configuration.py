@@ -1,4 +1,4 @@
-"""Task σ → configuration: one factorisation and two right sides.
+"""Tasks σ → configuration, and with the gradient of B_0: one factorisation and two, or four, right sides.
 
 The hot path of every optimisation: the graph is known, so that ordering and symbolic factorisation are not timed; the
 stress is new in every run, so that assembly and numerical factorisation are timed.  Multigrid cannot keep its
@@ -8,13 +8,15 @@ hierarchy, and SuperLU its ordering, from one matrix to the next: they are timed
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
 import scipy.linalg
 import scipy.sparse as sp
 
-from critflow import CriticalManifold, Network, voronoi_network
+from critflow import CriticalConfiguration, CriticalManifold, Network, voronoi_network
+from critflow.critical.transition import dilation, transition_modulus
 from critflow.linalg.backends import available_backends
 from critflow.precision.double_double import Extended
 from critflow.workflow import stable_rng
@@ -22,9 +24,9 @@ from critflow.workflow import stable_rng
 from ..timing import Answer, Method, Task, installed, peer
 from . import references
 
-# From the largest size on only backends and peers that take no more than some seconds.
+SIZES = (100, 1_000, 10_000, 100_000)
+# From here on only backends and peers that take no more than some seconds.
 HUGE, _AT_HUGE = 1_000_000, ("superlu", "metis", "pardiso")
-SIZES = (100, 1_000, 10_000, 100_000, HUGE)
 # Dense matrices beyond are out of the question.
 DENSE = 2_000
 # Backends that require another package.
@@ -86,26 +88,53 @@ def _multigrid(laplacian: _Laplacian, sigma: np.ndarray, level: float) -> Solve:
     return lambda right: np.stack([solve(column) for column in right.T], axis=1)
 
 
-def _error(exact: Extended, L: np.ndarray) -> float:
-    """Largest relative error of a bond vector."""
-    length = np.linalg.norm(exact.high, axis=1)
-    return float((np.linalg.norm((L - exact.high) - exact.low, axis=1) / length).max())
+@dataclass(frozen=True, eq=False)
+class _Problem:
+    """One network, one stress, and the exact answers."""
+
+    manifold: CriticalManifold
+    sigma: np.ndarray
+    L: Extended
+    gradient: Extended
+
+    @classmethod
+    def of(cls, n_vertices: int, seed: int) -> _Problem:
+        manifold = CriticalManifold(voronoi_network(n_vertices, seed))
+        sigma = np.abs(stable_rng(seed, "contest", "stress").standard_normal(manifold.network.n_edges))
+        sigma *= np.sqrt(len(sigma) / (sigma @ sigma))
+        return cls(manifold, sigma, *references.bulk_modulus_gradient(manifold, sigma))
+
+    def error(self, L: np.ndarray) -> float:
+        """Largest relative error of a bond vector."""
+        length = np.linalg.norm(self.L.high, axis=1)
+        return float((np.linalg.norm((L - self.L.high) - self.L.low, axis=1) / length).max())
+
+    def gradient_error(self, gradient: np.ndarray) -> float:
+        """Largest error of a component over the largest component."""
+        wrong = np.abs((gradient - self.gradient.high) - self.gradient.low)
+        return float(wrong.max() / np.abs(self.gradient.high).max())
 
 
-def _methods(n_vertices: int, seed: int) -> list[Method]:
-    manifold, huge = CriticalManifold(voronoi_network(n_vertices, seed)), n_vertices >= HUGE
+def _methods(n_vertices: int, seed: int, gradient: bool) -> list[Method]:
+    problem = _Problem.of(n_vertices, seed)
+    manifold, sigma, huge = problem.manifold, problem.sigma, n_vertices >= HUGE
     network = manifold.network
-    sigma = np.abs(stable_rng(seed, "contest", "stress").standard_normal(network.n_edges))
-    sigma *= np.sqrt(len(sigma) / (sigma @ sigma))
-    error = partial(_error, references.configuration(manifold, sigma)[1])
     divergence, g, b = network.divergence, network.free_incidence, network.boundary_vectors
+    goal = transition_modulus(network, dilation(network.dimension))
+    error = problem.gradient_error if gradient else problem.error
 
     def by_solver(factorise: Callable[[np.ndarray, float], Solve], level: float) -> Answer:
         solve = factorise(sigma, level)
-        return Answer(b - g @ solve(divergence @ (sigma[:, None] * b)))
+        x = -solve(divergence @ (sigma[:, None] * b))
+        L = b + g @ x
+        if not gradient:
+            return Answer(L)
+        _, (by_sigma, by_L) = goal.evaluate(CriticalConfiguration(network, sigma, network.all_coordinates(x), L))
+        return Answer(by_sigma - np.einsum("ad,ad->a", L, g @ solve(divergence @ by_L)))
 
     def by_manifold(manifold: CriticalManifold, level: float) -> Answer:
-        return Answer(manifold.balance(sigma).bond_vectors)
+        balance = manifold.balance(sigma)
+        return Answer(balance.pull_back(*goal.evaluate(balance)[1])[0] if gradient else balance.bond_vectors)
 
     def method(name: str, run: Callable, *arguments: object, **options: object) -> Method:
         return Method(name, partial(run, *arguments), error, **options)
@@ -116,7 +145,8 @@ def _methods(n_vertices: int, seed: int) -> list[Method]:
     for backend, package in FAST.items():
         if not installed(package):
             methods.append(method(backend, by_manifold, manifold, package=package))
-    methods.append(method("solve", lambda level: Answer(manifold.solve(sigma).value.bond_vectors)))
+    if not gradient:
+        methods.append(method("solve", lambda level: Answer(manifold.solve(sigma).value.bond_vectors)))
     laplacian = _Laplacian(network)
     if n_vertices <= DENSE:
         methods += [
@@ -135,9 +165,18 @@ TASKS = (
         "configuration",
         "σ → configuration",
         "largest relative error of a bond vector",
-        SIZES,
+        (*SIZES, HUGE),
         ("auto", "solve", *_BACKENDS, *_PEERS),
         "auto",
-        _methods,
+        partial(_methods, gradient=False),
+    ),
+    Task(
+        "gradient",
+        "σ → configuration with a gradient",
+        "largest error of a component of dB₀/dσ over the largest component",
+        SIZES,
+        ("auto", *_BACKENDS, *_PEERS),
+        "auto",
+        partial(_methods, gradient=True),
     ),
 )

@@ -83,6 +83,28 @@ def configuration(manifold: CriticalManifold, sigma: Array) -> tuple[Extended, E
     raise ArithmeticError("the refinement of the configuration does not converge")
 
 
+def bulk_modulus_gradient(manifold: CriticalManifold, sigma: Array) -> tuple[Extended, Extended]:
+    """Bond vectors L (N_b, 2) and dB_0/dσ (N_b,) for k = 1.
+
+    With q = Σσ|L|²/Σσ²|L|²: ∂B_0/∂σ = (q/2V)(1 − qσ)|L|² and ∂B_0/∂L = (q/2V)(2 − qσ)σL.
+    """
+    _, L, factor = configuration(manifold, sigma)
+    network, geometry, stress = manifold.network, ExtendedGeometry(manifold.network), extended(sigma)
+    square = dot(L, L)
+    work = multiply(stress, square)
+    q = divide(total(work), total(multiply(stress, work)))
+    scale, share = divide(q, constant(2 * network.volume)), multiply(q, stress)
+    by_sigma = multiply(multiply(scale, subtract(constant(1.0), share)), square)
+    by_L = scaled(multiply(multiply(scale, subtract(constant(2.0), share)), stress), L)
+    # y = P⁻¹ gᵀ ∂B_0/∂L
+    load, none = geometry.divergence(by_L), np.zeros_like(network.boundary_vectors)
+    y = extended(np.zeros((len(network.free), 2)))
+    for _ in range(_RESPONSE_STEPS + 2):
+        residual = subtract(load, geometry.divergence(scaled(stress, geometry.bond_vectors(y, none))))
+        y = add(y, extended(factor.solve(residual.high)))
+    return L, subtract(by_sigma, dot(L, geometry.bond_vectors(y, none)))
+
+
 def stress_of_lengths(manifold: CriticalManifold, rest_lengths: Array) -> Extended | None:
     """σ (N_b,) with Σσ² = N_b of the critical configuration with lengths ∝ ℓ, or None with slack edges.
 
