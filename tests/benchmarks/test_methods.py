@@ -4,13 +4,14 @@ import numpy as np
 import pytest
 
 from critflow import Status
+from workflows.benchmarks.speed import coefficients as coefficient_tasks
 from workflows.benchmarks.speed import moduli as modulus_tasks
 from workflows.benchmarks.speed import references
 from workflows.benchmarks.speed import strain as strain_tasks
-from workflows.benchmarks.speed.springs import StrainedSprings
+from workflows.benchmarks.speed.springs import StrainedSprings, relative
 from workflows.benchmarks.speed.strain import peer_error
 
-TASKS = {task.word: task for m in (strain_tasks, modulus_tasks) for task in m.TASKS}
+TASKS = {task.word: task for m in (strain_tasks, modulus_tasks, coefficient_tasks) for task in m.TASKS}
 
 
 @pytest.fixture(scope="module")
@@ -26,6 +27,16 @@ EXPECTED = {
     ("moduli", "linear response"): (1, 1e-12),
     ("moduli", "differences of stress"): (4, 1e-6),
     ("moduli", "differences of energy"): (4, 1e-6),
+    ("transition_moduli", "closed form"): (1, 1e-14),
+    ("transition_moduli", "linear response at γ → 0"): (5, 1e-5),
+    ("transition_moduli", "energy at γ → 0"): (5, 1e-6),
+    ("transition_moduli", "self-stress at rest"): (1, 1e-13),
+    ("coefficients", "exact"): (1, 1e-12),
+    ("coefficients", "Richardson"): (3, 1e-8),
+    ("coefficients", "line through 4"): (4, 1e-3),
+    ("coefficients", "line through 16"): (4, 1e-3),
+    ("coefficients", "parabola through 4"): (4, 1e-6),
+    ("coefficients", "parabola through 16"): (4, 1e-6),
 }
 
 
@@ -46,6 +57,13 @@ def test_errors_fall_with_the_levels(methods, word, name):
     assert not any(answer.bound < error for answer, error in zip(answers, errors, strict=True))
 
 
+@pytest.mark.parametrize("degree", [1, 2])
+def test_the_bias_of_a_fit_falls_as_its_degree_says(methods, degree):
+    method = methods["coefficients"][f"{('line', 'parabola')[degree - 1]} through 16"]
+    errors = [method.error(method.run(window).values) for window in (1e-3, 1e-4)]
+    assert np.log10(errors[0] / errors[1]) == pytest.approx(degree, abs=0.1)
+
+
 def test_answers_off_by_a_known_amount_have_that_error():
     springs = StrainedSprings.of(40, 1)
     network = springs.start.network
@@ -58,5 +76,5 @@ def test_answers_off_by_a_known_amount_have_that_error():
     assert peer_error(springs, wrapped) == pytest.approx(1e-5, rel=1e-9)
     moduli = references.moduli(*springs.exact)
     bulk, shear = (modulus.high[0] for modulus in moduli)
-    assert references.relative_error(moduli, (bulk, shear)) < 1.2e-16
-    assert references.relative_error(moduli, (bulk, shear * (1 + 1e-6))) == pytest.approx(1e-6, rel=1e-9)
+    assert relative(moduli, (bulk, shear)) < 1.2e-16
+    assert relative(moduli, (bulk, shear * (1 + 1e-6))) == pytest.approx(1e-6, rel=1e-9)

@@ -6,7 +6,7 @@ import pytest
 from problems import TRIANGULAR_BULK_MODULUS, TRIANGULAR_SHEAR_MODULUS, random_stress
 
 from critflow import CriticalManifold, Network, critical_from_lengths, lattice, upper_bound, voronoi_network
-from critflow.precision.double_double import extended, lengths
+from critflow.precision.double_double import lengths
 from workflows.benchmarks import reference
 from workflows.benchmarks.reference import MP
 from workflows.benchmarks.speed import references
@@ -214,13 +214,17 @@ def test_double_double_configurations_and_gradients(network, manifold, exact):
     L, gradient = references.bulk_modulus_gradient(manifold, sigma)
     assert error(L, exact.bond_vectors) < 1e-28
     assert error(gradient, reference.bulk_modulus_gradient(network, exact) * volume) < 1e-28
+    (bulk, shear), truth = references.transition_moduli(manifold, sigma), reference.transition_moduli(network, exact)
+    assert error(bulk, truth[:1] * volume) < 1e-28
+    assert error(shear, truth[1:] * volume) < 1e-26
 
 
 @pytest.mark.parametrize("strain", [1e-3, 1e-5])
 def test_double_double_equilibria_and_moduli(network, manifold, exact, strain):
     x, L, _ = references.configuration(manifold, random_stress(network.n_edges, 1))
-    rest_lengths = lengths(L).high / np.sqrt(1 + strain)
-    state, factor = references.equilibrium(network, extended(rest_lengths), x.high, manifold.hessian)
+    rest = references.strained_rest_lengths(lengths(L), strain)
+    state, factor = references.equilibrium(network, rest, x.high, manifold.hessian)
+    rest_lengths = reference.lengths(exact.bond_vectors) / MP.sqrt(1 + MP.mpf(strain))
     truth = reference.equilibrium(network, rest_lengths, exact.coordinates)
     # Rounding of 1e-31 in forces, over the softness 1/γ of the springs.
     assert error(state.x, truth.coordinates[network.free]) < 1e-26 / strain
@@ -229,6 +233,15 @@ def test_double_double_equilibria_and_moduli(network, manifold, exact, strain):
     volume = reference.volume(network) / reference.numbers(network.volume)
     for n, modulus in enumerate(moduli):
         assert error(modulus, response[n : n + 1] * volume) < 1e-26 / strain
+
+
+def test_double_double_stiffening_coefficients(network, manifold, exact):
+    sigma = random_stress(network.n_edges, 1)
+    truth = reference.stiffening(network, exact) * (reference.volume(network) / reference.numbers(network.volume))
+    for options in ({}, {"reach": 2e-3, "n_strains": 10}):
+        C_B, C_G = references.stiffening(manifold, sigma, **options)
+        assert error(C_B, truth[2:3]) < 1e-18
+        assert error(C_G, truth[3:4]) < 1e-18
 
 
 def test_double_double_stress_of_lengths(network, manifold):

@@ -159,7 +159,10 @@ def test_a_choice_is_measured_at_every_accuracy_that_it_reaches():
 
 # The study
 
-ASKED = (*("auto", "newton", "lbfgs", "cone", "solve", "dense Cholesky", "SciPy L-BFGS-B", "pyamg CG", "jax_fdm"),)
+ASKED = (
+    *("auto", "newton", "lbfgs", "cone", "solve", "dense Cholesky", "SciPy L-BFGS-B", "pyamg CG", "jax_fdm"),
+    *("exact", "line through 16", "closed form", "linear response at γ → 0"),
+)
 
 
 @pytest.mark.parametrize("word", [word for word in TASKS if not word.endswith("pinned")])
@@ -180,7 +183,7 @@ def small(tmp_path_factory):
     folder = tmp_path_factory.mktemp("speed")
     words = [
         "tasks=configuration,gradient,length_variance,tension_variance,bulk_modulus,rest_lengths,length_variance_pinned,"
-        "stages",
+        "coefficients,transition_moduli,stages",
         "n_vertices=40,2000000", f"contestants={','.join((*ASKED, *STAGES))}", "levels=0,10,20,28", "repeats=1",
         "budget=0.01", "least_time=0.01",
     ]  # fmt: skip
@@ -243,11 +246,35 @@ def test_every_stage_is_timed_and_ends_well(small):
     assert (stages.backend.sel(contestant=["configuration", "coefficients"]) > 0).all()
 
 
-def test_the_exponent_of_a_stage_is_that_of_the_large_sizes(small):
+def test_the_symbolic_analysis_is_timed_as_such(monkeypatch):
+    """At 10⁵ vertices it takes longer than a configuration, which is timed only once there."""
+    running, analysed = [], []
+    add, watch = FixedPattern._add, stages.stopwatch
+
+    def watched(work, *arguments):
+        running.append(work.__name__)
+        return watch(work, *arguments)
+
+    monkeypatch.setattr(stages, "stopwatch", watched)
+    monkeypatch.setattr(FixedPattern, "_add", lambda self, solver: analysed.append(running[-1]) or add(self, solver))
+    stages.measured(40, 0, 0.0)
+    assert analysed[0] == "_analysed" and not {"balance", "solve"} & set(analysed)
+
+
+@pytest.mark.parametrize(
+    "power, memory, differ",
+    [(0.8, 1000.0, set()), (1.1, 9000.0, {"memory", "generation"}), (1.3, 1000.0, {"configuration", "generation"})],
+)
+def test_claims_on_sizes_are_judged_by_what_is_required(small, power, memory, differ):
     """As if the networks had 10⁴ and 10⁶ vertices and the times grew with a power of that."""
     one = small[0].sel(n_vertices=[40])
     dataset = xr.concat([one, one], "n_vertices", data_vars="all").assign_coords(n_vertices=[10_000, 1_000_000])
-    dataset.wall_seconds.loc[{"task": "stages", "n_vertices": 1_000_000}] *= 100**1.1
-    assert sizes.fitted(sizes.stages_of(dataset), "configuration") == pytest.approx(1.1, rel=1e-12)
-    assert sizes.size_summary(dataset)["exponents_from_10000"].keys() == sizes.SHOWN.keys()
+    for name in ("seconds", "wall_seconds"):
+        dataset[name].loc[{"task": "stages", "n_vertices": 10_000}] = 0.1
+        dataset[name].loc[{"task": "stages", "n_vertices": 1_000_000}] = 0.1 * 100**power
+    dataset.memory.loc[{"task": "stages"}] = memory
+    assert sizes.fitted(sizes.stages_of(dataset), "configuration") == pytest.approx(power, rel=1e-12)
+    claims = {claim.key.removeprefix("Scale-"): claim for claim in sizes.size_claims(dataset)}
+    assert {key for key, claim in claims.items() if claim.verdict == "differs"} == differ
+    assert {"memory", "generation", "configuration", "status", "certificate"} <= claims.keys()
     assert sizes.sizes_figure(dataset).axes

@@ -49,6 +49,8 @@ REASONS = {
     "rest_lengths": "the same iteration, or the cone program where edges are slack, then Newton's method",
     "strain_step": "Newton's method: the softness grows as 1/γ, and no other method reaches these errors",
     "moduli": "linear response with the factor of the last Newton step",
+    "transition_moduli": "sums over edges, without a factorisation",
+    "coefficients": "exact, from the transition alone; fits have a bias and need a strain path",
 }
 
 

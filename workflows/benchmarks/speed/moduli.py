@@ -1,10 +1,13 @@
-"""Task: bulk and shear modulus past the transition, by linear response and by differences.
+"""Tasks: bulk and shear modulus past the transition and at it, by differences, by linear response, in closed form.
 
 Differences relax the springs again at each strain, to a force of 1e-14, and difference the energy twice or the stress
 once; levels are their steps.  A step too large has a bias of its square, a step too small leaves rounding: of energies
 over h², of stresses over h.  matscipy has Born's constants, stress and non-affine forces from our Hessian and solves
 for the latter by its conjugate gradients, to a relative residual that is its level; its Birch coefficients C are
 changes of the Cauchy stress, so that B = (C_xxxx + C_yyyy + 2 C_xxyy)/4 and G = C_xyxy − ½ dE/dV.
+
+At the transition the energy is zero and grows on one side only: 2E/(Vγ²) → B_0 and linear response at γ → 0 are limits,
+levels the strains.  The self-stress of a network at rest, by `rigidity`, needs no strain and no stress to be given.
 """
 
 from __future__ import annotations
@@ -14,21 +17,26 @@ from functools import partial
 
 import numpy as np
 
-from critflow import Deformation, equilibrium
+from critflow import Deformation, elasticity, equilibrium, strain_path
 from critflow.critical.transition import pure_shear
+from critflow.paths.strain_path import PathSolver
 from critflow.response.linear_response import linear_response
 
 from ..timing import Answer, Method, Task, installed, peer
 from . import references
 from .ase import atoms_of, matscipy_springs
-from .springs import StrainedSprings
+from .springs import StrainedSprings, answer_of, random_critical, relative
 
 SIZES = (100, 1_000, 10_000)
 # Steps of the differences; half the strain still keeps both sides past the transition.
 STEPS = (5e-4, 2e-4, 1e-4, 1e-5, 1e-6, 1e-7)
 RESIDUALS = (1e-2, 1e-4, 1e-6, 1e-8, 1e-10, 1e-12)
+# Strains that approach the transition.
+STRAINS = (1e-2, 1e-3, 1e-4, 1e-5, 1e-6)
 # From here on methods that relax again run at their best level only.
 LARGE = 10_000
+# `rigidity` finds self-stresses by dense algebra, which takes too long beyond this.
+AT_REST = 1_000
 MOST_STEPS = 100_000
 # Options of SciPy's `spilu`; with more dropped entries the free translations are undefined.
 _NEARLY_EXACT = {"drop_tol": 1e-10, "fill_factor": 50.0}
@@ -79,17 +87,14 @@ def _matscipy(springs: StrainedSprings) -> list[tuple]:
     ]
 
 
-def _methods(n_vertices: int, seed: int) -> list[Method]:
+def _stressed(n_vertices: int, seed: int) -> list[Method]:
     springs = StrainedSprings.of(n_vertices, seed)
-    error = partial(references.relative_error, references.moduli(*springs.exact))
+    error = partial(relative, references.moduli(*springs.exact))
     steps = STEPS if n_vertices < LARGE else (1e-5,)
 
     def respond(level: float) -> Answer:
         state = replace(springs.relaxed)
-        solution = linear_response(state, state.network.volume, springs.pattern)
-        value, errors = solution.value, solution.value.errors
-        bound = max(errors.bulk / value.bulk, errors.shear / value.shear)
-        return Answer([value.bulk, value.shear], solution.status, solution.stats.steps, bound)
+        return answer_of(linear_response(state, state.network.volume, springs.pattern), "bulk", "shear")
 
     return [
         Method("linear response", respond, error, backend="qdldl"),
@@ -97,6 +102,34 @@ def _methods(n_vertices: int, seed: int) -> list[Method]:
         Method("differences of energy", partial(_differences, springs, 2), error, steps),
         *(Method(name, run, error, *rest) for name, run, *rest in _matscipy(springs)),
     ]
+
+
+def _at_transition(n_vertices: int, seed: int) -> list[Method]:
+    manifold, critical = random_critical(n_vertices, seed)
+    strains = STRAINS if n_vertices < LARGE else STRAINS[-1:]
+    error = partial(relative, references.transition_moduli(manifold, critical.sigma)[:1])
+
+    def closed(level: float) -> Answer:
+        return Answer([elasticity(replace(critical)).value.bulk])
+
+    def past(strain: float, moduli: bool) -> Answer:
+        measure, solver = "tensors" if moduli else "energy", PathSolver(pattern=manifold.hessian)
+        solution = strain_path(replace(critical), [strain], measure=measure, solver=solver, throw=False)
+        path = solution.value
+        bulk = path.bulk_modulus[0] if moduli else 2 * path.energy[0] / (manifold.network.volume * strain**2)
+        return Answer([float(bulk)], solution.status, int(path.steps[0]))
+
+    def at_rest(level: float) -> Answer:
+        return answer_of(elasticity(manifold.network, critical.coordinates), "bulk")
+
+    methods = [
+        Method("closed form", closed, error),
+        Method("linear response at γ → 0", partial(past, moduli=True), error, strains, backend="qdldl"),
+        Method("energy at γ → 0", partial(past, moduli=False), error, strains, backend="qdldl"),
+    ]
+    if n_vertices <= AT_REST:
+        methods.append(Method("self-stress at rest", at_rest, error))
+    return methods
 
 
 TASKS = (
@@ -107,6 +140,15 @@ TASKS = (
         SIZES,
         ("linear response", "differences of stress", "differences of energy", "matscipy", "matscipy LU"),
         "linear response",
-        _methods,
+        _stressed,
+    ),
+    Task(
+        "transition_moduli",
+        "bulk modulus at the transition",
+        "relative error of B₀",
+        SIZES,
+        ("closed form", "linear response at γ → 0", "energy at γ → 0", "self-stress at rest"),
+        "closed form",
+        _at_transition,
     ),
 )

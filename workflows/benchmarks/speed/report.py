@@ -8,14 +8,18 @@ from critflow.workflow import Claim
 
 from ...shared.reports import duration, parameters, status_counts
 from .curves import SAME, behind, cases, detour, gain
-from .sizes import size_summary
+from .sizes import size_claims, size_summary
 from .tasks import TASKS
 
 MISSING = 3
 
 
 def claims(ds):
-    """Claims on every task against other packages, and on the default against the front."""
+    """Claims on every task against other packages, on the default against the front, and on sizes."""
+    return [*_speed_claims(ds), *size_claims(ds)]
+
+
+def _speed_claims(ds):
     everything = list(cases(ds))
     for word in map(str, ds.task.values):
         of_task = [(size, all_curves, default) for w, size, all_curves, default in everything if w == word]

@@ -1,4 +1,4 @@
-"""Figure and summary of the cost of every stage against size, from the dataset alone."""
+"""Figure, claims and summary of the cost of every stage against size, from the dataset alone."""
 
 from __future__ import annotations
 
@@ -6,10 +6,13 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from critflow.figures.plot import COLOURS
+from critflow.result import Status
+from critflow.workflow import Claim
 
 from ...shared.figures import lettered
 from ...shared.power_laws import exponent
 from ...shared.reports import MARKERS, duration
+from ..timing import Backend
 from .charts import nothing
 from .stages import STAGES, WORD
 
@@ -26,6 +29,7 @@ SHOWN = {
 COLOUR_OF = dict(zip(SHOWN, COLOURS, strict=False))
 # Exponents are fitted from this size on, where fixed costs are negligible.
 FIRST_FITTED = 10_000
+GENERATION, MEMORY, EXPONENT, GAP, MILLION = 10.0, 8000.0, 1.2, 1e-10, 1_000_000
 
 
 def stages_of(ds):
@@ -48,6 +52,12 @@ def fitted(stages, name):
     if large.sizes["n_vertices"] < 2:
         return np.nan
     return exponent(large.n_vertices.values, seconds(large, name)[:, None])[0]
+
+
+def share(stages, n):
+    """Part of the time of all stages that each takes at the n-th size."""
+    times = {name: float(seconds(stages, name)[n]) for name in SHOWN}
+    return {name: taken / sum(times.values()) for name, taken in times.items()}
 
 
 def sizes_figure(ds):
@@ -93,9 +103,71 @@ def _draw_times(axes, stages):
 def _draw_memory(axes, stages):
     sizes, memory = stages.n_vertices.values, stages.memory.max("contestant").values / 1e3
     axes.plot(sizes, memory, marker="o", color=COLOURS[0], linewidth=2)
+    axes.axhline(MEMORY / 1e3, color="0.25", linestyle="--", linewidth=1.2)
+    axes.text(sizes[0], 1.08 * MEMORY / 1e3, f"allowed: {MEMORY / 1e3:g} GB", fontsize=9)
     last = (sizes[-1], memory[-1])
     axes.annotate(f"{memory[-1]:.2g} GB", last, xytext=(-6, 6), textcoords="offset points", ha="right", fontsize=9)
     axes.set(xscale="log", yscale="log", xlabel="number of vertices $N_v$", ylabel="peak resident memory  [GB]")
+    axes.set_ylim(None, 2.2 * MEMORY / 1e3)
+
+
+def size_claims(ds):
+    """The required and the measured exponents, times, memory and certificates."""
+    stages = stages_of(ds)
+    if stages is None:
+        return
+    sizes, last = stages.n_vertices.values, stages.isel(n_vertices=-1)
+    most = int(sizes[-1])
+    if not np.isnan(power := fitted(stages, "configuration")):
+        solvers = ", ".join(dict.fromkeys(_solvers(stages, "configuration")))
+        yield Claim.tested(
+            "Scale-configuration", "the time of a configuration grows at most as N_v^1.2",
+            f"at most {EXPONENT} required", f"exponent {power:.2f} from {sizes[sizes >= FIRST_FITTED][0]:,} to "
+            f"{most:,} vertices ({solvers})", power <= EXPONENT, f"the factorisation fills in more with {solvers}",
+            criterion=f"exponent ≤ {EXPONENT}", sample="one network a size", kind="check",
+        )  # fmt: skip
+    if most == MILLION:
+        points, tessellation = (float(last.wall_seconds.sel(contestant=name)) for name in SHOWN["generation"][0])
+        busy = float(last.seconds.sel(contestant=list(SHOWN["generation"][0])).sum())
+        yield Claim.tested(
+            "Scale-generation", "a network of a million vertices is made in ten seconds", f"{GENERATION:g} s required",
+            f"{points + tessellation:.1f} s, of which points {points:.1f} s and tessellation {tessellation:.1f} s; "
+            f"{busy:.1f} s of the processor", points + tessellation <= GENERATION,
+            "the trials of random sequential addition and one call of Qhull take most of it, in addition to "
+            "other work of the machine", criterion=f"{GENERATION:g} s", sample="one network", kind="check",
+        )  # fmt: skip
+    memory, stage = float(stages.memory.max()), STAGES[int(last.memory.values.argmax())]
+    yield Claim.tested(
+        "Scale-memory", f"all stages up to {most:,} vertices fit in memory", f"{MEMORY / 1e3:g} GB required",
+        f"{memory / 1e3:.2g} GB, most of it for {stage}", memory <= MEMORY, "the factor of that stage is too large",
+        criterion=f"{MEMORY / 1e3:g} GB", sample="one network a size", kind="check",
+    )  # fmt: skip
+    gap = float(stages.error.sel(contestant="optimum").max())
+    yield Claim.tested(
+        "Scale-certificate", "the optimum of B_0 meets its closed-form bound at every size", "equal",
+        f"largest gap {gap:.1g}", gap < GAP, "rounding keeps them apart", criterion=f"{GAP:g}",
+        sample="one network a size", kind="check",
+    )  # fmt: skip
+    wrong = [name for name in STAGES if (stages.outcome.sel(contestant=name) != Status.ok).any()]
+    yield Claim.tested(
+        "Scale-status", "every stage ends well at every size", "ok",
+        f"not so: {', '.join(wrong)}" if wrong else "all ok", not wrong, "some stages return another status",
+        criterion="every stage", sample="one network a size", kind="check",
+    )  # fmt: skip
+    bounds = stages.claimed_bound.sel(contestant="checked")
+    yield Claim(
+        "Scale-digits", "the error of a configuration by rounding", "not stated",
+        "bond vectors of the plain solve differ from the checked ones by at most "
+        + _at_sizes(stages.change_by_refinement)
+        + ("" if np.isnan(bounds).all() else f", whose coordinates are bounded to {_at_sizes(bounds)}"),
+        "measured",
+    )  # fmt: skip
+    for n in dict.fromkeys((0, len(sizes) - 1)):
+        ranked = sorted(share(stages, n).items(), key=lambda item: -item[1])
+        yield Claim(
+            f"Scale-profile-{sizes[n]}", f"shares of the stages at {sizes[n]:,} vertices", "not stated",
+            ", ".join(f"{name} {100 * part:.1f} %" for name, part in ranked), "measured",
+        )  # fmt: skip
 
 
 def size_summary(ds):
@@ -109,3 +181,12 @@ def size_summary(ds):
         "seconds": {name: stages.wall_seconds.sel(contestant=name).values for name in STAGES},
         f"exponents_from_{FIRST_FITTED}": {name: power for name, power in powers.items() if np.isfinite(power)},
     }
+
+
+def _at_sizes(values):
+    return ", ".join(f"{value:.1g} at {size:,}" for size, value in values.to_series().items())
+
+
+def _solvers(stages, name):
+    """Name of the solver behind a stage at every size."""
+    return [Backend(int(code)).name for code in stages.backend.sel(contestant=name).values]

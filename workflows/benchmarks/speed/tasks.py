@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from . import configuration, lengths, moduli, optimum, stages, strain
+from . import coefficients, configuration, lengths, moduli, optimum, stages, strain
 
-MODULES = configuration, optimum, lengths, strain, moduli
+MODULES = configuration, optimum, lengths, strain, moduli, coefficients
 
 TASKS = {task.word: task for module in MODULES for task in module.TASKS}
 
