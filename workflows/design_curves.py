@@ -1,6 +1,7 @@
 """Three networks of one topology and one B_0 that soften, keep and stiffen past the transition.
 
 C_B is prescribed to −0.05, 0 and 0.3 at B_0 = 0.25, and each is strained to γ = 0.1.
+`python -m workflows.benchmarks.design_energies` recomputes the energies of these paths by LAMMPS.
 """
 
 from __future__ import annotations
@@ -20,10 +21,15 @@ GROWTH = {"softens": -0.05, "keeps": 0.0, "stiffens": 0.3}
 STRAINS = np.concatenate([[1e-4, 1e-3], np.linspace(0.005, 0.1, 20)])
 
 
+def designs(n_vertices, seed):
+    """The three designs of one network."""
+    manifold = cf.CriticalManifold(cf.voronoi_network(n_vertices, seed))
+    return [cf.design(manifold, {"B_0": MODULUS, "C_B": growth}, throw=False) for growth in GROWTH.values()]
+
+
 def case(parameters, *, seed):
-    """Strain paths of the three designs of one network."""
-    manifold = cf.CriticalManifold(cf.voronoi_network(parameters["n_vertices"], seed))
-    made = [cf.design(manifold, {"B_0": MODULUS, "C_B": growth}, throw=False) for growth in GROWTH.values()]
+    """Strain paths of the three designs."""
+    made = designs(parameters["n_vertices"], seed)
     paths = [cf.strain_path(one.value, STRAINS, throw=False).value for one in made]
     return {
         "status": cf.Status.ok,
