@@ -16,7 +16,6 @@ from workflows.benchmarks.failure_map.outcomes import Answer, Outcome, Violation
 from workflows.benchmarks.reference import Unknown
 
 STUDY = load_study("failure_map").study
-pytestmark = pytest.mark.usefixtures("undrawn_but_in_sweeps")
 
 
 # Outcomes

@@ -62,6 +62,16 @@ def test_too_few_digits_are_detected_and_increased():
     assert attempts[0] == 20 and attempts[-1] > 80
 
 
+def test_digits_lost_to_rounding_are_detected():
+    """The Hilbert matrix of order 8 loses ten digits of 35, and 30 are required."""
+    with MP.workdps(100):
+        hilbert = np.array([[MP.one / (i + j + 1) for j in range(8)] for i in range(8)], dtype=object)
+        right = hilbert.sum(axis=1)[:, None]
+    with pytest.raises(reference.Unknown), MP.workdps(35):
+        reference.solve(hilbert, right)
+    assert reference.largest_error(np.ones((8, 1)), reference.solve(hilbert, right)) < 1e-40
+
+
 def test_errors_of_doubles_are_exact():
     truth = np.array([MP.one, MP.mpf("2.000000000000000000000000000001")])
     assert reference.largest_error([1.0, 2.0], truth) == pytest.approx(1e-30, rel=1e-15)
