@@ -199,9 +199,7 @@ CALLS = {
     "weak_forces": lambda p, r: call.weak_forces(critical_of(p), AngleSprings()).value.modulus(
         [-1e-3, 0.0, 1e-3], 1e-4
     ),
-    "weak_equilibrium": lambda p, r: (
-        call.weak_equilibrium(critical_of(p), AngleSprings(), [1e-3], 1e-4, throw=False).value.tension
-    ),
+    "weak_equilibrium": lambda p, r: call.weak_equilibrium(critical_of(p), AngleSprings(), [1e-3], 1e-4, throw=False),
     "soft_spectrum": lambda p, r: call.soft_spectrum(critical_of(p)),
     "edge_leverage": lambda p, r: call.edge_leverage(critical_of(p)),
     "properties": lambda p, r: call.properties(critical_of(p), r.choice([["V_tau", "V_L"], ["B_0", "C_B"]])),
@@ -235,6 +233,7 @@ MAY_BE_NAN = set(
     """
     error_bound condition residual bond_errors ratio uncertainty nearest_singular least_stiffness gap
     smallest_nonzero largest_zero objective_error bound error stress_error undetermined cuts weights after
+    amplification
     """.split()
 )
 
@@ -242,6 +241,8 @@ MAY_BE_NAN = set(
 def nan_fields(value, name="value", seen=()):
     """Names of numbers that are NaN in an answer, except those that may be."""
     if name in MAY_BE_NAN or id(value) in seen or "modulus" in name:
+        return []
+    if isinstance(value, Solution) and not value.ok:
         return []
     seen = (*seen, id(value))
     if isinstance(value, LinearOperator):
@@ -258,8 +259,6 @@ def nan_fields(value, name="value", seen=()):
 
 def complaint(result) -> str:
     """What is wrong with an answer, or nothing."""
-    if isinstance(result, Solution) and not result.ok:
-        return ""
     found = nan_fields(result)
     return f"NaN in {sorted(set(found))}" if found else ""
 
@@ -338,7 +337,7 @@ def test_error_bounds_exceed_the_errors(random):
     if found.stats.method != "transition":
         return
     moduli = found.value
-    B_0, G_0 = reference.elasticity(network, exact).value
+    B_0, G_0 = reference.transition_moduli(network, exact)
     assert_bounded([moduli.bulk], [B_0], moduli.errors.bulk)
     assert_bounded([moduli.shear], [G_0], moduli.errors.shear)
 

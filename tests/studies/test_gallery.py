@@ -1,20 +1,32 @@
 """The gallery study end to end, small: thirteen panels whose arrays bear out what the figure and the claims say."""
 
+import matplotlib
 import numpy as np
 
-from critflow import Status
+from critflow import Network, Status
+from critflow.command.main import main
 from critflow.workflow.load import load_study
+
+matplotlib.use("Agg")
 
 PANELS = load_study("gallery").study.axes[1].values
 
 STUDY = "gallery"
 
 
-def test_only_wide_rest_lengths_leave_edges_slack(dataset):
+def bond_vectors(one):
+    return Network(one.edges.values, one.offsets.values, one.cell.values).bond_vectors(one.coordinates.values)
+
+
+def test_every_panel_is_there_and_found(dataset):
+    assert dict(dataset.sizes) == {"panel": 13, "seed": 2, "edge": 90, "vertex": 60, "face": 30, "end": 2, "axis": 2,
+                                   "axis_": 2}  # fmt: skip
     status = dataset.status.transpose("panel", "seed")
     slack = [panel for panel in PANELS if (status.sel(panel=panel) != Status.ok).any()]
     assert slack == ["random_lengths_wide"]
     assert set(np.unique(status)) <= {Status.ok, Status.slack_edges}
+    assert dataset.residual.max() < 1e-12
+    assert {variable.attrs["units"] for variable in dataset.variables.values()} == {"1"}
 
 
 def test_claims_change_their_verdict_with_the_arrays(dataset):
@@ -25,9 +37,38 @@ def test_claims_change_their_verdict_with_the_arrays(dataset):
         ("bulk_modulus_affine", "bulk_modulus", 1.01, "BulkModulusAffine"),
         ("flat_directions", "bulk_modulus", 2, "BulkModulusHessian"),
         ("shear_modulus_0", "shear_modulus_2", 0.1, "Networks-GHI"),
+        ("tension", "random_stress_1", 1.1, "Networks"),
         ("stressed_fraction", "random_lengths", 0.99, "Networks-JK-spread"),
     ):
         changed = dataset.copy(deep=True)
         changed[name].loc[{"panel": panel}] *= factor
         assert {claim.key: claim.verdict for claim in claims(changed)}[key] == "differs", key
-    assert claims(dataset.sel(panel=["random_stress_1"])) == []
+    assert [claim.key for claim in claims(dataset.sel(panel=["random_stress_1"]))] == ["Networks"]
+
+
+def test_a_part_of_the_panels_makes_a_figure_too(dataset):
+    study = load_study("gallery").study
+    part = dataset.sel(panel=["bulk_modulus", "random_lengths"]).copy(deep=True)
+    part.sigma.loc[{"panel": "random_lengths"}] = np.nan
+    part.status.loc[{"panel": "random_lengths"}] = Status.stalled
+    figure = study.figures["gallery"](part)
+    titles = [axes.get_title() for axes in figure.axes if axes.get_title()]
+    assert len(titles) == 2 and "stalled" in titles[1]
+
+
+def test_verify_finds_what_does_not_belong(folder, dataset):
+    assert main(["verify", str(folder)]) == 0
+    verify = load_study("gallery").study.verify
+    assert verify(dataset) == []
+    for name, factor in (("length", 1.001), ("tension", 1.001), ("bulk_modulus_0", 1.001), ("shear_modulus_0", 1.01),
+                         ("bulk_modulus_affine", 1.01), ("tension_variance", 1.01), ("coordinates", 1.01)):  # fmt: skip
+        wrong = dataset.copy(deep=True)
+        wrong[name].loc[{"panel": "shear_modulus_2", "seed": 1}] *= factor
+        (line,) = verify(wrong)
+        assert line.startswith("panel shear_modulus_2, seed 1: "), name
+    # Another configuration in balance, but no isogonal change of D.
+    wrong = dataset.copy(deep=True)
+    for name, values in wrong.data_vars.items():
+        if "panel" in values.dims:
+            values.loc[{"panel": "bulk_modulus_wave"}] = dataset[name].sel(panel="random_stress_1")
+    assert [line.split(":")[1].split(" does")[0] for line in verify(wrong)] == [" directions and tensions"] * 2

@@ -11,7 +11,6 @@ SETTINGS = {
     "design_curves": {"n_vertices=7": "n_vertices"},
     "design_fronts": {"fronts=colour": "colour", "least_stress=1": "least_stress", "points=1": "points"},
     "design_poisson": {"ratios=1": "between -1 and 1"},
-    "design_pruning": {"repeats=0": "positive"},
     "design_reach": {"directions=2": "at least 3"},
     "design_stiffening": {"sources=colour": "colour"},
     "design_topology": {"cuts=0": "positive", "cuts=24000": "smaller"},
@@ -32,7 +31,7 @@ SETTINGS = {
     "percolation": {"n_vertices=7": "n_vertices"},
     "shear": {
         **{"method=steepest": "fire", "algorithms=steepest": "fire", "n_vertices=7": "n_vertices"},
-        **{"fractions=0.5,1.5": "between", "n_steps=0": "positive"},
+        **{"fractions=0.5,1.5": "between", "n_steps=0": "least", "n_starts=0": "least"},
         **{"populations=shear": "population", "thresholds=0,0.1": "positive"},
     },
     "speed": {

@@ -163,6 +163,19 @@ def _values(ds, name, *panels):
     return ds[name].sel(panel=list(panels)).transpose("panel", "seed").values
 
 
+def _pressure(ds):
+    off = np.abs((ds.tension * ds.length).sum("edge") / (2 * np.abs(_areas(ds))) - 1)
+    worst = float(off.max())
+    yield Claim.tested(
+        "Networks", "tensions are scaled to unit pressure", "P = 1", f"within {_bound(worst)} in every panel",
+        worst < 1e-12, "some panel has another pressure", criterion="1e-12", kind="check",
+    )  # fmt: skip
+
+
+def _areas(ds):
+    return ds.cell[:, 0, 0] * ds.cell[:, 1, 1] - ds.cell[:, 0, 1] * ds.cell[:, 1, 0]
+
+
 def _equal_lengths(ds):
     V_L = _values(ds, "length_variance", "length_variance").max()
     yield Claim.tested(
@@ -262,6 +275,7 @@ def _random_lengths(ds):
 
 _STIFFEST = ("bulk_modulus", "bulk_modulus_wave", "bulk_modulus_designed")
 _CLAIMS = (
+    ((), _pressure),
     (("length_variance",), _equal_lengths),
     (("tension_variance", "tension_variance_inflated"), _equal_tension_variance),
     ((*ISOGONAL, *ISOGONAL.values()), _moduli_of_forces),

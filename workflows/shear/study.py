@@ -1,4 +1,4 @@
-"""The shear modulus G_0 at the transition: unconstrained ascents, and its dependence on size and threshold.
+"""The shear modulus G_0 at the transition: unconstrained ascents, and its dependence on size, threshold and starts.
 
 From σ = 1 and without constraints on the signs of the stress (`ShearModulusSteepestDescent`) every network climbs
 towards the closed-form bound.  Edges along the shear grow to the size of the box, others come under compression, and
@@ -7,7 +7,8 @@ FIRE, after the same number of steps, and with L-BFGS at the same part of the bo
 larger part in small networks.
 
 With positive stresses (`ShearModulusScaling`) the shear modulus of populations that are not optimised for it falls as
-1/N_v; that of max G_0 is independent of size, with aligned edges that align further at a lower threshold r.
+1/N_v; that of max G_0 is independent of size, with aligned edges that align further at a lower threshold r.  The
+constrained objective has many local optima.
 """
 
 from __future__ import annotations
@@ -23,9 +24,9 @@ from critflow.generators.random_networks import check_voronoi
 from critflow.quantities.largest_modulus import largest_modulus, least_compressed_length
 from critflow.response.elasticity import elasticity
 from critflow.result import Status, StudyError
-from critflow.workflow import Axis, Coordinate, Study, Variable
+from critflow.workflow import Axis, Coordinate, Study, Variable, stable_rng
 
-from ..shared.checks import check_network, check_positive
+from ..shared.checks import check_network
 from ..shared.populations import MEANING, POPULATIONS, configuration, prepared
 from ..shared.reports import PAPER
 from ..shared.tables import NETWORK
@@ -101,7 +102,7 @@ def ascend(manifold, method, steps, fractions, stop_at_last=False):
 def case(parameters, *, seed, n_vertices):
     """The recorded ascent, which does not depend on the size of the case, and everything at this size.
 
-    Thresholds and ascents of all sizes cost more, and are those of the first networks only.
+    Thresholds, starts and ascents of all sizes cost more, and are those of the first networks only.
     """
     manifold = prepared(voronoi_network, n_vertices, seed, parameters["hard_core"])
     detailed = seed < parameters["detailed_seeds"]
@@ -112,7 +113,7 @@ def case(parameters, *, seed, n_vertices):
         **_recorded(*(parameters[name] for name in ("ascent_vertices", "hard_core", "method", "steps")), seed),
         **_compression(manifold, parameters, detailed),
         **_populations(manifold, parameters, seed),
-        **_constrained(manifold, parameters, detailed),
+        **_constrained(manifold, parameters, seed, n_vertices, detailed),
     }
 
 
@@ -184,9 +185,9 @@ def _shear_modulus(critical):
     return found.shear, found.errors.shear
 
 
-def _constrained(manifold, parameters, detailed):
-    """Max G_0 at each threshold."""
-    thresholds = parameters["thresholds"]
+def _constrained(manifold, parameters, seed, n_vertices, detailed):
+    """Max G_0 at each threshold and from several starts."""
+    thresholds, starts = parameters["thresholds"], np.full(parameters["n_starts"], np.nan)
     moduli, longest = np.full((2, len(thresholds)), np.nan), np.full(len(thresholds), np.nan)
     statuses = np.full(len(thresholds), int(Status.missing))
     if detailed:
@@ -194,11 +195,15 @@ def _constrained(manifold, parameters, detailed):
             solution = optimize(manifold, "shear_modulus", threshold=r, throw=False)
             moduli[:, n], statuses[n] = _shear_modulus(solution.value), solution.status
             longest[n] = solution.value.lengths.max() / np.sqrt(manifold.network.volume)
+        rng, r = stable_rng(seed, "starts", str(n_vertices)), parameters["threshold"]
+        several = optimize(manifold, "shear_modulus", threshold=r, starts=len(starts), rng=rng, throw=False)
+        starts[:] = several.starts
     return {
         "shear_modulus_of_threshold": moduli[0],
         "shear_modulus_of_threshold_error_bound": moduli[1],
         "longest_edge_of_threshold": longest,
         "threshold_status": statuses,
+        "objective_of_start": starts,
     }
 
 
@@ -215,7 +220,9 @@ def check(parameters, axes):
         raise StudyError(f"there is no population {unknown[0]!r}: choose among {', '.join(POPULATIONS)}")
     if not all(r > 0 for r in (*parameters["thresholds"], parameters["threshold"])):
         raise StudyError("thresholds must be positive, such as 0.1")
-    check_positive(parameters, "n_steps")
+    for name in ("n_starts", "n_steps"):
+        if parameters[name] < 1:
+            raise StudyError(f"{name}={parameters[name]} must be at least 1")
     for n_vertices in (*axes["n_vertices"], parameters["ascent_vertices"]):
         check_network(check_voronoi, n_vertices, parameters["hard_core"])
 
@@ -260,12 +267,13 @@ def _table():
     yield Variable("shear_modulus_of_threshold", (*EACH, "threshold"), "f8", long_name="G_0 of max G_0, from σ = 1 [k]")
     yield Variable("longest_edge_of_threshold", (*EACH, "threshold"), "f8", long_name="its longest edge over the side")
     yield Variable("threshold_status", (*EACH, "threshold"), "i1", long_name="outcome by threshold", flags=Status)
+    yield Variable("objective_of_start", (*EACH, "start"), "f8", long_name="penalised G_0 of each start, σ = 1 first")
     yield Variable("status", EACH, "i1", long_name="whether the case was computed", flags=Status)
 
 
 study = Study(
     name="shear",
-    title="The shear modulus at the transition: unconstrained ascents, size and threshold",
+    title="The shear modulus at the transition: unconstrained ascents, size, threshold and starts",
     references=f"{PAPER}, figures ShearModulusSteepestDescent, ShearModulusScaling and Movie 1",
     axes=(
         Axis("seed", range(100), "seed of the network", noun="networks"),
@@ -281,6 +289,7 @@ study = Study(
         "fractions": (0.4, 0.5, 0.8, 0.95),
         "populations": POPULATIONS,
         "thresholds": (0.01, 0.02, 0.03, 0.05, 0.1, 0.2, 0.3, 0.5, 0.7),
+        "n_starts": 12,
         "detailed_seeds": 12,
         "threshold": 0.1,
         "spread": 0.1,

@@ -39,6 +39,11 @@ def _speed_claims(ds):
             f"times over the front: {', '.join(map(_place, off))}" if off else "",
             f"{SAME:g} times the front, every chart", f"{len(worst)} charts",
         )  # fmt: skip
+    for name, package in _missing(ds):
+        yield Claim(
+            f"speed-accuracy-missing-{name.replace(' ', '-')}", f"{name} takes part", "not stated",
+            f"{package} is not installed: `pip install 'critflow[peers]'`", "measured",
+        )  # fmt: skip
 
 
 def _against_peers(ds, word, of_task):
@@ -55,8 +60,8 @@ def _against_peers(ds, word, of_task):
                 ahead.append(
                     f"{rival.name} has {rival.errors[n]:.0e} in {duration(rival.seconds[n])} at N_v = {size:,}, {mine}"
                 )
-    missing = (ds.presence.sel(task=word) == MISSING).any("n_vertices").values
-    absent = f"; not installed: {', '.join(map(str, ds.contestant.values[missing]))}" if missing.any() else ""
+    missing = sorted({name for name, _ in _missing(ds.sel(task=[word]))})
+    absent = f"; not installed: {', '.join(missing)}" if missing else ""
     key, statement = f"speed-accuracy-{word}", f"{TASKS[word].title}: critflow beats every peer at every accuracy"
     ratio, where = nearest
     if not ratio:
@@ -71,6 +76,14 @@ def _against_peers(ds, word, of_task):
 
 def _place(entry):
     return f"{entry[0]:.3g} ({entry[1]}, N_v = {entry[2]:,})"
+
+
+def _missing(ds):
+    """Methods whose package is not installed, with the package, once each."""
+    gone = (ds.presence == MISSING).any(("task", "n_vertices")).values
+    return [
+        (str(name), str(name).split()[0]) for name, missing in zip(ds.contestant.values, gone, strict=True) if missing
+    ]
 
 
 def summary(ds):

@@ -62,7 +62,8 @@ def case(parameters, *, task, n_vertices):
     arrays = {name: np.full(shape, np.nan if dtype == "f8" else 0) for name, (dtype, *_) in POINTS.items()}
     arrays["outcome"][:] = Status.missing
     presence, backend, memory = np.zeros(shape[0], int), np.zeros(shape[0], int), np.full(shape[0], np.nan)
-    for timing in _timings(parameters, task, n_vertices):
+    timings, change = _timings(parameters, task, n_vertices)
+    for timing in timings:
         method = timing.method
         if method.name in names:
             row = names.index(method.name)
@@ -72,13 +73,14 @@ def case(parameters, *, task, n_vertices):
             presence[row] = own if installed(method.package) else Presence.not_installed
             backend[row] = Backend.__members__.get(method.backend or "none", Backend.other)
             memory[row] = timing.memory
-    return {"status": Status.ok, **arrays, "presence": presence, "backend": backend, "memory": memory}
+    found = {"presence": presence, "backend": backend, "memory": memory, "change_by_refinement": change}
+    return {"status": Status.ok, **arrays, **found}
 
 
-def _timings(parameters, task, n_vertices) -> list[Timing]:
-    """Timings of the requested methods and levels, or of the stages."""
+def _timings(parameters, task, n_vertices) -> tuple[list[Timing], float]:
+    """Timings of the requested methods and levels, and the change by refinement of the stages."""
     if not has_size(task, n_vertices):
-        return []
+        return [], np.nan
     if task == stages.WORD:
         return stages.measured(n_vertices, parameters["seed"], parameters["least_time"])
     # Other packages warn and start threads; only their answers on one core are compared.
@@ -89,7 +91,7 @@ def _timings(parameters, task, n_vertices) -> list[Timing]:
             for m in TASKS[task].methods(n_vertices, parameters["seed"])
             if m.name in parameters["contestants"]
         ]
-        return benchmark(chosen, parameters["repeats"], parameters["patience"], parameters["budget"])
+        return benchmark(chosen, parameters["repeats"], parameters["patience"], parameters["budget"]), np.nan
 
 
 def check(parameters, axes):
@@ -144,6 +146,7 @@ study = Study(
         Variable("presence", METHOD, "i1", long_name="package of the method", flags=Presence),
         Variable("backend", METHOD, "i1", long_name="linear solver", flags=Backend),
         Variable("memory", METHOD, "f8", long_name="peak resident memory in a stage", units="MB", volatile=True),
+        Variable("change_by_refinement", EACH, "f8", long_name="largest difference of bond vectors, plain and checked"),
         Variable("status", EACH, "i1", long_name="whether the case was computed", flags=Status),
     ),
     figures={"speed": overview_figure, "sizes": sizes_figure},
