@@ -2,7 +2,7 @@
 
 Each network has one self-stress.  Stresses are limited from below, in units of their mean, since edges that shrink give
 C_B any value above.  The theorem of `quantity` sets the tip of the lower front: C_B ≥ −B_0/2, with equality at
-the largest B_0 only, and C_G ≥ −(G_0/3B_0)(C_B + B_0/2).
+the largest B_0 only, and C_G ≥ −(G_0/3B_0)(C_B + B_0/2).  Random stresses without that limit test it as well.
 """
 
 from __future__ import annotations
@@ -16,6 +16,7 @@ from critflow.workflow import Claim, Study
 
 from .shared.checks import check_network
 from .shared.figures import lettered, panels
+from .shared.measurements import coefficients
 from .shared.reports import PAPER, parameters, series
 from .shared.tables import bounded, networks, numbers, outcomes, padded, stacked
 
@@ -25,16 +26,22 @@ FRONTS = {
     "stiff_shear": {"B_0": "largest", "C_G": "largest"},
     "stiff_shear_softening": {"B_0": "largest", "C_G": "smallest"},
 }
+# Rounding of C_B in units of B_0.
+ROUNDING = 1e-9
 
 
 def case(parameters, *, seed):
-    """All fronts of one network."""
+    """All fronts of one network, and random stresses."""
     network = cf.voronoi_network(parameters["sizes"][seed % len(parameters["sizes"])], seed)
     manifold = cf.CriticalManifold(network)
+    (_, _, tip, _), errors = coefficients(manifold.configuration(network.stiffness))
     return {
         "status": cf.Status.ok,
         **stacked([front(manifold, parameters, name) for name in FRONTS]),
+        **samples(manifold, parameters, seed),
         "largest_bulk": cf.upper_bound(manifold, "B_0"),
+        "tip": tip,
+        "tip_error_bound": errors[2],
     }
 
 
@@ -53,6 +60,21 @@ def front(manifold, parameters, name):
         columns, statuses = dict(zip(columns, values, strict=True)), front.statuses
     columns = {name: padded(values, n) for name, values in columns.items()}
     return {**columns, "point_status": padded(statuses, n, int(cf.Status.missing))}
+
+
+def samples(manifold, parameters, seed):
+    """Moduli and coefficients of log-normal stresses."""
+    rng, rows = np.random.default_rng([seed, 1]), []
+    for n in range(parameters["samples"]):
+        spread = parameters["spreads"][n % len(parameters["spreads"])]
+        sigma = np.exp(spread * rng.normal(size=manifold.network.n_edges))
+        rows.append(coefficients(manifold.configuration(sigma)))
+    columns = np.transpose(rows, (2, 1, 0))
+    return {
+        f"sampled_{name}{ending}": values
+        for name, pair in zip(("bulk", "shear", "C_B", "C_G"), columns, strict=True)
+        for ending, values in zip(("", "_error_bound"), pair, strict=True)
+    }
 
 
 def check(parameters, axes):
@@ -75,6 +97,7 @@ def figure(ds):
     title = f"Fronts of one network of {n} vertices over stresses of at least {least:g} of their mean"
     figure, row = panels(2, title, height=4.0)
     for axes, name, pair in zip(row, ("C_B", "C_G"), ((0, 1), (2, 3)), strict=True):
+        axes.scatter(one.sampled_bulk / unit, one[f"sampled_{name}"] / unit, s=5, color="0.75", label="random σ")
         for place, front in enumerate(pair):
             known = one.isel(front=front).dropna("point", subset=["bulk"])
             label = ", ".join(f"{end} ${target}$" for target, end in list(FRONTS.values())[front].items())
@@ -90,10 +113,22 @@ def figure(ds):
 
 
 def claims(ds):
-    """The certificates of the fronts."""
+    """The theorem, on the fronts and on random stresses, and the certificates of the fronts."""
+    of_bulk = ds.isel(front=[0, 1])
+    ratios = (of_bulk.growth / of_bulk.bulk, ds.sampled_C_B / ds.sampled_bulk)
+    gap = np.concatenate([ratio.values.ravel() + 0.5 for ratio in ratios])
+    joint = ds.sampled_C_G + ds.sampled_shear / (3 * ds.sampled_bulk) * (ds.sampled_C_B + ds.sampled_bulk / 2)
+    least, tip = float(np.nanmin(gap)), float(np.abs(ds.tip / ds.largest_bulk + 0.5).max())
     known, certified = np.isfinite(ds.bulk.values).sum(), ds.point_status.values == cf.Status.ok
     weights, worse = ds.weight.values[certified], int(ds.dominated.sum())
     return [
+        Claim.tested(
+            "DesignSoftening", "no positive stress softens more than C_B = −B_0/2, attained at the largest B_0",
+            "proved (docs/theory)",
+            f"least C_B/B_0 + 1/2 = {least:.1e} of {np.isfinite(gap).sum()} configurations; at the tip {tip:.0e}",
+            bool(least > -ROUNDING and tip < ROUNDING and float(joint.min()) > 0), "a configuration softens more",
+            f"C_G + (G_0/3B_0)(C_B + B_0/2) ≥ {float(joint.min()):.2g} k", criterion=f"{ROUNDING:g} B_0", kind="check",
+        ),
         Claim.tested(
             "DesignFronts", "points of the fronts satisfy their first-order conditions", "weights ≥ 0",
             f"{certified.sum()} of {known} points certified, largest residual {np.nanmax(ds.residual.values):.0e}; "
@@ -115,6 +150,8 @@ study = Study(
         "sizes": (12, 18, 24),
         "points": 5,
         "least_stress": 0.2,
+        "samples": 60,
+        "spreads": (0.1, 0.3, 1.0),
     },
     case=case,
     check=check,
@@ -131,7 +168,15 @@ study = Study(
             dominated="whether another point of the front is better in both",
         ),
         *outcomes(("seed", "front", "point"), point_status="outcome of each point"),
+        *bounded(
+            ("seed", "sample"),
+            sampled_bulk="B_0 of random stresses [k]",
+            sampled_shear="G_0 of them [k]",
+            sampled_C_B="C_B of them [k]",
+            sampled_C_G="C_G of them, energy convention [k]",
+        ),
         *numbers(("seed",), largest_bulk="largest B_0 of the network [k]"),
+        *bounded(("seed",), tip="C_B there [k]"),
         *outcomes(("seed",), status="outcome of the case"),
     ),
     figures={"fronts": figure},

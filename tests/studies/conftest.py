@@ -10,7 +10,7 @@ from critflow.command.main import main
 SETTINGS = {
     "boundary": ("seeds=0:3", "n_vertices=40"),
     "design_curves": ("seeds=0:1", "n_vertices=24"),
-    "design_fronts": ("seeds=0:1", "fronts=stiff_stiffening", "sizes=8", "points=2"),
+    "design_fronts": ("seeds=0:1", "fronts=stiff_stiffening", "sizes=8", "points=2", "samples=3"),
     "design_isogonal": ("seeds=0:1", "n_vertices=24", "coefficients=0.1,0.3", "strains=0.01"),
     "design_onset": ("seeds=0:1", "n_vertices=24", "factors=0.95", "moduli=0.25"),
     "design_poisson": ("seeds=0:1", "sizes=24", "ratios=-0.5,0.5"),
