@@ -33,9 +33,10 @@ from workflows.benchmarks import reference
 
 # Factorisations of one call on at most eight vertices; the largest number seen is a third of it.
 BUDGET = 3000
-randoms = st.randoms(use_true_random=False)
+# Draws of Hypothesis are near their simplest value, of which no network with a bound results.
+randoms = st.randoms(use_true_random=True)
 # The networks are made by draws, many of which are refused.
-fuzzed = settings(suppress_health_check=list(HealthCheck), max_examples=max(settings.default.max_examples // 6, 1))
+fuzzed = settings(suppress_health_check=list(HealthCheck), max_examples=max(settings.default.max_examples // 3, 1))
 
 
 def critical_of(problem):

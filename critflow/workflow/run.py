@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from contextlib import nullcontext
 from dataclasses import dataclass, field, replace
 from itertools import groupby
 from pathlib import Path
@@ -187,7 +188,8 @@ def _compute(loaded: StudyFile, plan: RunPlan, folder: Folder, workers: Workers,
     tasks: list[Task] = [[case.values for case in group] for _, group in groups]
     stored = 0
     cases = f"{len(plan.todo)} cases in {workers.place}"
-    with progress.bar, open(folder.log, "a", encoding="utf-8") as log, interruption(folder.stop) as stopped:
+    bar = nullcontext() if progress.bar.disable else progress.bar  # rich 13 and 14 end one that is off by a line
+    with bar, open(folder.log, "a", encoding="utf-8") as log, interruption(folder.stop) as stopped:
         log.write(f"# {timestamp()} {code_version(study)}; {environment()}; {cases}\n")
         for line in [*plan.messages, *reason_lines([s for s in plan.states if s.state in (DAMAGED, CHANGED)])]:
             progress.say(f"critflow: {line}")
