@@ -104,11 +104,11 @@ def _draw_memory(axes, stages):
     sizes, memory = stages.n_vertices.values, stages.memory.max("contestant").values / 1e3
     axes.plot(sizes, memory, marker="o", color=COLOURS[0], linewidth=2)
     axes.axhline(MEMORY / 1e3, color="0.25", linestyle="--", linewidth=1.2)
-    axes.text(sizes[0], 1.08 * MEMORY / 1e3, f"allowed: {MEMORY / 1e3:g} GB", fontsize=9)
+    axes.text(sizes[0], 1.03 * MEMORY / 1e3, f"allowed: {MEMORY / 1e3:g} GB", fontsize=9)
     last = (sizes[-1], memory[-1])
     axes.annotate(f"{memory[-1]:.2g} GB", last, xytext=(-6, 6), textcoords="offset points", ha="right", fontsize=9)
-    axes.set(xscale="log", yscale="log", xlabel="number of vertices $N_v$", ylabel="peak resident memory  [GB]")
-    axes.set_ylim(None, 2.2 * MEMORY / 1e3)
+    axes.set(xscale="log", xlabel="number of vertices $N_v$", ylabel="peak resident memory  [GB]")
+    axes.set_ylim(0, 1.2 * MEMORY / 1e3)
 
 
 def size_claims(ds):
