@@ -58,8 +58,7 @@ def optimize(
                modulus; "conic" for the length variance, exactly; "auto": the cheapest that reaches the tolerance
     signs      "positive": every edge under tension; "any": compression too, and "G_0" without penalty
     start      initial σ, (N_b,); 1 on every edge by default
-    tolerance  of the largest component of dO/dσ; to one above the default, saddles are left only from a start with a
-               symmetry, and above 1e-8 from none
+    tolerance  of the largest component of dO/dσ; saddles are left above 1e-12 from symmetric starts, above 1e-8 never
     max_steps  limit of the steps from each start, in all parts of the method together
     starts     number of starts; from the second on random, |N(0, 1)|, drawn from `rng`; the best optimum is returned
     observe    called with (step, value, σ, L) at the start and after every step of a descent; when it returns a true
@@ -78,9 +77,8 @@ def optimize(
     Many parameters: all after the method are options of a descent, by keyword only.
 
     >>> import critflow as cf
-    >>> network = cf.voronoi_network(n_vertices=20, seed=1)
-    >>> found = cf.optimize(network, 'B_0')
-    >>> abs(found.objective - cf.upper_bound(network, 'B_0')) < 1e-12
+    >>> found = cf.optimize(cf.voronoi_network(n_vertices=20, seed=1), 'B_0')
+    >>> abs(found.objective - found.bound) < 1e-12
     True
     """
     _check_options(method, tolerance, max_steps)

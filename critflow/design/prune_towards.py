@@ -157,7 +157,7 @@ class _Search:
         return self._measured(cuts, before, sigma, balance.bond_vectors, C)
 
     def cut(self, state: _State, edge: int) -> _State:
-        """The state after one more cut by updates of rank one, which take C over; anew where errors are larger."""
+        """The state after one more cut by updates of rank one, which take C over; by a factorisation where they err."""
         tell(f"cut {len(state.cuts) + 1}")
         cuts, column, stress = (*state.cuts, int(edge)), state.C[:, edge].copy(), state.sigma[edge]
         growth, sigma = stress / (1 - stress * column[edge]), state.sigma.copy()

@@ -36,8 +36,8 @@ def verify_folder(folder: Folder) -> tuple[int, list[str], bool]:
     recomputed = False
     try:
         with opened_dataset(path) as opened:
+            dataset = opened.load() if opened.nbytes < SMALL else opened
             if not problems:  # damaged shards can be compared with nothing
-                dataset = opened.load() if opened.nbytes < SMALL else opened
                 assembly = Assembly(selection, folder.shards, [case.id for case, state, _ in states if state == FAILED])
                 problems += [f"{path}: {line}: {REWRITE}" for line in _differences(assembly, dataset)]
             if not problems:  # texts and physics of a damaged dataset can be anything
