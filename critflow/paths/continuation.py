@@ -395,7 +395,9 @@ def _departing(course: Course, point: Point, stress: Array, strain: float) -> Po
     rest = np.where(stress != 0, tightened, springs.rest_lengths) if cables else tightened
     stressed = replace(springs, rest_lengths=rest, law=springs.law if cables else HOOKEAN)
     factor = stressed.factorize(course.pattern, FLOPPY_SHIFT * springs.stiffness_scale)
-    along = None if factor.indefinite else course.tangent(stressed, rates, factor)
+    # Where all edges are tense the stress resists all motions.
+    definite = stressed.faces is None and stressed.sigma.min() > 0
+    along = course.tangent(stressed, rates, factor) if definite or not factor.indefinite else None
     if along is None:
         return point
     here = point.cell

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from math import prod
 
 import numpy as np
 
@@ -12,7 +13,6 @@ from critflow.networks.network import Array
 _FARTHEST = 2
 # Points of the path from which it is extrapolated.
 _MOST_POINTS = 3
-_POWERS = np.arange(1, 2 * _MOST_POINTS)
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,8 +45,7 @@ class Predictor:
     def changes(self, strain: float) -> Array:
         """Extrapolated changes of y from the newest point (1 or 2, n): from two points, and from three.
 
-        Hermite polynomials y − y_0 = Σ_k c_k t^k in t = (γ − γ_0)/(γ_0 − γ_1), with one condition for each value and
-        each velocity.
+        Each polynomial has the values and the known velocities of its points (Hermite).
         """
         last, y, velocity = self.points[-1]
         if velocity is None:
@@ -54,26 +53,17 @@ class Predictor:
         ahead, behind = strain - last, last - self.points[-2:][0][0]
         if abs(ahead) > _FARTHEST * abs(behind):
             return (velocity * ahead)[None]
-        rows, values, counts = [_monomial_rates(0.0)], [velocity * behind], []
-        for there, y_there, velocity_there in self.points[-2::-1]:
-            place = (there - last) / behind
-            rows.append(_monomials(place))
-            values.append(y_there - y)
-            if velocity_there is not None:
-                rows.append(_monomial_rates(place))
-                values.append(velocity_there * behind)
-            counts.append(len(rows))
-        weights = np.zeros((len(counts), len(rows)))
-        for weight, n in zip(weights, counts, strict=True):
-            weight[:n] = np.linalg.solve(np.array(rows)[:n, :n].T, _monomials(ahead / behind)[:n])
-        return np.asarray(weights @ np.array(values))
+        values = [part for _, there, rate in self.points for part in (there - y, rate) if part is not None]
+        weights = [_weights(self.points[-n:], strain) for n in range(2, len(self.points) + 1)]
+        return np.array([[0.0] * (len(values) - len(row)) + row for row in weights]) @ np.array(values)
 
 
-def _monomials(t: float) -> Array:
-    """t, t², …, of as many powers as a Hermite polynomial of the points may have."""
-    return np.power(t, _POWERS)
-
-
-def _monomial_rates(t: float) -> Array:
-    """Derivatives of `_monomials`."""
-    return np.asarray(_POWERS * np.power(t, _POWERS - 1))
+def _weights(points: tuple[tuple[float, Array, Array | None], ...], strain: float) -> list[float]:
+    """The weights at a strain of the value and, where it is known, of the velocity of each point."""
+    weights = []
+    for here, _, velocity in points:
+        others = [(there, 1 if rate is None else 2) for there, _, rate in points if there != here]
+        value = prod(((strain - there) / (here - there)) ** order for there, order in others)
+        slope = sum(order / (here - there) for there, order in others)
+        weights += [value] if velocity is None else [value * (1 - (strain - here) * slope), value * (strain - here)]
+    return weights

@@ -17,6 +17,7 @@ import numpy as np
 from critflow.critical.transition import strain_components
 from critflow.linalg.factor import Factor
 from critflow.linalg.tolerances import EPS
+from critflow.linalg.vectors import dot, norms
 from critflow.networks.deformation import Deformation
 from critflow.networks.network import Array
 from critflow.response.linear_response import LinearResponse, accumulated_rounding
@@ -76,9 +77,9 @@ def tangent(state: SpringState, rates: Array, second_rates: Array, relaxations: 
     """The tangent from the rates of the cell and the relaxations u (1 + m, n_free, d) to each of them."""
     network, L, sigma = state.network, state.bond_vectors, state.sigma
     speeds = np.array([L @ A.T + network.free_incidence @ u for A, u in zip(rates, relaxations, strict=True)])
-    hdots = np.einsum("ei,aei->ae", L, speeds)
-    E = hdots @ state.resistance(hdots).T + np.einsum("aei,e,bei->ab", speeds, sigma, speeds)
-    curved = np.einsum("e,ei,aij,ej->ae", sigma, L, second_rates, L)
+    hdots, rows = np.array([dot(L, speed) for speed in speeds]), speeds.reshape(len(speeds), -1)
+    E = hdots @ state.resistance(hdots).T + (np.repeat(sigma, L.shape[1]) * rows) @ rows.T
+    curved = np.array([sigma * dot(L, L @ A.T) for A in second_rates])
     E[0] += curved.sum(axis=1)
     E[1:, 0] = E[0, 1:]
     path = _with_free(E)
@@ -123,9 +124,10 @@ def relaxations_to(state: SpringState, factor: Factor, rates: Array) -> Array | 
 def _edge_rounding(state: SpringState, speed: Array, u: Array) -> Array:
     """Rounding error of each edge's part of d²E/dγ², (N_b,), as `linear_response` has it."""
     network, sigma, length = state.network, state.sigma, state.lengths
-    stress = state.resistance(np.einsum("ad,ad->a", state.bond_vectors, speed))
-    size, vertex_speed = np.linalg.norm(speed, axis=1), np.zeros(network.n_vertices)
-    vertex_speed[network.free] = np.linalg.norm(u, axis=1)
-    rate_rounding = EPS * (size + vertex_speed[network.edges].sum(axis=1) + length)
+    stress = state.resistance(dot(state.bond_vectors, speed))
+    size, vertex_speed = norms(speed), np.zeros(network.n_vertices)
+    vertex_speed[network.free_rows] = norms(u)
+    tail, head = vertex_speed.take(network.edges.T)
+    rate_rounding = EPS * (size + tail + head + length)
     noise = state.stress_rounding * (size**2 + length * size)
     return noise + 2 * (np.abs(stress) * length + np.abs(sigma) * size) * rate_rounding
