@@ -49,14 +49,15 @@ def measured(manifold, found, parameters, wanted, undefined=1.0):
     undefined  NaN where the coefficients C_B and C_G are not defined, else 1
     """
     critical = found.value
-    parts = moduli_of_parts(critical)
+    parts = rigid_parts(critical)
+    moduli = moduli_of_parts(parts, critical.network.volume)
     result = {
         **identified(manifold.network, found),
         "sigma": critical.sigma,
         "length": critical.lengths,
         "coordinates": critical.coordinates,
         "coordinates_error_bound": critical.error_bound,
-        **dict(zip(_AT_TRANSITION, np.sum([(each.bulk, each.shear) for each in parts], axis=0), strict=True)),
+        **dict(zip(_AT_TRANSITION, np.sum([(each.bulk, each.shear) for each in moduli], axis=0), strict=True)),
         "length_variance": relative_variance(critical.lengths),
         "tension_variance": relative_variance(critical.tensions),
         "stressed_fraction": stressed_fraction(critical.sigma),
@@ -65,10 +66,13 @@ def measured(manifold, found, parameters, wanted, undefined=1.0):
         "iterations": found.stats.steps,
     }
     if not wanted.isdisjoint(bounds(_AT_TRANSITION)):
-        errors = np.sum([(each.errors.bulk, each.errors.shear) for each in parts], axis=0)
+        errors = np.sum([(each.errors.bulk, each.errors.shear) for each in moduli], axis=0)
         result |= dict(zip(bounds(_AT_TRANSITION), errors, strict=True))
     deformation = deformation_of(parameters.get("deformation", "dilation"), manifold.network.dimension)
     side = tightening(critical, deformation)
+    if len(parts) == 1 and parts[0] is not critical:
+        # The taut part and its patterns then serve both.
+        critical, manifold = parts[0], parts[0].manifold
     if not wanted.isdisjoint((*_EXACT, *bounds(_EXACT))):
         exact, errors = known_stiffening(manifold, critical, deformation)
         for names, of_all, sign in ((_EXACT, exact, side), (bounds(_EXACT), errors, 1)):
@@ -79,17 +83,21 @@ def measured(manifold, found, parameters, wanted, undefined=1.0):
     return result
 
 
-def moduli_of_parts(critical):
-    """The moduli at the transition of each rigid part, which add up, even where edges are too short to count parts."""
+def rigid_parts(critical):
+    """The taut parts of a configuration, or itself where edges are too short to count them."""
     try:
-        parts = backbone(critical).components
+        return backbone(critical).components
     except InputError:
-        parts = (critical,)
+        return (critical,)
+
+
+def moduli_of_parts(parts, volume):
+    """The moduli at the transition of each rigid part, which add up."""
     for part in parts:
         require_one_self_stress(part.network)
     # A configuration from elsewhere is solved again for its stress, which gives bounds on its errors.
     known = [part if np.isfinite(part.bond_errors).all() else solved(part) for part in parts]
-    return [elasticity_at_transition(part, critical.network.volume) for part in known]
+    return [elasticity_at_transition(part, volume) for part in known]
 
 
 def solved(critical):
@@ -100,7 +108,7 @@ def solved(critical):
 
 def moduli_with_bounds(critical):
     """B_0 and G_0 and the bounds on their errors, (2,) each, summed over the rigid parts."""
-    parts = moduli_of_parts(critical)
+    parts = moduli_of_parts(rigid_parts(critical), critical.network.volume)
     return np.sum([[(one.bulk, one.shear), (one.errors.bulk, one.errors.shear)] for one in parts], axis=0)
 
 
