@@ -15,7 +15,6 @@ from functools import cache
 from typing import Any
 
 import numpy as np
-import scipy.sparse as sp
 
 from critflow.critical.transition import strain_components
 from critflow.linalg.factor import Factor, FixedPattern
@@ -103,7 +102,7 @@ def linear_response(
     if errors is not None and not exact:
         change = _change_to_equilibrium(state, factor, found, floppy, volume, strains)
         errors = None if change is None else Errors.total([errors, change])
-    number = state.largest_stiffness * inverse_norm(factor, found.last[0].T) if condition else np.nan
+    number = state.largest_stiffness * inverse_norm(factor, found.last) if condition else np.nan
     stats = Stats("linear response", 1, residual=found.residual, condition=number)
     value, status, note = found.elasticity, Status.ok, ""
     trusted = TRUSTED_ERROR * max(abs(value.bulk), abs(value.shear))
@@ -155,7 +154,8 @@ class _Responses:
     """Responses to all strains, from one factor.
 
     elasticity         with rounding errors
-    relaxations, last  u (m, d, n_free) under `unit_strains` and its last correction
+    relaxations  u (m, d, n_free) under `unit_strains`
+    last         the last correction of the first of them, (n_free·d,)
     """
 
     elasticity: Elasticity
@@ -192,21 +192,22 @@ def _responses(state: SpringState, factor: Factor, volume: float, strains: tuple
     """
     network, sigma, square = state.network, state.sigma, state.lengths**2
     d, m, n = network.dimension, len(strains), network.n_edges
-    # Edges and vertices are the last axis: NumPy is several times slower where that is short.
+    # Edges are the last axis: NumPy is several times slower where that is short.
     L, K = np.ascontiguousarray(state.bond_vectors.T), state.modified_stiffness
     affine = (unit_strains(d)[list(strains)].reshape(m * d, d) @ L).reshape(m, d, n)
     rate, direct, least = affine, np.zeros((m, m)), _NO_RELAXATION * state.length_scale
-    u, scale, energy = np.zeros((m, d, len(network.free))), np.zeros(m), np.zeros(m)
+    u, scale, energy = np.zeros((m, d * len(network.free))), np.zeros(m), np.zeros(m)
     for refinement in range(_MOST_CORRECTIONS + 1):
         hdot = np.einsum("ie,aie->ae", L, rate)
         tension = times(K, hdot)
         stressed = sigma * rate
-        force = -_sums(network.divergence, tension[:, None] * L + stressed)
+        pulls = tension[:, None] * L + stressed
+        force = np.array([-product(network.divergence, pull.T).ravel() for pull in pulls])
         stretching = hdot @ tension.T
         form = stretching + stressed.reshape(m, -1) @ rate.reshape(m, -1).T
         direct = direct if refinement else form
-        correction = np.array([factor.solve(np.ascontiguousarray(pull.T).ravel()).reshape(-1, d).T for pull in force])
-        gained = force.reshape(m, -1) @ correction.reshape(m, -1).T
+        correction = np.array([factor.solve(each) for each in force])
+        gained = force @ correction.T
         moved, size = _largest(correction), _largest(force)
         u, scale = u + correction, np.maximum(scale, size)
         small = bool((moved <= _CONVERGED * np.maximum(_largest(u), least)).all())
@@ -215,10 +216,11 @@ def _responses(state: SpringState, factor: Factor, volume: float, strains: tuple
         unfinished = energy * _contraction(energy, before)
         if refinement and small and (unfinished <= 4 * EPS * stretching.diagonal()).all():
             break
-        rate = affine + _sums(network.free_incidence, u)
+        rate = affine + np.array([state.edge_rates(motion).T for motion in u])
+    relaxations = u.reshape(m, -1, d).swapaxes(1, 2)
     form = (form - gained) / volume
     speed = np.sqrt(np.einsum("aie,aie->ae", rate, rate))
-    noise, first = _rounding(state, speed, u, tension)
+    noise, first = _rounding(state, speed, relaxations, tension)
     unfinished = np.sqrt(np.outer(unfinished, unfinished))
     form_rounding = (noise + unfinished) / volume + 4 * EPS * np.abs(form)
 
@@ -237,8 +239,8 @@ def _responses(state: SpringState, factor: Factor, volume: float, strains: tuple
     errors = Errors(0.5 * (rounding + rounding.T), bulk_rounding, shear_rounding, corrected_rounding)
     return _Responses(
         Elasticity(tensor, T.T @ direct @ T / volume, stress, volume, errors, bulk),
-        u,
-        correction,
+        relaxations,
+        correction[0],
         float((size / np.maximum(scale, 1e-300)).max()),
         small,
     )
@@ -277,15 +279,9 @@ def _accumulated_products(one: Array, other: Array) -> Array:
     return np.asarray(3 * np.sqrt(one**2 @ (other**2).T) + 0.25 * one @ other.T)
 
 
-def _sums(matrix: sp.csr_array, vectors: Array) -> Array:
-    """The products of a matrix (k, n) with vectors (m, d, n), (m, d, k)."""
-    sums = product(matrix, vectors.reshape(-1, vectors.shape[2]).T)
-    return np.ascontiguousarray(sums.T).reshape(*vectors.shape[:2], -1)
-
-
 def _largest(vectors: Array) -> Array:
-    """Largest component of each of the vectors (m, d, n_free), (m,)."""
-    return np.abs(vectors).reshape(len(vectors), -1).max(axis=1, initial=0.0)
+    """Largest component of each of the vectors (m, n), (m,)."""
+    return np.abs(vectors).max(axis=1, initial=0.0)
 
 
 def accumulated_rounding(errors: Array) -> Any:
