@@ -134,6 +134,9 @@ class Network:
                     "which moduli refer, by network.with_volume(V), or --volume in a command"
                 )
             return self.reference_volume
+        if self.dimension == 2:
+            (a, b), (c, d) = self.cell.tolist()
+            return float(abs(a * d - b * c))
         # NumPy's determinant is the exponential of a logarithm, which rounds more the farther V is from one.
         return float(abs(scipy.linalg.det(self.cell)))
 

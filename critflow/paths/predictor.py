@@ -60,7 +60,7 @@ class Predictor:
 
 def _weights(points: tuple[tuple[float, Array, Array | None], ...], strain: float) -> list[float]:
     """The weights at a strain of the value and, where it is known, of the velocity of each point."""
-    weights = []
+    weights = list[float]()
     for here, _, velocity in points:
         others = [(there, 1 if rate is None else 2) for there, _, rate in points if there != here]
         value = prod(((strain - there) / (here - there)) ** order for there, order in others)

@@ -254,7 +254,7 @@ def _assembled(course: Course, gamma: Array, reached: list[Progress]) -> StrainP
         deformation=course.deformation,
         modulus=measured(lambda end: end.tangent.second / volume_of(end.state) if end.tangent else np.nan),
         modulus_error=measured(lambda end: end.tangent.second_error / volume_of(end.state) if end.tangent else np.nan),
-        stress=measured(lambda end: _stress(end.state), d, d),
+        stress=measured(lambda end: _stress(end.state) if end.moduli is None else end.moduli.stress, d, d),
         elasticity=tuple(end.moduli for end in ends if tensors and end.moduli is not None),
         free_components=measured(lambda end: end.cell.stretch, m),
     )

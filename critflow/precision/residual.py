@@ -61,23 +61,23 @@ def exact_displacement(
     rounding = float(EPS * np.abs(coordinates).max())
     enough, noise = UNSEEN * rounding, 0.0 if regularised else rounding
     D = np.zeros((len(network.free), network.dimension))
-    L, change = exact_bond_vectors(network, coordinates, D), np.zeros((network.n_edges, network.dimension))
+    L, change = exact_bond_vectors(network, coordinates, D), np.zeros_like(D)
     before, remainder, compliance = np.inf, np.inf, 0.0
     for _ in range(MOST_CORRECTIONS):
         # The change is far below L, so its rounding is far below the last digit of L.low.
-        L = two_sum(L.high, L.low + change)
+        L = L if before == np.inf else two_sum(L.high, L.low + change)
         sigma = stress(L)
         forces = exact_forces(network, sigma, L)
         correction = solve(forces)
         change = product(network.free_incidence, correction)
-        size = float(np.abs(correction).max())
+        size, force = float(np.abs(correction).max()), float(np.abs(forces).max())
         if size == 0.0:
             remainder = 0.0
             break
-        compliance = max(compliance, size / float(np.abs(forces).max()))
+        compliance = max(compliance, size / force)
         if not size / before < CONTRACTION:
             # Corrections of the size of rounding do not shrink; those of soft modes are small by the shift alone.
-            rounded = float(np.abs(forces).max()) <= ROUNDED_FORCE * float(np.abs(sigma * L.high.T).max())
+            rounded = force <= ROUNDED_FORCE * float(np.abs(sigma * L.high.T).max())
             remainder = 2 * size if size <= max(noise, enough) and (rounded or not regularised) else np.inf
             break
         D = D + correction
