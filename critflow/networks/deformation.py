@@ -22,7 +22,6 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from functools import cache
-from math import prod
 
 import numpy as np
 import scipy.linalg
@@ -120,7 +119,7 @@ class Deformation:
         """F = (1 + γ)^{1/d} 1: volumetric strain γ."""
 
         def derivative(strain: float, order: int) -> Array:
-            factor = prod(1 / dimension - n for n in range(order))
+            factor = float(np.prod([1 / dimension - n for n in range(order)]))
             # A negative volume has no real root; NaN is refused with a sentence.
             volume = 1 + strain if strain > -1 else np.nan
             return factor * volume ** (1 / dimension - order) * np.eye(dimension)

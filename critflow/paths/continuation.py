@@ -311,15 +311,14 @@ def step(course: Course, progress: Progress) -> Progress:
     ahead = min(point.stride, abs(left))
     strain = target if ahead >= _WHOLE * abs(left) else point.cell.strain + np.copysign(ahead, left)
     end = attempt(course, point, strain)
-    iterations = progress.iterations + end.iterations
+    progress = replace(progress, end=end, iterations=progress.iterations + end.iterations)
     if end.ok:
         arrived = strain == target
         stride = 2 * ahead if not arrived or ahead == point.stride else point.stride
         predictor = point.predictor.extended(strain, end.cell.point(end.state), end.velocity, end.predicted)
         accepted = Point(end.cell, end.state, predictor, stride)
         inserted = progress.inserted + (not arrived)
-        return Progress(accepted, target, end, arrived, progress.smallest, iterations, inserted)
-    progress = replace(progress, end=end, iterations=iterations)
+        return replace(progress, point=accepted, ended=arrived, inserted=inserted, failed=None)
     failed = (progress.failed or end) if end.curable else end
     if not end.curable or 0.5 * ahead < progress.smallest:
         return replace(progress, end=failed, ended=True)

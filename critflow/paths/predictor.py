@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from math import prod
 
 import numpy as np
 
@@ -43,10 +42,7 @@ class Predictor:
         return np.asarray(changes[self.better if len(changes) > 1 else 0])
 
     def changes(self, strain: float) -> Array:
-        """Extrapolated changes of y from the newest point (1 or 2, n): from two points, and from three.
-
-        Each polynomial has the values and the known velocities of its points (Hermite).
-        """
+        """Extrapolated changes of y from the newest point (1 or 2, n): from two points, and from three."""
         last, y, velocity = self.points[-1]
         if velocity is None:
             return np.zeros((1, len(y)))
@@ -59,11 +55,14 @@ class Predictor:
 
 
 def _weights(points: tuple[tuple[float, Array, Array | None], ...], strain: float) -> list[float]:
-    """The weights at a strain of the value and, where it is known, of the velocity of each point."""
+    """The weights in a Hermite polynomial at a strain: of the value and, if known, the velocity of each point."""
     weights = list[float]()
     for here, _, velocity in points:
-        others = [(there, 1 if rate is None else 2) for there, _, rate in points if there != here]
-        value = prod(((strain - there) / (here - there)) ** order for there, order in others)
-        slope = sum(order / (here - there) for there, order in others)
+        value, slope = 1.0, 0.0
+        for there, _, rate in points:
+            if there != here:
+                order = 1 if rate is None else 2
+                value *= ((strain - there) / (here - there)) ** order
+                slope += order / (here - there)
         weights += [value] if velocity is None else [value * (1 - (strain - here) * slope), value * (strain - here)]
     return weights

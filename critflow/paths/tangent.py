@@ -127,7 +127,6 @@ def _edge_rounding(state: SpringState, speed: Array, u: Array) -> Array:
     stress = state.resistance(dot(state.bond_vectors, speed))
     size, vertex_speed = norms(speed), np.zeros(network.n_vertices)
     vertex_speed[network.free_rows] = norms(u)
-    tail, head = vertex_speed.take(network.edges.T)
-    rate_rounding = EPS * (size + tail + head + length)
+    rate_rounding = EPS * (size + vertex_speed.take(network.edges.T).sum(axis=0) + length)
     noise = state.stress_rounding * (size**2 + length * size)
     return noise + 2 * (np.abs(stress) * length + np.abs(sigma) * size) * rate_rounding

@@ -8,7 +8,6 @@ of the largest of all terms, which is enough for the forces of springs.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from math import ceil, log2
 
 import numpy as np
 import scipy.sparse as sp
@@ -146,5 +145,5 @@ def _leading(values: Array) -> Array:
     largest = float(np.abs(values).max(initial=0.0))
     if not largest:
         return values
-    grid = 1.5 * 2.0 ** (ceil(log2(largest)) + 27)
+    grid = 1.5 * 2.0 ** (np.ceil(np.log2(largest)) + 27)
     return np.asarray((values + grid) - grid)
