@@ -34,8 +34,10 @@ EXTENDED_ROUNDING = 4 * EPS**2
 # Part of a rounding below which an error is invisible: refinement of a configuration stops there, relative to the
 # shortest edge, and corrections of an equilibrium, relative to the coordinates.
 UNSEEN = 0.05
-COMPARED = 1e-6  # reduction of a residual, where the solver iterates, for a y whose P y only has to be positive
-LEAST_REDUCTION = 0.01  # of a residual by one correction, where the solver iterates
+COMPARED = 1e-3  # reduction of a residual, where the solver iterates, for a y whose P y only has to be positive
+# Of a residual by one correction, where the solver iterates: at most what doubles hold, so that 10⁵ vertices need one
+# residual in extended precision.
+LEAST_REDUCTION, MOST_REDUCTION = 0.01, 1e-15
 MOST_STEPS = 40  # most steps of a refinement; each must halve the error, so that 40 span 12 digits
 # Largest error of a refined configuration, relative to its coordinates.  Convergent refinement ends far below, near
 # the rounding of doubles.
@@ -254,7 +256,7 @@ class _Bound:
         if not self.proof or self._factor.backend != MULTIGRID:
             return REDUCED
         error = float(self(_largest(forces)).max())
-        return float(np.clip(0.1 * goal / error, REDUCED, LEAST_REDUCTION)) if error else LEAST_REDUCTION
+        return float(np.clip(0.1 * goal / error, MOST_REDUCTION, LEAST_REDUCTION)) if error else LEAST_REDUCTION
 
     def __call__(self, forces: Array, sharply: bool = False) -> Array:
         """Bounds (n_free, 1) for forces of at most these sizes (n_free, 1); sharper ones by one more solve."""

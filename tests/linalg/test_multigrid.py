@@ -101,3 +101,23 @@ def test_vertices_without_strong_connections_join_no_aggregate():
     right = np.arange(3000.0)
     x = multigrid.Multigrid(upper).solve(right)
     np.testing.assert_allclose(upper @ x + upper.T @ x - x, right, rtol=0, atol=1e-8)
+
+
+def test_stresses_of_four_decades_need_few_steps(monkeypatch):
+    network = voronoi_tessellation(np.random.default_rng(6).random((2000, 3)))
+    manifold, cycle, steps = CriticalManifold(network, "pyamg"), multigrid.Multigrid._cycle, []
+
+    def counted(solver, right, level=0):
+        steps.extend([level] * (level == 0))
+        return cycle(solver, right, level)
+
+    monkeypatch.setattr(multigrid.Multigrid, "_cycle", counted)
+    manifold.balance(10 ** np.random.default_rng(7).uniform(-2, 2, network.n_edges))
+    assert len(steps) < 3 * 60
+
+
+def test_pairs_without_a_fixed_vertex_have_no_solution():
+    pair = sp.csc_array([[1.0, -1.0], [0.0, 1.0]])
+    upper = sp.block_diag([pair] * 500, format="csc")
+    assert multigrid.serves(upper)
+    assert np.isnan(multigrid.Multigrid(upper).solve(np.ones(1000))).all()
