@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from problems import digest
 
+from critflow.generators import random_points
 from critflow.generators.random_networks import STANDARD_HARD_CORE
 from critflow.generators.random_points import random_sequential_addition
 
@@ -41,3 +42,13 @@ def test_points_are_frozen(n_points, hard_core, dimension, bits):
     rng = np.random.default_rng(7)
     points = random_sequential_addition(n_points, hard_core / n_points ** (1 / dimension), rng, dimension)
     assert digest(points, rng.random(3)) == bits
+
+
+@pytest.mark.parametrize("dimension", [2, 3])
+def test_trials_in_parts_give_the_same_points(dimension, monkeypatch):
+    def points():
+        return random_sequential_addition(400, 0.8 / 400 ** (1 / dimension), np.random.default_rng(3), dimension)
+
+    at_once = points()
+    monkeypatch.setattr(random_points, "_BLOCK", 100)
+    np.testing.assert_array_equal(points(), at_once)
