@@ -182,6 +182,7 @@ UNKNOWN = {
     "length[60]": "counted from 0",
     "area[30]": "faces",
     "modulus[twist]": "modulus",
+    "modulus[uniaxial_free]": "free",
     "stiffening[uniaxial_free]": "free components",
 }
 test_unknown_names_are_one_sentence = refused(
