@@ -16,15 +16,7 @@ from problems import (
     with_random_stiffness,
 )
 
-from critflow import (
-    CriticalManifold,
-    Network,
-    Status,
-    elasticity,
-    lattice,
-    strain_path,
-    voronoi_network,
-)
+from critflow import CriticalManifold, Network, Status, elasticity, lattice, strain_path, voronoi_network
 from critflow.critical.backbone import backbone
 from critflow.critical.transition import dilation, pure_shear
 from critflow.networks.deformation import strain_basis

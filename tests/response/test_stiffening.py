@@ -44,11 +44,7 @@ GROWTHS = {
     "uniaxial": ("2D, random stiffness", Hookean(), "uniaxial"),
     "shrinking": ("2D", Hookean(), -np.eye(2) / 2),
     "uniaxial of a law": ("2D, random stiffness", PowerLaw(4.5), "uniaxial"),
-    "curved": (
-        "2D",
-        Hookean(),
-        lambda gamma: np.eye(2) + gamma * A + gamma**2 * np.array([[0.1, -0.5], [0.2, 0.05]]),
-    ),
+    "curved": ("2D", Hookean(), lambda gamma: np.eye(2) + gamma * A + gamma**2 * np.array([[0.1, -0.5], [0.2, 0.05]])),
     "exponential": ("2D", Hookean(), Deformation.exponential(A)),
     "simple shear in space": ("3D", Hookean(), Deformation.simple_shear(3, "yz")),
     "pure shear in space": ("3D, random stiffness", Hookean(), Deformation.pure_shear(3, "xz")),
@@ -80,10 +76,7 @@ def test_exact_stiffening_is_the_limit_of_paths(name):
         assert table[0] == pytest.approx(C, abs=1e-7 * max(abs(C), 1.0))
 
 
-@pytest.mark.parametrize(
-    ("deformation", "word"),
-    [("simple_shear", "no work"), ("uniaxial_free", "free component yy")],
-)
+@pytest.mark.parametrize(("deformation", "word"), [("simple_shear", "no work"), ("uniaxial_free", "free component yy")])
 def test_paths_along_which_the_network_stays_floppy_have_a_status(deformation, word):
     # The stress of the honeycomb is isotropic, so that no shear works on it; a free side relaxes it.
     network = lattice("honeycomb", 3, 3)

@@ -256,10 +256,7 @@ def test_stresses_far_below_the_mean_still_stabilise():
 
 
 # Edges 0 to 3 are two taut chains between the pins 0 and 1; the rest is slack, and vertex 4 floppy.
-PARALLEL = Network(
-    [[0, 2], [2, 1], [0, 3], [3, 1], [2, 4], [4, 3]],
-    pins={0: [0, 0], 1: [2, 0]},
-)
+PARALLEL = Network([[0, 2], [2, 1], [0, 3], [3, 1], [2, 4], [4, 3]], pins={0: [0, 0], 1: [2, 0]})
 PARALLEL_COORDINATES = np.array([[0, 0], [2, 0], [0.5, 0], [1.5, 0], [1, 0.2]])
 PARALLEL_TAUT = np.array([True] * 4 + [False] * 2)
 

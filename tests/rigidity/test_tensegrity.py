@@ -5,16 +5,7 @@ import pytest
 from problems import random_stress
 from refusals import refused_changes
 
-from critflow import (
-    CriticalManifold,
-    Network,
-    SolveError,
-    Status,
-    lattice,
-    rigidity,
-    stability,
-    voronoi_network,
-)
+from critflow import CriticalManifold, Network, SolveError, Status, lattice, rigidity, stability, voronoi_network
 from critflow.critical.manifold import critical_configuration
 from critflow.rigidity.signed_stress import signed_stress
 
