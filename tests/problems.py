@@ -406,7 +406,7 @@ def disordered_tissue(seed=1, n_vertices=100, varied=False):
 
 def strained(network: Network, gamma: float, seed: int = 1):
     """Springs at rest in a critical configuration, after an affine expansion V → V (1 + γ)."""
-    critical = CriticalManifold(network).configuration(random_stress(network.n_edges, seed))
+    critical = critical_of(network, seed)
     state = spring_state(network, critical.lengths, critical.coordinates)
     return state.deformed((1 + gamma) ** (1 / network.dimension) * np.eye(network.dimension))
 
