@@ -26,6 +26,12 @@ def assert_derivative(f, gradient, x, directions, step=1e-3, rtol=1e-7, atol=0.0
         np.testing.assert_allclose((4 * fine - coarse) / 3, exact, rtol=0, atol=tolerance)
 
 
+def first_derivative(f, step=1e-3):
+    """f'(0) of a function of one number, by central differences of fourth order."""
+    values = {n: f(n * step) for n in (-2, -1, 1, 2)}
+    return (8 * (values[1] - values[-1]) - (values[2] - values[-2])) / (12 * step)
+
+
 def second_derivative(f, step=1e-3):
     """f''(0) of a function of one number, by central differences of fourth order."""
     values = {n: f(n * step) for n in (-2, -1, 0, 1, 2)}

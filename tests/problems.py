@@ -7,6 +7,7 @@ the edges, offsets, cell and pins alone.
 from __future__ import annotations
 
 from collections import Counter
+from functools import lru_cache
 from hashlib import sha256
 from itertools import pairwise
 
@@ -18,6 +19,7 @@ from critflow import (
     Network,
     Status,
     critical_from_lengths,
+    critical_from_perimeters,
     diluted,
     equilibrium,
     lattice,
@@ -391,9 +393,20 @@ def partly_compressed(n_vertices, seed):
     return CriticalManifold(network).configuration(sigma)
 
 
+@lru_cache
+def disordered_tissue(seed=1, n_vertices=100, varied=False):
+    """Faces of equal perimeters, or of random ones, and their transition."""
+    rng, n_faces = np.random.default_rng(seed), n_vertices // 2
+    perimeters = 1 + 0.03 * rng.standard_normal(n_faces) if varied else np.ones(n_faces)
+    stiffness = rng.uniform(0.5, 2.0, n_faces) if varied else 1.0
+    solution = critical_from_perimeters(voronoi_network(n_vertices, seed=seed), perimeters, stiffness=stiffness)
+    assert solution.status is Status.ok
+    return perimeters, solution
+
+
 def strained(network: Network, gamma: float, seed: int = 1):
     """Springs at rest in a critical configuration, after an affine expansion V → V (1 + γ)."""
-    critical = CriticalManifold(network).configuration(random_stress(network.n_edges, seed))
+    critical = critical_of(network, seed)
     state = spring_state(network, critical.lengths, critical.coordinates)
     return state.deformed((1 + gamma) ** (1 / network.dimension) * np.eye(network.dimension))
 

@@ -1,8 +1,10 @@
 """Tables of bad input: a call and a word of the sentence that it raises, by name."""
 
+from functools import partial
+
 import pytest
 
-from critflow import CritflowError
+from critflow import CritflowError, InputError
 
 
 def refused(table, error=CritflowError):
@@ -17,3 +19,9 @@ def refused(table, error=CritflowError):
         assert 10 < len(str(caught.value)) < 300
 
     return test
+
+
+def refused_changes(call, *rows):
+    """The same for rows of one call: its changed arguments and a word of the sentence."""
+    table = {f"{word} {number}": (partial(call, **changes), word) for number, (changes, word) in enumerate(rows)}
+    return refused(table, InputError)

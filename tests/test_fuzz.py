@@ -134,10 +134,7 @@ CALLS = {
     "stiffening": lambda p, r: call.stiffening(critical_of(p)),
     "strain_path": lambda p, r: call.strain_path(critical_of(p), [1e-6, 1e-3], measure=measured(p)),
     "strain_path of a law": lambda p, r: call.strain_path(
-        critical_of(p),
-        [1e-3],
-        measure=measured(p),
-        law=r.choice([PowerLaw(3.0), WormLike(0.5)]),
+        critical_of(p), [1e-3], measure=measured(p), law=r.choice([PowerLaw(3.0), WormLike(0.5)])
     ),
     "from lengths, conic": lambda p, r: call.critical_from_lengths(
         p.network, p.scale * (1.0 + 0.5 * abs(numbers(r, len(p.sigma))))

@@ -63,14 +63,8 @@ CASES = {
     "sigma zero everywhere": (lambda: MANIFOLD.configuration(np.zeros(6)), "zero"),
     "sigma too short": (lambda: MANIFOLD.configuration(np.ones(5)), "edge"),
     "sigma text": (lambda: MANIFOLD.configuration(["a"] * 6), "number"),
-    "sigma singular": (
-        lambda: CriticalManifold(three_bar_linkage()).configuration([1, 1, -0.5]),
-        "singular",
-    ),
-    "start negative": (
-        lambda: optimize(NETWORK, "bulk_modulus", "lbfgs", start=values(1, -1)),
-        r"start\[1\]",
-    ),
+    "sigma singular": (lambda: CriticalManifold(three_bar_linkage()).configuration([1, 1, -0.5]), "singular"),
+    "start negative": (lambda: optimize(NETWORK, "bulk_modulus", "lbfgs", start=values(1, -1)), r"start\[1\]"),
     "start zero": (lambda: optimize(NETWORK, "bulk_modulus", "lbfgs", start=np.zeros(6)), r"start\[0\]"),
     "start too short": (lambda: optimize(NETWORK, "bulk_modulus", "lbfgs", start=np.ones(3)), "edge"),
     # Stiffness and lengths
@@ -251,14 +245,8 @@ CASES = {
     "a path that inverts the cell": (lambda: strain_path(CRITICAL, [-1.5], deformation="uniaxial"), "inverts"),
     "a path without balance": (lambda: strain_path(state(rest_lengths=np.ones(6)), [0.01]), "equilibrium"),
     "a path from a number": (lambda: strain_path(1.0, [0.01]), "start must"),
-    "a path from a failure": (
-        lambda: strain_path(MANIFOLD.solve([0, 0, 0, 0, 1, 1]), [0.01]),
-        "starts",
-    ),
-    "free sides by FIRE": (
-        lambda: strain_path(CRITICAL, [0.01], "uniaxial_free", solver=PathSolver("fire")),
-        "newton",
-    ),
+    "a path from a failure": (lambda: strain_path(MANIFOLD.solve([0, 0, 0, 0, 1, 1]), [0.01]), "starts"),
+    "free sides by FIRE": (lambda: strain_path(CRITICAL, [0.01], "uniaxial_free", solver=PathSolver("fire")), "newton"),
     "strain NaN": (lambda: strain_path(CRITICAL, [np.nan]), "finite"),
     "a strain of zero": (lambda: strain_path(CRITICAL, [0.0, 0.001]), r"0\.001"),
     "strains twice": (lambda: strain_path(CRITICAL, [0.001, 0.001]), r"0\.001"),

@@ -47,7 +47,7 @@ def test_stored_integers_never_change():
 
 def test_a_good_solution_is_returned_with_its_type():
     root = Root(2.0, Status.ok, Stats("bisection", 3), bracket=(1.0, 3.0))
-    assert root.ok
+    assert root.ok and root
     assert root.or_raise("no root") is root
     assert root.or_raise("no root").bracket == (1.0, 3.0)
     with pytest.raises(FrozenInstanceError):
@@ -57,18 +57,13 @@ def test_a_good_solution_is_returned_with_its_type():
 @pytest.mark.parametrize("note", ["", "the bracket has no change of sign"])
 def test_a_failed_solution_raises_its_reason(note):
     root = Root(2.0, Status.stalled, Stats("bisection"), note, bracket=(1.0, 3.0))
-    assert not root.ok
+    assert not root.ok and not root
     assert root.reason == (note or Status.stalled.message)
     with pytest.raises(SolveError) as caught:
         root.or_raise("no root")
     assert str(caught.value) == f"no root: {root.reason}"
     assert caught.value.solution is root
     assert isinstance(caught.value, CritflowError)
-
-
-def test_a_solution_is_true_where_its_status_is_ok():
-    assert Root(2.0, Status.ok, Stats("bisection"), bracket=(1.0, 3.0))
-    assert not Root(2.0, Status.edge_collapse, Stats("bisection"), bracket=(1.0, 3.0))
 
 
 def test_results_print_in_one_line():

@@ -92,18 +92,6 @@ def test_the_largest_bulk_modulus_agrees_with_the_library(network):
     assert float(reference.largest_bulk_modulus(network)) == pytest.approx(upper_bound(network, "B_0"), rel=1e-13)
 
 
-def test_configurations_agree_with_dense_numpy(network, exact):
-    sigma = random_stress(network.n_edges, 1)
-    g, b = network.free_incidence.toarray(), network.boundary_vectors
-    free = np.linalg.solve(g.T @ (sigma[:, None] * g), -g.T @ (sigma[:, None] * b))
-    L = g @ free + b
-    np.testing.assert_allclose(exact.coordinates[network.free].astype(float), free, atol=1e-13)
-    np.testing.assert_allclose(exact.bond_vectors.astype(float), L, atol=1e-13)
-    cost = network.volume * np.sum(sigma**2 * np.sum(L**2, axis=1))
-    expected = np.sum(sigma * np.sum(L**2, axis=1)) ** 2 / (4 * cost), np.sum(sigma * L[:, 0] * L[:, 1]) ** 2 / cost
-    np.testing.assert_allclose(reference.transition_moduli(network, exact).astype(float), expected, rtol=1e-12)
-
-
 def test_critical_lengths_are_proportional_and_balanced(network, manifold):
     target = 1 + 0.05 * np.random.default_rng(2).standard_normal(network.n_edges)
     found = critical_from_lengths(manifold, target).value

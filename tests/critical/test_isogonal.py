@@ -5,7 +5,7 @@ from functools import cache
 
 import numpy as np
 import pytest
-from problems import dense_free, oblique, pinned_grid, random_stress, sheared, square_octagon, voronoi_3d
+from problems import critical_of, dense_free, oblique, pinned_grid, sheared, square_octagon, voronoi_3d
 from refusals import refused
 from scipy.optimize import nnls
 
@@ -23,10 +23,6 @@ from critflow import (
     voronoi_network,
 )
 from critflow.critical.isogonal import affine_bulk_modulus, face_modes
-
-
-def at_random_stress(network):
-    return CriticalManifold(network).configuration(random_stress(network.n_edges, 5))
 
 
 @cache
@@ -50,7 +46,7 @@ PERIODIC = {
     "honeycomb": lambda: lattice("honeycomb", 3, 4),
 }
 CRITICAL = {
-    **{name: lambda make=make: at_random_stress(make()) for name, make in PERIODIC.items()},
+    **{name: lambda make=make: critical_of(make(), 5) for name, make in PERIODIC.items()},
     "random stiffness": lambda: with_stiffness(60),
     "least tension variance": lambda: least_tension_variance(100),
     "largest shear modulus": lambda: optimize(voronoi_network(60, seed=4), "shear_modulus").value,
@@ -137,7 +133,7 @@ def test_the_walk_keeps_directions_tensions_and_bulk_modulus(find):
 @pytest.mark.parametrize("name", PERIODIC)
 def test_moduli_at_the_transition_belong_to_the_force_network_alone(name):
     # At any stress, not only where it is best: T in balance does the same work on all L that close on the cell.
-    critical = at_random_stress(PERIODIC[name]())
+    critical = critical_of(PERIODIC[name](), 5)
     network, modes, before = critical.network, face_modes(critical), elasticity(critical).value
     rng = np.random.default_rng(3)
     other = CriticalManifold(network).configuration(rng.uniform(0.3, 2.0, network.n_edges))
@@ -182,7 +178,7 @@ def test_the_affine_part_of_the_bulk_modulus():
     for fraction in (0.01, 0.3, 0.9):
         other = modes.towards(rng.standard_normal(50), fraction)
         assert affine_bulk_modulus(other) > elasticity(other).value.bulk * (1 + 1e-6 * fraction**2)
-    assert affine_bulk_modulus(at_random_stress(voronoi_3d())) > 0
+    assert affine_bulk_modulus(critical_of(voronoi_3d(), 5)) > 0
 
 
 @pytest.mark.parametrize("find", [face_modes, isogonal_modes])
@@ -216,10 +212,10 @@ BAD = {
     "lengths of no member": (lambda: SMALL.largest(np.ones(90), 1.5), "smaller length"),
     "length of zero": (lambda: SMALL.largest(np.ones(90), 0.0), "must be positive"),
     "few weights": (lambda: SMALL.largest(np.ones(89), 0.1), "one value per edge"),
-    "four edges a vertex": (lambda: face_modes(at_random_stress(square_octagon())), "use isogonal_modes instead"),
-    "pins": (lambda: face_modes(at_random_stress(pinned_grid())), "use isogonal_modes instead"),
-    "faces in space": (lambda: face_modes(at_random_stress(voronoi_3d())), "use isogonal_modes instead"),
-    "modes in space": (lambda: isogonal_modes(at_random_stress(voronoi_3d())), "two dimensions"),
+    "four edges a vertex": (lambda: face_modes(critical_of(square_octagon(), 5)), "use isogonal_modes instead"),
+    "pins": (lambda: face_modes(critical_of(pinned_grid(), 5)), "use isogonal_modes instead"),
+    "faces in space": (lambda: face_modes(critical_of(voronoi_3d(), 5)), "use isogonal_modes instead"),
+    "modes in space": (lambda: isogonal_modes(critical_of(voronoi_3d(), 5)), "two dimensions"),
     "a slack edge": (
         lambda: face_modes(slackened()),
         f"vertex {with_stiffness(60).network.edges[11].min()} lie along one line or vanish",
@@ -237,13 +233,13 @@ def test_modes_that_do_not_fit_in_memory_are_refused_at_once():
 
 def test_a_pinned_network_keeps_its_pins():
     # Four edges a vertex are more directions than displacements: nothing is isogonal.
-    rigid = isogonal_modes(at_random_stress(pinned_grid(6)))
+    rigid = isogonal_modes(critical_of(pinned_grid(6), 5))
     assert rigid.n_independent == 0 and rigid.elongations.shape == (0, rigid.critical.network.n_edges)
     # A cube seen from above, its outer corners pinned: the inner square swells along the diagonals, its one mode.
     outer = np.array([[0.0, 0.0], [3.0, 0.2], [3.1, 3.0], [-0.2, 2.8]])
     ring = [[k, (k + 1) % 4] for k in range(4)]
     network = Network([*ring, *[[k, 4 + k] for k in range(4)]], pins={4 + k: outer[k] for k in range(4)})
-    critical = at_random_stress(network)
+    critical = critical_of(network, 5)
     modes = isogonal_modes(critical)
     assert modes.n_independent == 1
     after = modes.towards([1.0], 0.5)

@@ -46,11 +46,7 @@ def test_gradients_are_those_of_central_differences():
 
 @pytest.mark.parametrize(
     "change",
-    [
-        {"C_B": 0.04},
-        {"C_B": 0.02, "C_G": -0.02},
-        {"length[3]": 1.0, "area[5]": (1.5, 1.6), "V_L": (0.0, 0.3)},
-    ],
+    [{"C_B": 0.04}, {"C_B": 0.02, "C_G": -0.02}, {"length[3]": 1.0, "area[5]": (1.5, 1.6), "V_L": (0.0, 0.3)}],
     ids=str,
 )
 def test_targets_are_met_at_the_same_linear_response(change):

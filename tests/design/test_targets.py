@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from derivatives import assert_derivative
+from refusals import refused_changes
 
 from critflow import (
     CriticalManifold,
@@ -78,39 +79,34 @@ def test_targets_beyond_a_bound_are_refused():
         design(MANIFOLD, {"bulk_modulus": 2.0})
 
 
-@pytest.mark.parametrize(
-    ("arguments", "word"),
-    [
-        ({"targets": {"B_0": 0.2, "bulk_modulus": 0.2}}, "same"),
-        ({"targets": {"B_0": "largest", "G_0": "smallest"}}, "only one"),
-        ({"targets": {"B_0": "great"}}, "largest"),
-        ({"targets": {"B_0": 0.2, "modulus[dilation]": 0.25}}, "same"),
-        ({"targets": {"S_xx": 3.0, "modulus[uniaxial]": 0.01}}, "contradict"),
-        ({"targets": {}}, "at least one"),
-        ({"targets": {"colour": 3}}, "colour"),
-        ({"targets": {"C_B": (0.3, 0.2)}}, "low"),
-        ({"targets": {"C_B": np.nan}}, "number"),
-        ({"max_steps": -1}, "max_steps"),
-        ({"targets": {"S_xx": 3.0, "S_yy": 1.0, "S_xy": 0.0, "B_0": 0.2}}, "contradict"),
-        ({"prefer": "cheap"}, "preference"),
-        ({"targets": {"B_0": "largest"}, "prefer": "length_variance"}, "omit prefer"),
-        ({"prefer": np.zeros((3, 2))}, "shape"),
-        ({"within": {"colours": (0, 1)}}, "quantity"),
-        ({"within": {"lengths": (1.0, 0.5)}}, "lower limit"),
-        ({"within": {"tensions": (2.0, 3.0)}}, "enclose 1"),
-        ({"signs": "mixed"}, "signs"),
-        ({"signs": np.zeros(90)}, "tension"),
-        ({"free": [90]}, "edge 90"),
-        ({"free": "stiffness"}, "free"),
-        ({"initial": -np.ones(90)}, "sign"),
-        ({"change": "colour"}, "change"),
-        ({"change": "faces"}, "configuration"),
-        ({"change": "stiffness"}, "spring_state"),
-    ],
+test_bad_arguments_are_one_sentence = refused_changes(
+    lambda **changes: design(MANIFOLD, **{"targets": {"B_0": 0.2}} | changes),
+    ({"targets": {"B_0": 0.2, "bulk_modulus": 0.2}}, "same"),
+    ({"targets": {"B_0": "largest", "G_0": "smallest"}}, "only one"),
+    ({"targets": {"B_0": "great"}}, "largest"),
+    ({"targets": {"B_0": 0.2, "modulus[dilation]": 0.25}}, "same"),
+    ({"targets": {"S_xx": 3.0, "modulus[uniaxial]": 0.01}}, "contradict"),
+    ({"targets": {}}, "at least one"),
+    ({"targets": {"colour": 3}}, "colour"),
+    ({"targets": {"C_B": (0.3, 0.2)}}, "low"),
+    ({"targets": {"C_B": np.nan}}, "number"),
+    ({"max_steps": -1}, "max_steps"),
+    ({"targets": {"S_xx": 3.0, "S_yy": 1.0, "S_xy": 0.0, "B_0": 0.2}}, "contradict"),
+    ({"prefer": "cheap"}, "preference"),
+    ({"targets": {"B_0": "largest"}, "prefer": "length_variance"}, "omit prefer"),
+    ({"prefer": np.zeros((3, 2))}, "shape"),
+    ({"within": {"colours": (0, 1)}}, "quantity"),
+    ({"within": {"lengths": (1.0, 0.5)}}, "lower limit"),
+    ({"within": {"tensions": (2.0, 3.0)}}, "enclose 1"),
+    ({"signs": "mixed"}, "signs"),
+    ({"signs": np.zeros(90)}, "tension"),
+    ({"free": [90]}, "edge 90"),
+    ({"free": "stiffness"}, "free"),
+    ({"initial": -np.ones(90)}, "sign"),
+    ({"change": "colour"}, "change"),
+    ({"change": "faces"}, "configuration"),
+    ({"change": "stiffness"}, "spring_state"),
 )
-def test_bad_arguments_are_one_sentence(arguments, word):
-    with pytest.raises(InputError, match=word):
-        design(MANIFOLD, **{"targets": {"B_0": 0.2}} | arguments)
 
 
 def test_a_signed_response_is_reached():

@@ -1,4 +1,7 @@
-"""A small dataset with configurations, for the tests of the page."""
+"""A small dataset with configurations, for the tests of the page, and a loop that runs while one of them waits."""
+
+import asyncio
+import inspect
 
 import pytest
 
@@ -13,3 +16,19 @@ def dataset(tmp_path_factory):
     words.append("variables=edges,offsets,cell,sigma,coordinates,bulk_modulus_0,shear_modulus_0,C_B_exact,bulk_modulus")
     assert main(["run", "ensemble", "--out", str(folder), "--workers", "0", *(f"--set={word}" for word in words)]) == 0
     return folder / "ensemble.nc"
+
+
+@pytest.fixture(scope="module")
+def loop():
+    with asyncio.Runner() as runner:
+        yield runner
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_pyfunc_call(pyfuncitem):
+    """Tests that are coroutines run in the loop."""
+    if not inspect.iscoroutinefunction(pyfuncitem.obj):
+        return None
+    names = inspect.signature(pyfuncitem.obj).parameters
+    pyfuncitem.funcargs["loop"].run(pyfuncitem.obj(**{name: pyfuncitem.funcargs[name] for name in names}))
+    return True

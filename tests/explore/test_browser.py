@@ -22,31 +22,21 @@ ROWS = "[...document.querySelectorAll('#numbers tr')]"
 
 
 class Browser:
-    """A server and a browser in one loop, which runs while a test waits."""
+    """A server and a browser."""
 
     def __init__(self):
-        self.runner = asyncio.Runner()
-        self.explorer = Explorer(Random(64, 3))
-        self.chromium = Chromium()
-        self.runner.run(self._start())
+        self.explorer, self.chromium = Explorer(Random(64, 3)), Chromium()
 
-    async def _start(self):
+    async def start(self):
         self.server, self.address = listening(self.explorer)
         await self.chromium.__aenter__()
 
-    def __call__(self, coroutine):
-        return self.runner.run(coroutine)
-
-    def close(self):
-        self.runner.run(self._stop())
-        self.runner.close()
-        self.explorer.close()
-
-    async def _stop(self):
+    async def stop(self):
         await self.chromium.__aexit__(None, None, None)
         self.server.stop()
         while self.explorer.open_tabs:
             await asyncio.sleep(0.01)
+        self.explorer.close()
 
     async def tab(self, **size):
         tab = await self.chromium.tab(self.address, **size)
@@ -58,12 +48,13 @@ class Browser:
 
 
 @pytest.fixture(scope="module")
-def browser():
+def browser(loop):
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(view, "WAITS", (0.0, 0.02, 0.0))
         browser = Browser()
+        loop.run(browser.start())
         yield browser
-        browser.close()
+        loop.run(browser.stop())
 
 
 async def texts(tab):
@@ -86,69 +77,63 @@ async def pixels(tab):
     return await tab.run("get('network').toDataURL()")
 
 
-def test_the_page_shows_the_numbers_of_the_state(browser):
-    async def check():
-        tab = await browser.tab()
-        await tab.run("send({do: 'select', edge: 5})")
-        await tab.until(SETTLED)
-        await slide(tab, "stress", 0.75)
-        state = (await browser.page_of(tab)).session.state
-        rows = [*numbers.precise(state.model.manifold, state.critical), *numbers.variances(state.critical)]
-        expected = {row.key: row.text for row in [*rows, *numbers.counts(state.critical)]}
-        shown = await texts(tab)
-        assert expected.items() <= shown.items() and len(expected) == 9
-        assert shown["bound"] == f"{upper_bound(state.model.network, 'B_0'):.14f}"
-        assert shown["residual"] == f"{state.critical.residual:.6g}"
-        visible = f"{ROWS}.map(row => [row.dataset.key, row.cells[1].textContent])"
-        short = {row.key: row.short for row in rows}
-        assert short.items() <= dict(await tab.run(visible)).items()
-        await tab.run("window.copied = []; navigator.clipboard.writeText = async words => copied.push(words)")
-        await tab.run(f"{ROWS}.find(row => row.dataset.key === 'B_0').querySelector('button').click()")
-        assert await tab.until("copied[0]") == expected["B_0"] != short["B_0"]
-        await tab.until(f"get('sentence').textContent.includes('{expected['B_0']} is copied')")
-        await tab.run("get('all').click()")
-        assert dict(await tab.run(visible)) == shown
-        assert tab.problems == []
-
-    browser(check())
+async def test_the_page_shows_the_numbers_of_the_state(browser):
+    tab = await browser.tab()
+    await tab.run("send({do: 'select', edge: 5})")
+    await tab.until(SETTLED)
+    await slide(tab, "stress", 0.75)
+    state = (await browser.page_of(tab)).session.state
+    rows = [*numbers.precise(state.model.manifold, state.critical), *numbers.variances(state.critical)]
+    expected = {row.key: row.text for row in [*rows, *numbers.counts(state.critical)]}
+    shown = await texts(tab)
+    assert expected.items() <= shown.items() and len(expected) == 9
+    assert shown["bound"] == f"{upper_bound(state.model.network, 'B_0'):.14f}"
+    assert shown["residual"] == f"{state.critical.residual:.6g}"
+    visible = f"{ROWS}.map(row => [row.dataset.key, row.cells[1].textContent])"
+    short = {row.key: row.short for row in rows}
+    assert short.items() <= dict(await tab.run(visible)).items()
+    await tab.run("window.copied = []; navigator.clipboard.writeText = async words => copied.push(words)")
+    await tab.run(f"{ROWS}.find(row => row.dataset.key === 'B_0').querySelector('button').click()")
+    assert await tab.until("copied[0]") == expected["B_0"] != short["B_0"]
+    await tab.until(f"get('sentence').textContent.includes('{expected['B_0']} is copied')")
+    await tab.run("get('all').click()")
+    assert dict(await tab.run(visible)) == shown
+    assert tab.problems == []
 
 
-def test_the_mouse_changes_edges_and_faces(browser):
-    async def check():
-        tab = await browser.tab()
-        x, y = await place(tab)
-        first = await pixels(tab)
-        await tab.mouse("mousePressed", x, y)
-        await tab.until(SETTLED)
-        for step in range(1, 6):
-            await tab.mouse("mouseMoved", x, y - 12 * step)
-        await tab.mouse("mouseReleased", x, y - 60)
-        await tab.until(SETTLED)
-        page = await browser.page_of(tab)
-        assert page.session.state.change[0] == "edge" and page.session.state.change[2] > 0.5
-        raised, before = await pixels(tab), (await texts(tab))["B_0"]
-        assert raised != first
-        await tab.run("document.querySelector('input[value=face]').click()")
-        await tab.mouse("mousePressed", x + 40, y + 30)
-        await tab.mouse("mouseReleased", x + 40, y + 30)
-        await tab.until(SETTLED)
-        for _ in range(3):
-            await tab.send("Input.dispatchKeyEvent", type="keyDown", key="ArrowUp")
-        await tab.until(SETTLED)
-        assert page.session.state.change[0] == "face"
-        assert (await texts(tab))["B_0"] == before and await pixels(tab) != raised
-        await tab.send("Input.dispatchKeyEvent", type="keyDown", key="z", modifiers=2)
-        await tab.until(SETTLED)
-        assert page.session.state.change[0] == "edge"
-        await tab.run("get('populations').children[2].click()")
-        await tab.until(SETTLED)
-        found = await texts(tab)
-        assert found["B_0"][:14] == found["bound"][:14]
-        await slide(tab, "gamma", 0.02)
-        assert "B(γ)" in await texts(tab) and not await tab.run("get('curvebox').hidden")
-        assert tab.problems == []
-
-    browser(check())
+async def test_the_mouse_changes_edges_and_faces(browser):
+    tab = await browser.tab()
+    x, y = await place(tab)
+    first = await pixels(tab)
+    await tab.mouse("mousePressed", x, y)
+    await tab.until(SETTLED)
+    for step in range(1, 6):
+        await tab.mouse("mouseMoved", x, y - 12 * step)
+    await tab.mouse("mouseReleased", x, y - 60)
+    await tab.until(SETTLED)
+    page = await browser.page_of(tab)
+    assert page.session.state.change[0] == "edge" and page.session.state.change[2] > 0.5
+    raised, before = await pixels(tab), (await texts(tab))["B_0"]
+    assert raised != first
+    await tab.run("document.querySelector('input[value=face]').click()")
+    await tab.mouse("mousePressed", x + 40, y + 30)
+    await tab.mouse("mouseReleased", x + 40, y + 30)
+    await tab.until(SETTLED)
+    for _ in range(3):
+        await tab.send("Input.dispatchKeyEvent", type="keyDown", key="ArrowUp")
+    await tab.until(SETTLED)
+    assert page.session.state.change[0] == "face"
+    assert (await texts(tab))["B_0"] == before and await pixels(tab) != raised
+    await tab.send("Input.dispatchKeyEvent", type="keyDown", key="z", modifiers=2)
+    await tab.until(SETTLED)
+    assert page.session.state.change[0] == "edge"
+    await tab.run("get('populations').children[2].click()")
+    await tab.until(SETTLED)
+    found = await texts(tab)
+    assert found["B_0"][:14] == found["bound"][:14]
+    await slide(tab, "gamma", 0.02)
+    assert "B(γ)" in await texts(tab) and not await tab.run("get('curvebox').hidden")
+    assert tab.problems == []
 
 
 LINE = """(() => {{
@@ -167,27 +152,21 @@ LINES = {
 }
 
 
-def test_pixels_cover_the_area_of_a_line(browser):
-    async def check():
-        tab = await browser.tab()
-        for name, (line, thickness, dash, area) in LINES.items():
-            covered = await tab.run(LINE.format(line=line, thickness=thickness, dash=dash))
-            assert covered == pytest.approx(area, rel=0.04), name
-
-    browser(check())
+async def test_pixels_cover_the_area_of_a_line(browser):
+    tab = await browser.tab()
+    for name, (line, thickness, dash, area) in LINES.items():
+        covered = await tab.run(LINE.format(line=line, thickness=thickness, dash=dash))
+        assert covered == pytest.approx(area, rel=0.04), name
 
 
-def test_a_narrow_window_and_names_of_all_controls(browser):
-    async def check():
-        tab = await browser.tab(width=360, height=700)
-        assert await tab.run("document.documentElement.scrollWidth") <= 360
-        unnamed = (
-            "[...document.querySelectorAll('input,select,canvas[tabindex],button')].filter(e => "
-            "!(e.labels && e.labels.length) && !e.ariaLabel && !e.textContent.trim()).map(e => e.id)"
-        )
-        assert await tab.run(unnamed) == []
-
-    browser(check())
+async def test_a_narrow_window_and_names_of_all_controls(browser):
+    tab = await browser.tab(width=360, height=700)
+    assert await tab.run("document.documentElement.scrollWidth") <= 360
+    unnamed = (
+        "[...document.querySelectorAll('input,select,canvas[tabindex],button')].filter(e => "
+        "!(e.labels && e.labels.length) && !e.ariaLabel && !e.textContent.trim()).map(e => e.id)"
+    )
+    assert await tab.run(unnamed) == []
 
 
 # The least contrast of the text on the page with what is behind it, by the formula of WCAG 2, and the text.
@@ -225,21 +204,18 @@ async def choose(tab, name, value):
     await tab.until(SETTLED)
 
 
-def test_the_theme_of_the_browser_leaves_every_text_its_contrast(browser):
-    async def check():
-        tab = await browser.tab()
-        for theme, paper in (("light", 255), ("dark", 22)):
-            feature = {"name": "prefers-color-scheme", "value": theme}
-            await tab.send("Emulation.setEmulatedMedia", features=[feature])
-            await tab.until(f"{PAPER} === {paper} && theme === '{theme}'")
-            least, words = await tab.run(CONTRAST)
-            assert least >= 4.5, words
-        # The browser is dark now; what is chosen stays.
-        await choose(tab, "theme", "light")
-        assert await tab.run(PAPER) == 255
-        assert tab.problems == []
-
-    browser(check())
+async def test_the_theme_of_the_browser_leaves_every_text_its_contrast(browser):
+    tab = await browser.tab()
+    for theme, paper in (("light", 255), ("dark", 22)):
+        feature = {"name": "prefers-color-scheme", "value": theme}
+        await tab.send("Emulation.setEmulatedMedia", features=[feature])
+        await tab.until(f"{PAPER} === {paper} && theme === '{theme}'")
+        least, words = await tab.run(CONTRAST)
+        assert least >= 4.5, words
+    # The browser is dark now; what is chosen stays.
+    await choose(tab, "theme", "light")
+    assert await tab.run(PAPER) == 255
+    assert tab.problems == []
 
 
 # The largest number of messages under way, from here on.
@@ -251,34 +227,31 @@ WATCHED = """(() => {
 })()"""
 
 
-def test_play_moves_the_strain_forth_and_back_and_computes_each_state_once(browser, monkeypatch):
+async def test_play_moves_the_strain_forth_and_back_and_computes_each_state_once(browser, monkeypatch):
     computed = []
     monkeypatch.setattr(session, "strain_path", lambda *a, **k: computed.append((a[1], k)) or strain_path(*a, **k))
 
     def energies():
         return [strains for strains, options in computed if options["measure"] == "energy"]
 
-    async def check():
-        tab = await browser.tab()
-        await tab.run(WATCHED)
-        await tab.run("get('play').click()")
-        await tab.until("sent >= 55 && !player.forward", wait=60)
-        assert len(energies()) == 50
-        await tab.until("sent >= 110 && player.forward", wait=60)
-        assert len(energies()) == 50 and await tab.run("most") == 1
-        await tab.run("get('play').click()")
-        await tab.until(SETTLED)
-        stopped = await tab.run("sent")
-        assert await tab.run("player") is None and 0 < await tab.run("+get('gamma').value") < 0.1
-        await asyncio.sleep(0.2)
-        assert await tab.run("sent") == stopped
-        # Every other change ends it too, and one sign of a shear loosens this network.
-        await choose(tab, "deformation", "simple_shear")
-        await tab.run("get('play').click()")
-        await tab.until("player.turned && player.step >= 4", wait=60)
-        assert await tab.run("most") == 1
-        await tab.run("send({do: 'select', edge: 5})")
-        await tab.until(SETTLED)
-        assert await tab.run("player") is None and tab.problems == []
-
-    browser(check())
+    tab = await browser.tab()
+    await tab.run(WATCHED)
+    await tab.run("get('play').click()")
+    await tab.until("sent >= 55 && !player.forward", wait=60)
+    assert len(energies()) == 50
+    await tab.until("sent >= 110 && player.forward", wait=60)
+    assert len(energies()) == 50 and await tab.run("most") == 1
+    await tab.run("get('play').click()")
+    await tab.until(SETTLED)
+    stopped = await tab.run("sent")
+    assert await tab.run("player") is None and 0 < await tab.run("+get('gamma').value") < 0.1
+    await asyncio.sleep(0.2)
+    assert await tab.run("sent") == stopped
+    # Every other change ends it too, and one sign of a shear loosens this network.
+    await choose(tab, "deformation", "simple_shear")
+    await tab.run("get('play').click()")
+    await tab.until("player.turned && player.step >= 4", wait=60)
+    assert await tab.run("most") == 1
+    await tab.run("send({do: 'select', edge: 5})")
+    await tab.until(SETTLED)
+    assert await tab.run("player") is None and tab.problems == []

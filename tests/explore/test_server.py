@@ -19,7 +19,7 @@ from critflow.result import EnvironmentFailure
 
 
 class Served:
-    """A server in a loop that runs while a test waits."""
+    """A server and its connections."""
 
     def __init__(self):
         self.explorer = Explorer(Random(36, 3))
@@ -46,69 +46,60 @@ class Served:
         size = int.from_bytes(content[:4], "little")
         return json.loads(content[4 : 4 + size])
 
-
-def served(test):
-    """Run a coroutine with a server."""
-
-    async def run():
-        server = Served()
-        try:
-            await test(server)
-        finally:
-            for connection in server.connections:
-                connection.close()
-            while server.explorer.open_tabs:
-                await asyncio.sleep(0.01)
-            server.server.stop()
-            server.explorer.close()
-
-    asyncio.run(run())
+    async def close(self):
+        for connection in self.connections:
+            connection.close()
+        while self.explorer.open_tabs:
+            await asyncio.sleep(0.01)
+        self.server.stop()
+        self.explorer.close()
 
 
-def test_nothing_is_served_without_the_token():
-    async def check(server):
-        for path in ("", "page.js", "nothing", "export/script.py?tab=x", "export/picture.png?tab=x", "socket"):
-            for token in ("", "wrong", server.explorer.token[:-1], "%C3%A9"):
-                assert (await server.get(path, token)).code == 403, (path, token)
-        assert (await server.get("upload?name=a", "wrong", method="POST", body="x")).code == 403
-        with pytest.raises(HTTPClientError, match="403"):
-            await websocket_connect(f"ws{server.host[4:]}/socket?token=wrong")
-        page = await server.get("")
-        assert page.code == 200 and server.explorer.token in page.body.decode()
-        assert "default-src 'none'" in page.headers["Content-Security-Policy"]
-        assert (await server.get("nothing")).code == 404
-        assert (await server.get("export/script.py?tab=x")).code == 404
+@pytest.fixture
+def server(loop):
+    async def served():
+        return Served()
 
-    served(check)
+    server = loop.run(served())
+    yield server
+    loop.run(server.close())
 
 
-def test_nothing_listens_beyond_loopback():
-    async def check(server):
-        port = urlsplit(server.address).port
-        # A server on all addresses would answer on each of 127/8.
-        with pytest.raises(ConnectionRefusedError):
-            socket.create_connection(("127.0.0.2", port), timeout=2)
-        with pytest.raises(EnvironmentFailure, match="port"):
-            listening(server.explorer, port)
+async def test_nothing_is_served_without_the_token(server):
+    for path in ("", "page.js", "nothing", "export/script.py?tab=x", "export/picture.png?tab=x", "socket"):
+        for token in ("", "wrong", server.explorer.token[:-1], "%C3%A9"):
+            assert (await server.get(path, token)).code == 403, (path, token)
+    assert (await server.get("upload?name=a", "wrong", method="POST", body="x")).code == 403
+    with pytest.raises(HTTPClientError, match="403"):
+        await websocket_connect(f"ws{server.host[4:]}/socket?token=wrong")
+    page = await server.get("")
+    assert page.code == 200 and server.explorer.token in page.body.decode()
+    assert "default-src 'none'" in page.headers["Content-Security-Policy"]
+    assert (await server.get("nothing")).code == 404
+    assert (await server.get("export/script.py?tab=x")).code == 404
 
-    served(check)
+
+async def test_nothing_listens_beyond_loopback(server):
+    port = urlsplit(server.address).port
+    # A server on all addresses would answer on each of 127/8.
+    with pytest.raises(ConnectionRefusedError):
+        socket.create_connection(("127.0.0.2", port), timeout=2)
+    with pytest.raises(EnvironmentFailure, match="port"):
+        listening(server.explorer, port)
 
 
 @pytest.mark.parametrize("name", ["..", ".", "", "%00", "a%00b", "a" * 300, "a/b", "%FF", None])
-def test_an_upload_without_a_usable_name_writes_nothing(name):
-    async def check(server):
-        tab = (await server.reply(await server.tab()))["welcome"]["tab"]
-        query = f"upload?tab={tab}" if name is None else f"upload?tab={tab}&name={name}"
-        assert (await server.get(query, method="POST", body="x")).code == 400
-        assert (await server.get("upload?tab=closed&name=a.csv", method="POST", body="x")).code == 404
-        assert list(Path(server.explorer.folder.name).iterdir()) == []
-        assert (await server.get(f"upload?tab={tab}&name=a.csv", method="POST", body="x")).code == 200
-        assert (await server.get(f"upload?tab={tab}&name=b.csv", method="POST", body="y")).code == 200
-        first, second = server.explorer.pages[tab].uploads.values()
-        # Two tables of one network lie in one folder.
-        assert (first.read_text(), second.read_text()) == ("x", "y") and first.parent == second.parent
-
-    served(check)
+async def test_an_upload_without_a_usable_name_writes_nothing(server, name):
+    tab = (await server.reply(await server.tab()))["welcome"]["tab"]
+    query = f"upload?tab={tab}" if name is None else f"upload?tab={tab}&name={name}"
+    assert (await server.get(query, method="POST", body="x")).code == 400
+    assert (await server.get("upload?tab=closed&name=a.csv", method="POST", body="x")).code == 404
+    assert list(Path(server.explorer.folder.name).iterdir()) == []
+    assert (await server.get(f"upload?tab={tab}&name=a.csv", method="POST", body="x")).code == 200
+    assert (await server.get(f"upload?tab={tab}&name=b.csv", method="POST", body="y")).code == 200
+    first, second = server.explorer.pages[tab].uploads.values()
+    # Two tables of one network lie in one folder.
+    assert (first.read_text(), second.read_text()) == ("x", "y") and first.parent == second.parent
 
 
 def test_the_token_is_in_a_private_file_and_not_in_the_arguments_of_the_browser(monkeypatch):
@@ -133,56 +124,47 @@ def test_a_file_that_cannot_be_shown_is_one_sentence(tmp_path, capsys):
         assert name.split(".")[0] in capsys.readouterr().err
 
 
-def test_exports_are_the_state(tmp_path):
-    async def check(server):
-        connection = await server.tab()
-        name = (await server.reply(connection))["welcome"]["tab"]
-        await connection.write_message(json.dumps({"do": "change", "change": ["edge", 3, 0.5], "seq": 1}))
-        while (await server.reply(connection)).get("seq") != 1:
-            pass
-        state = server.explorer.pages[name].session.state
-        script = await server.get(f"export/script.py?tab={name}")
-        assert "np.exp(0.5 * (np.arange(network.n_edges) == 3))" in script.body.decode()
-        picture = await server.get(f"export/picture.png?tab={name}")
-        server.explorer.pages[name].colour = "length"
-        assert (await server.get(f"export/picture.png?tab={name}")).body != picture.body
-        assert picture.body.startswith(b"\x89PNG") and "attachment" in picture.headers["Content-Disposition"]
-        file = await server.get(f"export/network.json?tab={name}")
-        (tmp_path / "network.json").write_bytes(file.body)
-        assert network_from(tmp_path / "network.json").force_densities.tolist() == state.critical.sigma.tolist()
-        assert (await server.get(f"export/network.csv?tab={name}")).body.startswith(b"PK")
-        refused = await server.get(f"export/network.exe?tab={name}")
-        assert refused.code == 409 and "ending" in refused.body.decode()
-
-    served(check)
+async def test_exports_are_the_state(server, tmp_path):
+    connection = await server.tab()
+    name = (await server.reply(connection))["welcome"]["tab"]
+    await connection.write_message(json.dumps({"do": "change", "change": ["edge", 3, 0.5], "seq": 1}))
+    while (await server.reply(connection)).get("seq") != 1:
+        pass
+    state = server.explorer.pages[name].session.state
+    script = await server.get(f"export/script.py?tab={name}")
+    assert "np.exp(0.5 * (np.arange(network.n_edges) == 3))" in script.body.decode()
+    picture = await server.get(f"export/picture.png?tab={name}")
+    server.explorer.pages[name].colour = "length"
+    assert (await server.get(f"export/picture.png?tab={name}")).body != picture.body
+    assert picture.body.startswith(b"\x89PNG") and "attachment" in picture.headers["Content-Disposition"]
+    file = await server.get(f"export/network.json?tab={name}")
+    (tmp_path / "network.json").write_bytes(file.body)
+    assert network_from(tmp_path / "network.json").force_densities.tolist() == state.critical.sigma.tolist()
+    assert (await server.get(f"export/network.csv?tab={name}")).body.startswith(b"PK")
+    refused = await server.get(f"export/network.exe?tab={name}")
+    assert refused.code == 409 and "ending" in refused.body.decode()
 
 
-def test_tabs_are_apart_and_a_reload_finds_its_state():
-    async def check(server):
-        first = await server.tab()
-        name = (await server.reply(first))["welcome"]["tab"]
-        copied = await server.reply(await server.tab(name))
-        assert copied["welcome"]["tab"] != name
-        await first.write_message(json.dumps({"do": "change", "change": ["edge", 3, 0.5], "seq": 1}))
-        while (await server.reply(first)).get("seq") != 1:
-            pass
-        first.close()
-        while name in server.explorer.open_tabs:
-            await asyncio.sleep(0.01)
-        again = await server.reply(await server.tab(name))
-        assert again["welcome"]["tab"] == name and again["undo"]
-
-    served(check)
+async def test_tabs_are_apart_and_a_reload_finds_its_state(server):
+    first = await server.tab()
+    name = (await server.reply(first))["welcome"]["tab"]
+    copied = await server.reply(await server.tab(name))
+    assert copied["welcome"]["tab"] != name
+    await first.write_message(json.dumps({"do": "change", "change": ["edge", 3, 0.5], "seq": 1}))
+    while (await server.reply(first)).get("seq") != 1:
+        pass
+    first.close()
+    while name in server.explorer.open_tabs:
+        await asyncio.sleep(0.01)
+    again = await server.reply(await server.tab(name))
+    assert again["welcome"]["tab"] == name and again["undo"]
 
 
-def test_a_page_that_cannot_be_read_leaves_the_server_running():
-    async def check(server):
-        connection = await server.tab()
-        await server.reply(connection)
-        for text in ("{", "[]", "7", '{"do": 7}', json.dumps({"do": "pick", "panel": "network", "x": "x", "y": 0})):
-            await connection.write_message(text)
-        found = {}
-        while "incomplete" not in found.get("sentence", ""):
-            found = await server.reply(connection)
-
-    served(check)
+async def test_a_page_that_cannot_be_read_leaves_the_server_running(server):
+    connection = await server.tab()
+    await server.reply(connection)
+    for text in ("{", "[]", "7", '{"do": 7}', json.dumps({"do": "pick", "panel": "network", "x": "x", "y": 0})):
+        await connection.write_message(text)
+    found = {}
+    while "incomplete" not in found.get("sentence", ""):
+        found = await server.reply(connection)

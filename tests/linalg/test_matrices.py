@@ -7,10 +7,6 @@ from problems import NETWORKS, grounded, random_stress
 from critflow.linalg.matrices import laplacian
 
 
-def dense_of(factor, size):
-    return factor.multiply(np.eye(size))
-
-
 @pytest.mark.parametrize("signed", [False, True], ids=["positive", "signed"])
 @pytest.mark.parametrize("name", NETWORKS)
 def test_laplacian_against_dense(name, signed):
@@ -21,5 +17,5 @@ def test_laplacian_against_dense(name, signed):
     g, _ = grounded(network)
     P = g.T @ (sigma[:, None] * g)
     factor = laplacian(network).factorize(sigma)
-    np.testing.assert_allclose(dense_of(factor, len(P)), P, rtol=0, atol=1e-13)
+    np.testing.assert_allclose(factor.multiply(np.eye(len(P))), P, rtol=0, atol=1e-13)
     assert factor.n_negative == np.count_nonzero(np.linalg.eigvalsh(P) < 0)

@@ -44,13 +44,16 @@ def test_remainder_contains_the_rounding_of_the_tensions(gamma):
     assert 0.01 * gamma * ROUNDING < apart <= found.remainder < 10 * gamma * ROUNDING
 
 
+def balanced():
+    """A network with its prestress matrix, a stress and the coordinates that it balances."""
+    manifold, sigma = CriticalManifold(voronoi_network(40, seed=1)), random_stress(60, 1)
+    return manifold.network, manifold.prestress, sigma, manifold.configuration(sigma).coordinates
+
+
 def test_corrections_that_do_not_shrink_have_no_bound():
-    network = voronoi_network(40, seed=1)
-    sigma = random_stress(network.n_edges, 1)
-    manifold = CriticalManifold(network)
-    x = manifold.configuration(sigma).coordinates
+    network, prestress, sigma, x = balanced()
     x[network.free] += 1e-3
-    solve = manifold.prestress.factorize(sigma).solve
+    solve = prestress.factorize(sigma).solve
     for gain in (0.1, 2.0, -1.0):
         found = exact_displacement(network, x, lambda _: sigma, lambda f, gain=gain: gain * solve(f))
         assert found.remainder == np.inf, gain
@@ -58,12 +61,9 @@ def test_corrections_that_do_not_shrink_have_no_bound():
 
 def test_small_corrections_of_a_regularised_matrix_prove_nothing():
     # The displacement is ten roundings; corrections by P + shift are below one because of the shift alone.
-    network = voronoi_network(40, seed=1)
-    sigma = random_stress(network.n_edges, 1)
-    manifold = CriticalManifold(network)
-    x = manifold.configuration(sigma).coordinates
+    network, prestress, sigma, x = balanced()
     x[network.free] += 1e-14 * np.random.default_rng(2).standard_normal((len(network.free), 2))
-    solve = manifold.prestress.factorize(sigma, 100.0).solve
+    solve = prestress.factorize(sigma, 100.0).solve
     assert np.isfinite(exact_displacement(network, x, lambda _: sigma, solve).remainder)
     assert exact_displacement(network, x, lambda _: sigma, solve, regularised=True).remainder == np.inf
 

@@ -99,8 +99,7 @@ def test_slack_edges_have_no_gradient():
 
 
 @pytest.mark.parametrize(
-    ("names", "word"),
-    [(["colour"], "colour"), ([], "at least one"), (["stiffening[uniaxial_free]"], "uniaxial_free")],
+    ("names", "word"), [(["colour"], "colour"), ([], "at least one"), (["stiffening[uniaxial_free]"], "uniaxial_free")]
 )
 def test_bad_input_is_one_sentence(names, word):
     with pytest.raises(InputError, match=word):

@@ -11,6 +11,7 @@ from problems import (
     UNPINNED,
     bounds_over_errors,
     critical_of,
+    disordered_tissue,
     random_stress,
     reordered,
     slack_lattice,
@@ -44,29 +45,28 @@ GROWTHS = {
     "uniaxial": ("2D, random stiffness", Hookean(), "uniaxial"),
     "shrinking": ("2D", Hookean(), -np.eye(2) / 2),
     "uniaxial of a law": ("2D, random stiffness", PowerLaw(4.5), "uniaxial"),
-    "curved": (
-        "2D",
-        Hookean(),
-        lambda gamma: np.eye(2) + gamma * A + gamma**2 * np.array([[0.1, -0.5], [0.2, 0.05]]),
-    ),
+    "curved": ("2D", Hookean(), lambda gamma: np.eye(2) + gamma * A + gamma**2 * np.array([[0.1, -0.5], [0.2, 0.05]])),
     "exponential": ("2D", Hookean(), Deformation.exponential(A)),
     "simple shear in space": ("3D", Hookean(), Deformation.simple_shear(3, "yz")),
     "pure shear in space": ("3D, random stiffness", Hookean(), Deformation.pure_shear(3, "xz")),
+    **{f"tissue, {path}": ("tissue", Hookean(), path) for path in ("dilation", "simple_shear", "uniaxial")},
 }
 
 
 @pytest.mark.parametrize("name", GROWTHS)
 def test_exact_stiffening_is_the_limit_of_paths(name):
     case, law, deformation = GROWTHS[name]
-    critical = critical_of(UNPINNED[case](), 2)
+    tissue = case == "tissue"
+    critical = disordered_tissue(varied=True)[1] if tissue else critical_of(UNPINNED[case](), 2)
     solution, moduli = stiffening(critical, law=law, deformation=deformation), elasticity(critical).value
     assert solution.status is Status.ok
     exact = solution.value
+    assert 0 < min(astuple(solution.stats.error_bound)) and max(astuple(solution.stats.error_bound)) < 1e-12
     # The transition does not depend on the law.
     assert (exact.bulk_0, exact.shear_0) == pytest.approx((moduli.bulk, moduli.shear), rel=1e-11)
     assert exact.modulus_0 == pytest.approx(moduli.modulus(deformation), rel=1e-11)
     h = (-1e-4 if solution.loosening else 1e-4) * np.array([1, 2, 4, 8])
-    path = strain_path(critical, h, deformation=deformation, law=law).value
+    path = strain_path(critical, h, deformation=deformation, law=None if tissue else law).value
     for values, start, C in (
         (path.bulk_modulus, exact.bulk_0, exact.C_B),
         (path.shear_modulus, exact.shear_0, exact.C_G),
@@ -80,10 +80,7 @@ def test_exact_stiffening_is_the_limit_of_paths(name):
         assert table[0] == pytest.approx(C, abs=1e-7 * max(abs(C), 1.0))
 
 
-@pytest.mark.parametrize(
-    ("deformation", "word"),
-    [("simple_shear", "no work"), ("uniaxial_free", "free component yy")],
-)
+@pytest.mark.parametrize(("deformation", "word"), [("simple_shear", "no work"), ("uniaxial_free", "free component yy")])
 def test_paths_along_which_the_network_stays_floppy_have_a_status(deformation, word):
     # The stress of the honeycomb is isotropic, so that no shear works on it; a free side relaxes it.
     network = lattice("honeycomb", 3, 3)

@@ -11,7 +11,6 @@ from critflow import (
     Status,
     elasticity,
     lattice,
-    optimize,
     self_stresses,
     three_bar_linkage,
 )
@@ -166,15 +165,3 @@ def test_bad_input():
         space.distance(np.zeros(6))
     with pytest.raises(InputError, match="edge"):
         space.distance(np.ones(5))
-
-
-# Several self-stresses: moduli of one stress are undefined
-
-
-def test_stiffest_overconstrained_configuration():
-    # The true modulus is the largest single-stress value over the stresses of a configuration; σ = k has it.
-    network = lattice("triangular", 4, 4)
-    solution = optimize(network, "bulk_modulus")
-    true = elasticity(network, solution.value.coordinates).value
-    assert solution.objective == pytest.approx(true.bulk, rel=1e-12)
-    assert true.bulk == pytest.approx(np.sqrt(3) / 2, rel=1e-12)

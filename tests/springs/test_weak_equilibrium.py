@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 from problems import dense_incidence, random_stress
+from refusals import refused_changes
 
 from critflow import (
     AngleSprings,
     CriticalManifold,
-    InputError,
     Network,
     Status,
     critical_strain,
@@ -65,21 +65,16 @@ def test_a_branch_is_followed_from_tension_downwards():
     np.testing.assert_allclose(found.tension[1:], strains[1:], rtol=1e-9)
 
 
-@pytest.mark.parametrize(
-    ("change", "word"),
-    [
-        ({"kappa": 0.0}, "kappa"),
-        ({"kappa": np.nan}, "kappa"),
-        ({"strains": [[0.0]]}, "row"),
-        ({"strains": [np.inf]}, "finite"),
-        ({"deformation": "uniaxial_free"}, "fixed components"),
-        ({"energy": AngleSprings(np.ones(3))}, "pair"),
-    ],
+GOOD = {"critical": CRITICAL, "energy": AngleSprings(), "strains": [0.0], "kappa": 1e-3}
+test_bad_input = refused_changes(
+    lambda **changes: weak_equilibrium(**GOOD | changes),
+    ({"kappa": 0.0}, "kappa"),
+    ({"kappa": np.nan}, "kappa"),
+    ({"strains": [[0.0]]}, "row"),
+    ({"strains": [np.inf]}, "finite"),
+    ({"deformation": "uniaxial_free"}, "fixed components"),
+    ({"energy": AngleSprings(np.ones(3))}, "pair"),
 )
-def test_bad_input(change, word):
-    arguments = {"critical": CRITICAL, "energy": AngleSprings(), "strains": [0.0], "kappa": 1e-3} | change
-    with pytest.raises(InputError, match=word):
-        weak_equilibrium(**arguments)
 
 
 def test_a_failure_is_a_status():

@@ -66,6 +66,7 @@ def test_verify_finds_what_does_not_belong(folder, dataset):
         wrong[name].loc[{"panel": "shear_modulus_2", "seed": 1}] *= factor
         (line,) = verify(wrong)
         assert line.startswith("panel shear_modulus_2, seed 1: "), name
+        assert name.replace("coordinates", "force balance") in line
     # Another configuration in balance, but no isogonal change of D.
     wrong = dataset.copy(deep=True)
     for name, values in wrong.data_vars.items():

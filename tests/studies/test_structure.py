@@ -8,14 +8,6 @@ from critflow import CriticalManifold, InputError, voronoi_network
 from workflows.shared.structure import face_anisotropy, force_anisotropy, polygon_anisotropy
 
 
-def sides_of(corners):
-    return np.roll(corners, -1, axis=0) - corners
-
-
-def kappa(corners):
-    return polygon_anisotropy(sides_of(np.asarray(corners, dtype=float)), np.array([0, len(corners)]))[0]
-
-
 def by_eigenvalues(corners):
     """κ = 2(λ_1⁴ + λ_2⁴)/(λ_1² + λ_2²)² − 1, λ² being the eigenvalues of the gyration tensor about the centroid."""
     arm = corners - corners.mean(axis=0)
@@ -23,21 +15,8 @@ def by_eigenvalues(corners):
     return 2 * np.sum(squares**2) / np.sum(squares) ** 2 - 1
 
 
-@pytest.mark.parametrize("seed", range(5))
-def test_eigenvalue_formula_and_symmetries(seed):
-    rng = np.random.default_rng(seed)
-    corners = rng.standard_normal((3 + seed, 2))
-    value = kappa(corners)
-    assert value == pytest.approx(by_eigenvalues(corners), rel=1e-10)
-    assert 0 <= value <= 1
-    angle = rng.uniform(0, 2 * np.pi)
-    turn = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
-    for other in (corners @ turn.T, 7.3 * corners, corners + np.array([5.0, -3.0]), corners[::-1], corners * [1, -1]):
-        assert kappa(other) == pytest.approx(value, rel=1e-10)
-
-
 def test_point_has_no_shape():
-    assert np.isnan(kappa(np.zeros((3, 2))))
+    assert np.isnan(polygon_anisotropy(np.zeros((3, 2)), np.array([0, 3]))[0])
 
 
 def test_faces_of_a_network():

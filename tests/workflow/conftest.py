@@ -7,7 +7,7 @@ from pathlib import Path
 
 import dask.config
 import pytest
-from disturbed import server
+from disturbed import server, words_of
 
 from critflow.command.main import main
 from critflow.workflow.load import load_file
@@ -56,8 +56,7 @@ def source(tmp_path):
 
 def _words(folder, settings, workers, more, study):
     path = study if isinstance(study, Path) else HERE / f"{study}_study.py"
-    here = [] if workers is None else [f"--workers={workers}"]
-    return ["run", str(path), "--out", str(folder), *here, *(f"--set={s}" for s in settings), *more]
+    return [*words_of(folder, settings, workers, path), *more]
 
 
 @pytest.fixture

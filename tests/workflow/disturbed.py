@@ -72,7 +72,8 @@ def stored_whole(folder, settings=()):
 
 
 def words_of(folder, settings=(), workers=0, study=PLAIN):
-    return ["run", str(study), "--out", str(folder), f"--workers={workers}", *(f"--set={word}" for word in settings)]
+    here = [] if workers is None else [f"--workers={workers}"]
+    return ["run", str(study), "--out", str(folder), *here, *(f"--set={word}" for word in settings)]
 
 
 def server():

@@ -66,10 +66,7 @@ def case(parameters, *, kind, seed):
 study = Study(
     name="poisoned",
     title="A study whose cases fail",
-    axes=(
-        Axis("kind", ("none", *POISONS), "how the bad case fails"),
-        Axis("seed", range(3), "number of the case"),
-    ),
+    axes=(Axis("kind", ("none", *POISONS), "how the bad case fails"), Axis("seed", range(3), "number of the case")),
     parameters={"bad": 1, "label": ""},
     case=case,
     variables=(

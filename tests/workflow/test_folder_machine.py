@@ -69,9 +69,8 @@ class FolderMachine(RuleBasedStateMachine):
     def run(self, scale, seeds, retry):
         self.compute(scale, self.todo(scale, seeds, retry))
         failed = any(self.stored[scale, seed] == "failed" for seed in seeds)
-        before = {s for s in self.merged.get(scale, ()) if (scale, s) in self.stored}
         assert self.attempt(scale, seeds, retry) == (3 if failed else 0)
-        self.merged = {scale: before | set(seeds)}
+        self.merge(scale, seeds)
         self.compare(scale)
 
     @rule(scale=st.sampled_from([1.0, 2.0]), seeds=SEEDS, seed=st.integers(0, 4))
@@ -85,7 +84,7 @@ class FolderMachine(RuleBasedStateMachine):
         finally:
             STOPPED.clear()
         self.compute(scale, todo[: todo.index(seed)])
-        self.forget(scale, seeds)
+        self.merge(scale, seeds)
 
     @rule(scale=st.sampled_from([1.0, 2.0]), seeds=SEEDS, after=st.integers(1, 5))
     def die_before_a_rename(self, scale, seeds, after):
@@ -105,10 +104,10 @@ class FolderMachine(RuleBasedStateMachine):
             except Killed:
                 pass
         self.compute(scale, todo[: after - 1])
-        self.forget(scale, seeds)
+        self.merge(scale, seeds)
 
-    def forget(self, scale, seeds):
-        """After the note of a run that did not end, its requested cases belong to the dataset too."""
+    def merge(self, scale, seeds):
+        """The requested cases belong to the dataset too, also after the note of a run that did not end."""
         before = {s for s in self.merged.get(scale, ()) if (scale, s) in self.stored}
         self.merged = {scale: before | set(seeds)}
 
