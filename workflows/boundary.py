@@ -3,8 +3,6 @@
 The paper's `BoundaryTerm`, and its affine deformation b → F b up to shears at which nearest images are wrong.
 """
 
-from __future__ import annotations
-
 from itertools import product
 
 import numpy as np

@@ -4,8 +4,6 @@ C_B is prescribed to âˆ’0.05, 0 and 0.3 at B_0 = 0.25, and each is strained to Î
 `python -m workflows.benchmarks.design_energies` recomputes the energies of these paths by LAMMPS.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 import critflow as cf

@@ -5,8 +5,6 @@ C_B any value above.  The theorem of `quantity` sets the tip of the lower front:
 the largest B_0 only, and C_G ≥ −(G_0/3B_0)(C_B + B_0/2).  Random stresses without that limit test it as well.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 import critflow as cf

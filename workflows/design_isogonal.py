@@ -1,7 +1,5 @@
 """Stiffening at a fixed force network: isogonal changes of the lengths move C_B and C_G at the same B_0 and G_0."""
 
-from __future__ import annotations
-
 import numpy as np
 from matplotlib.figure import Figure
 

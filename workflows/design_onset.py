@@ -5,8 +5,6 @@ shear at some γ_c.  Their rest lengths are changed as little as possible until 
 stresses with one B_0 belong to different rest lengths; lengthened alike, they become rigid at different shears.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 import critflow as cf

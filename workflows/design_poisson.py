@@ -4,8 +4,6 @@ Isotropic tensors of the same Young's modulus are designed by the stiffnesses of
 that shares no code with the design.  `design_reach` has the ratios of networks at the transition.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 import critflow as cf

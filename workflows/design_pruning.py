@@ -1,7 +1,5 @@
 """Pruning: the stiffness that a network keeps when edges are cut well or at random."""
 
-from __future__ import annotations
-
 import numpy as np
 
 import critflow as cf

@@ -7,8 +7,6 @@ stresses the support is found by ascents of the modulus μ_A with the penalty th
 A stretch along y with free sides has Poisson's ratio ν = S_xx/S_yy, which is positive for σ > 0.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 import critflow as cf

@@ -6,8 +6,6 @@ C_B = −B_0/2, which only the stiffest configuration of a network attains: a ne
 fitted.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 import critflow as cf

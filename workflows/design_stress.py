@@ -5,8 +5,6 @@ are attained by random stresses, log-normal with a random spread and stronger in
 outside the ellipsoid of the closed-form bound (S:A)² ≤ V D sup μ_A by up to a third.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 import critflow as cf

@@ -5,8 +5,6 @@ again at a strain γ_c on a path of deformations.  Each next edge is chosen by t
 (fracture), the smallest that is not zero (remodelling by enzymes that sever slack fibres), or any at random.
 """
 
-from __future__ import annotations
-
 import numpy as np
 from matplotlib.figure import Figure
 from scipy.stats import binom

@@ -7,8 +7,6 @@ edge of these networks stressed (0.1, `random_lengths`).
 With `network=FILE` the network is that of a file; seeds are then those of random populations and of random starts.
 """
 
-from __future__ import annotations
-
 import textwrap
 
 import numpy as np

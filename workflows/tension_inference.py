@@ -4,8 +4,6 @@ Planted stresses σ, and pressures of the cells or none, give a configuration; i
 part ε of the mean length give them back (`nearest_critical`).  "pressures ignored" infers tensions alone from those.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 import critflow as cf

@@ -7,8 +7,6 @@ lengths on all stressed edges.  The least tension variance is not attained eithe
 the stored configuration is a near one, with edges of a hundredth of the mean length.
 """
 
-from __future__ import annotations
-
 import numpy as np
 from matplotlib.figure import Figure
 

@@ -10,8 +10,6 @@ The least V_τ need not be attained: in about one network of six some edge shrin
 With `network=FILE` the network is that of a file; seeds are then those of the random panels.
 """
 
-from __future__ import annotations
-
 from functools import lru_cache
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Figures and claims of the onset of rigidity, from its dataset alone."""
 
-from __future__ import annotations
-
 import numpy as np
 from matplotlib.figure import Figure
 

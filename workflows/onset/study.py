@@ -7,8 +7,6 @@ In Voronoi networks the rest lengths of the populations of the paper, lengthened
 plane of pure shear and dilation.  The stiffness past an onset is in the study `reference_numbers`.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from critflow import (

@@ -1,7 +1,5 @@
 """Figures and claims on the spread of rest lengths: stressed edges by size, bulk modulus and C_B by both methods."""
 
-from __future__ import annotations
-
 import numpy as np
 from matplotlib.figure import Figure
 

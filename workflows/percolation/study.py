@@ -5,8 +5,6 @@ populations in which every edge is stressed and whose bulk modulus is about 10 %
 gives the configuration exactly at the transition; the protocol of the paper strains springs until their energy is 1e-4.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from critflow import CriticalManifold, Status, critical_from_lengths, upper_bound, voronoi_network

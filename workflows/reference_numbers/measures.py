@@ -1,7 +1,5 @@
 """One function for each reference number: from parameters and a seed to a value and the curve that it is read from."""
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

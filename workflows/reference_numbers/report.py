@@ -1,7 +1,5 @@
 """Table, figures and claims of the reference numbers, from the dataset alone."""
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

@@ -4,8 +4,6 @@ Each quantity is a function in `measures.py`; its value in the literature, the s
 `report.py`.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from critflow import voronoi_network

@@ -1,7 +1,5 @@
 """Parts of figures that several studies share: panels side by side, limits, edges of a network."""
 
-from __future__ import annotations
-
 import numpy as np
 from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure

@@ -1,7 +1,5 @@
 """Tables of variables by their dimensions, and the arrays of a case from the numbers of its parts."""
 
-from __future__ import annotations
-
 import time
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Distributions side by side as violins."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

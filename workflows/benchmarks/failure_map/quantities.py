@@ -1,7 +1,5 @@
 """The quantities of every problem: the answer of the library and its error against the reference."""
 
-from __future__ import annotations
-
 from functools import partial
 from itertools import pairwise
 

@@ -6,8 +6,6 @@ with the reason; every other outcome is a violation.
 With `network=FILE` the difficulties are those of the network of a file; those with their own networks stay empty.
 """
 
-from __future__ import annotations
-
 from functools import partial
 
 import numpy as np

@@ -3,8 +3,6 @@
 matscipy's `MatscipyCalculator` derives the elastic constants from the Hessian.
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

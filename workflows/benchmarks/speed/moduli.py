@@ -10,8 +10,6 @@ At the transition the energy is zero and grows on one side only: 2E/(Vγ²) → 
 levels the strains.  The self-stress of a network at rest, by `rigidity`, needs no strain and no stress to be given.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import partial
 
