@@ -17,11 +17,11 @@ from critflow.paths.strain_path import check_strains
 from critflow.workflow import Axis, Coordinate, Study, decimals
 
 from .shared.checks import check_network, check_positive
+from .shared.figures import violins
 from .shared.measurements import DRAWN, identified, measured, table, verify
 from .shared.population_reports import population_claims, summary
 from .shared.populations import LABELS, MEANING, PAPER_POPULATIONS, configuration, prepared
 from .shared.reports import PAPER
-from .shared.violins import violins
 
 
 def case(parameters, *, seed, population, wanted):
