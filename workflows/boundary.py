@@ -3,8 +3,6 @@
 The paper's `BoundaryTerm`, and its affine deformation b → F b up to shears at which nearest images are wrong.
 """
 
-from __future__ import annotations
-
 from itertools import product
 
 import numpy as np
@@ -137,19 +135,13 @@ def _draw_copies(axes, one, cell, positions):
     segments, crosses = np.stack([tail, head], axis=1), _crosses(one)
     for image in product((-2, -1, 0, 1, 2), repeat=2):
         here = image == (0, 0)
+        width, order = (2.4, 3) if here else (1.3, 2)
         for which, colour in (
             (~crosses, INTERIOR if here else COPY_INTERIOR),
             (crosses, CROSSING if here else COPY_CROSSING),
         ):
-            axes.add_collection(
-                LineCollection(
-                    segments[which] + np.array(image) @ cell,
-                    colors=colour,
-                    linewidths=2.4 if here else 1.3,
-                    zorder=3 if here else 2,
-                    capstyle="round",
-                )
-            )  # fmt: skip
+            ends, style = segments[which] + np.array(image) @ cell, {"colors": colour, "capstyle": "round"}
+            axes.add_collection(LineCollection(ends, linewidths=width, zorder=order, **style))
     axes.plot(*positions.T, "o", color="k", markersize=3.6, zorder=4)
     _window(axes, cell)
 

@@ -4,17 +4,15 @@ C_B is prescribed to âˆ’0.05, 0 and 0.3 at B_0 = 0.25, and each is strained to Î
 `python -m workflows.benchmarks.design_energies` recomputes the energies of these paths by LAMMPS.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 import critflow as cf
-from critflow.workflow import Claim, Study
+from critflow.workflow import Claim
 
 from .shared.checks import voronoi_check
 from .shared.figures import lettered, panels, signed
-from .shared.reports import MISSED, PAPER, parameters, series
-from .shared.tables import bounded, networks, outcomes
+from .shared.reports import MISSED, parameters, series
+from .shared.tables import bounded, network_study, outcomes
 
 MODULUS = 0.25
 GROWTH = {"softens": -0.05, "keeps": 0.0, "stiffens": 0.3}
@@ -80,11 +78,9 @@ def claims(ds):
     ]  # fmt: skip
 
 
-study = Study(
+study = network_study(
     name="design_curves",
     title="Networks that soften, keep and stiffen on demand",
-    references=PAPER,
-    axes=(networks(10),),
     parameters={"n_vertices": 400},
     case=case,
     check=voronoi_check(),
@@ -95,7 +91,6 @@ study = Study(
             bulk_modulus="bulk modulus [k]",
             shear_modulus="shear modulus, energy convention [k]",
         ),
-        *outcomes(("seed",), status="outcome of the case"),
     ),
     figures={"curves": figure},
     claims=claims,

@@ -5,20 +5,18 @@ C_B any value above.  The theorem of `quantity` sets the tip of the lower front:
 the largest B_0 only, and C_G ≥ −(G_0/3B_0)(C_B + B_0/2).  Random stresses without that limit test it as well.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 import critflow as cf
 from critflow.generators.random_networks import check_voronoi
 from critflow.result import StudyError
-from critflow.workflow import Claim, Study
+from critflow.workflow import Claim
 
 from .shared.checks import check_network
 from .shared.figures import lettered, panels
 from .shared.measurements import coefficients
-from .shared.reports import PAPER, parameters, series
-from .shared.tables import bounded, networks, numbers, outcomes, padded, stacked
+from .shared.reports import parameters, series
+from .shared.tables import bounded, network_study, numbers, outcomes, padded, stacked
 
 FRONTS = {
     "stiff_stiffening": {"B_0": "largest", "C_B": "largest"},
@@ -140,11 +138,9 @@ def claims(ds):
     ]  # fmt: skip
 
 
-study = Study(
+study = network_study(
     name="design_fronts",
     title="Fronts of the bulk modulus and its growth",
-    references=PAPER,
-    axes=(networks(10),),
     parameters={
         "fronts": tuple(FRONTS),
         "sizes": (12, 18, 24),
@@ -177,7 +173,6 @@ study = Study(
         ),
         *numbers(("seed",), largest_bulk="largest B_0 of the network [k]"),
         *bounded(("seed",), tip="C_B there [k]"),
-        *outcomes(("seed",), status="outcome of the case"),
     ),
     figures={"fronts": figure},
     claims=claims,

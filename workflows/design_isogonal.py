@@ -1,18 +1,16 @@
 """Stiffening at a fixed force network: isogonal changes of the lengths move C_B and C_G at the same B_0 and G_0."""
 
-from __future__ import annotations
-
 import numpy as np
 from matplotlib.figure import Figure
 
 import critflow as cf
-from critflow.workflow import Claim, Coordinate, Study
+from critflow.workflow import Claim, Coordinate
 
 from .shared.checks import voronoi_check
 from .shared.figures import draw_in_cell, heading, lettered, segments, signed
 from .shared.measurements import coefficients
-from .shared.reports import PAPER, parameters, series, status_counts
-from .shared.tables import bounded, networks, numbers, outcomes, seconds, stacked, timed
+from .shared.reports import parameters, series, status_counts
+from .shared.tables import bounded, network_study, numbers, outcomes, seconds, stacked, timed
 
 
 def case(parameters, *, seed):
@@ -109,11 +107,9 @@ def claims(ds):
     ]  # fmt: skip
 
 
-study = Study(
+study = network_study(
     name="design_isogonal",
     title="Stiffening designed at a fixed force network",
-    references=PAPER,
-    axes=(networks(10),),
     parameters={
         "n_vertices": 64,
         "spread": 0.4,
@@ -143,7 +139,6 @@ study = Study(
         *bounded(("seed",), least="least C_B that a descent found in the family", bulk="B_0 of the force network"),
         *bounded(("seed", "target", "strain"), modulus="bulk modulus along dilation [k]"),
         *numbers(("seed", "target", "edge", "end", "axis"), lines="ends of the edges"),
-        *outcomes(("seed",), status="outcome of the case"),
     ),
     figures={"isogonal": figure},
     claims=claims,

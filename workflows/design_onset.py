@@ -5,17 +5,15 @@ shear at some γ_c.  Their rest lengths are changed as little as possible until 
 stresses with one B_0 belong to different rest lengths; lengthened alike, they become rigid at different shears.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 import critflow as cf
-from critflow.workflow import Claim, Study
+from critflow.workflow import Claim
 
 from .shared.checks import voronoi_check
 from .shared.figures import legend_below, lettered, panels, signed
-from .shared.reports import PAPER, parameters, series
-from .shared.tables import bounded, networks, numbers, outcomes, seconds, stacked, timed
+from .shared.reports import parameters, series
+from .shared.tables import bounded, network_study, numbers, outcomes, seconds, stacked, timed
 
 
 def case(parameters, *, seed):
@@ -94,11 +92,9 @@ def claims(ds):
     ]  # fmt: skip
 
 
-study = Study(
+study = network_study(
     name="design_onset",
     title="Onset of rigidity on demand",
-    references=PAPER,
-    axes=(networks(10),),
     parameters={"n_vertices": 100, "excess": 0.05, "factors": (0.6, 1.3, -1.0), "moduli": (0.27, 0.25, 0.22, 0.18)},
     case=case,
     check=voronoi_check(),
@@ -113,7 +109,6 @@ study = Study(
         *seconds(("seed", "factor"), target_seconds="processor time of the design [s]"),
         *bounded(("seed", "modulus"), shear="critical shear of its lengths, lengthened alike"),
         *outcomes(("seed", "modulus"), shear_status="outcome of its search"),
-        *outcomes(("seed",), status="outcome of the case"),
     ),
     figures={"onset": figure},
     claims=claims,

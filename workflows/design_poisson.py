@@ -4,20 +4,18 @@ Isotropic tensors of the same Young's modulus are designed by the stiffnesses of
 that shares no code with the design.  `design_reach` has the ratios of networks at the transition.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 import critflow as cf
 from critflow.design.stiffnesses import isotropic_targets
 from critflow.networks.deformation import strain_basis
 from critflow.result import StudyError
-from critflow.workflow import Claim, Coordinate, Study
+from critflow.workflow import Claim, Coordinate
 
 from .shared.checks import check_network
 from .shared.figures import panels
-from .shared.reports import PAPER, finite, parameters
-from .shared.tables import networks, numbers, outcomes, seconds, stacked, timed
+from .shared.reports import finite, parameters
+from .shared.tables import network_study, numbers, outcomes, seconds, stacked, timed
 
 ANGLES = np.linspace(0, np.pi, 12, endpoint=False)
 BOUND_OF_ERROR, WITHIN = 6e-4, 0.005  # a tenth of the errors of the literature
@@ -97,11 +95,9 @@ def claims(ds):
     ]  # fmt: skip
 
 
-study = Study(
+study = network_study(
     name="design_poisson",
     title="Poisson's ratio on demand",
-    references=PAPER,
-    axes=(networks(10),),
     parameters={
         "sizes": (24, 36, 48, 60, 72, 84, 96, 112, 128, 144),
         "ratios": tuple(round(-0.8 + 1.7 * n / 12, 6) for n in range(13)),
@@ -118,7 +114,6 @@ study = Study(
         ),
         *outcomes(("seed", "ratio"), design_status="outcome of the design"),
         *seconds(("seed", "ratio"), design_seconds="processor time of the design [s]"),
-        *outcomes(("seed",), status="outcome of the case"),
     ),
     figures={"poisson": figure},
     claims=claims,

@@ -1,16 +1,14 @@
 """Pruning: the stiffness that a network keeps when edges are cut well or at random."""
 
-from __future__ import annotations
-
 import numpy as np
 
 import critflow as cf
-from critflow.workflow import Claim, Study
+from critflow.workflow import Claim
 
 from .shared.checks import voronoi_check
 from .shared.figures import panels
-from .shared.reports import PAPER, parameters, series, spread
-from .shared.tables import networks, numbers, outcomes, padded, stacked
+from .shared.reports import parameters, series, spread
+from .shared.tables import network_study, numbers, padded, stacked
 
 METHODS = {"greedy": "greedy", "random": "at random"}
 TARGETS = (0.9, 0.8, 0.7, 0.6, 0.5)
@@ -93,11 +91,9 @@ def claims(ds):
     ]  # fmt: skip
 
 
-study = Study(
+study = network_study(
     name="design_pruning",
     title="Stiffness that networks keep while edges are cut",
-    references=PAPER,
-    axes=(networks(10),),
     parameters={"n_vertices": 300, "cuts": 90},
     case=case,
     check=voronoi_check("cuts"),
@@ -109,7 +105,6 @@ study = Study(
             drift="relative error of the last value by updates of rank one",
         ),
         *numbers(("seed", "method", "target"), target_error="distance of a pruned B_0 from its target, relative"),
-        *outcomes(("seed",), status="outcome of the case"),
     ),
     figures={"pruning": figure},
     claims=claims,

@@ -7,20 +7,18 @@ stresses the support is found by ascents of the modulus μ_A with the penalty th
 A stretch along y with free sides has Poisson's ratio ν = S_xx/S_yy, which is positive for σ > 0.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 import critflow as cf
 from critflow.critical.transition import PenalisedModulus, transition_modulus
 from critflow.result import StudyError
-from critflow.workflow import Claim, Study
+from critflow.workflow import Claim
 
 from .shared.checks import voronoi_check
 from .shared.figures import legend_below, lettered, panels
-from .shared.reports import PAPER, finite, parameters, series
+from .shared.reports import finite, parameters, series
 from .shared.structure import scaled_stress
-from .shared.tables import bounded, networks, numbers, outcomes, stacked
+from .shared.tables import bounded, network_study, numbers, stacked
 
 # A = cos(angle)·1 + sin(angle)·diag(1, −1): the first component of s is tr S, the second S_xx − S_yy, halved.
 MEAN, DIFFERENCE = np.eye(2), np.diag([1.0, -1.0])
@@ -181,11 +179,9 @@ def claims(ds):
     ]  # fmt: skip
 
 
-study = Study(
+study = network_study(
     name="design_reach",
     title="Reach of linear elasticity at the transition",
-    references=PAPER,
-    axes=(networks(10),),
     parameters={"n_vertices": 100, "directions": 24, "thresholds": (0.3, 0.1), "samples": 60, "ascent": 150},
     case=case,
     check=check,
@@ -194,7 +190,6 @@ study = Study(
         *bounded(("seed", "direction", "axis"), signed="S/√(V D) there, mean and half the difference [√k]"),
         *bounded(("seed", "direction", "threshold", "axis"), tensile="S/√(V D) of stresses above about r [√k]"),
         *bounded(("seed", "sample", "axis"), sampled="S/√(V D) of random positive stresses [√k]"),
-        *outcomes(("seed",), status="outcome of the case"),
     ),
     figures={"reach": figure},
     claims=claims,

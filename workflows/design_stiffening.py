@@ -6,20 +6,18 @@ C_B = −B_0/2, which only the stiffest configuration of a network attains: a ne
 fitted.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 import critflow as cf
 from critflow.result import StudyError
-from critflow.workflow import Claim, Study, stable_rng
+from critflow.workflow import Claim, stable_rng
 
 from .shared.checks import voronoi_check
 from .shared.figures import legend_below, lettered, panels
 from .shared.measurements import coefficients
 from .shared.populations import LABELS, PAPER_POPULATIONS, configuration
-from .shared.reports import MISSED, PAPER, duration, parameters, series
-from .shared.tables import bounded, networks, numbers, outcomes, seconds, stacked, timed
+from .shared.reports import MISSED, duration, parameters, series
+from .shared.tables import bounded, network_study, numbers, outcomes, seconds, stacked, timed
 
 SOURCES = (*PAPER_POPULATIONS, "log-normal stress")
 NAMES = ("B_0", "C_B", "C_G")
@@ -133,11 +131,9 @@ def claims(ds):
     ]  # fmt: skip
 
 
-study = Study(
+study = network_study(
     name="design_stiffening",
     title="Stiffening on demand",
-    references=PAPER,
-    axes=(networks(10),),
     parameters={"n_vertices": 400, "threshold": 0.1, "spread": 0.1, "sources": SOURCES},
     case=case,
     check=check,
@@ -152,7 +148,6 @@ study = Study(
         *outcomes(("seed", "source"), target_status="outcome of the design"),
         *seconds(("seed", "source"), target_seconds="processor time of the design [s]"),
         *numbers(("seed", "name"), fitted="B_0, C_B and C_G of a strain path of the first design"),
-        *outcomes(("seed",), status="outcome of the case"),
     ),
     figures={"stiffening": figure},
     claims=claims,

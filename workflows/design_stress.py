@@ -5,17 +5,15 @@ are attained by random stresses, log-normal with a random spread and stronger in
 outside the ellipsoid of the closed-form bound (S:A)² ≤ V D sup μ_A by up to a third.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 import critflow as cf
-from critflow.workflow import Claim, Study
+from critflow.workflow import Claim
 
 from .shared.checks import voronoi_check
-from .shared.reports import PAPER, duration
+from .shared.reports import duration
 from .shared.structure import scaled_stress
-from .shared.tables import bounded, networks, numbers, outcomes, seconds, stacked, timed
+from .shared.tables import bounded, network_study, numbers, outcomes, seconds, stacked, timed
 
 NAMES = ("S_xx", "S_yy", "S_xy")
 
@@ -93,11 +91,9 @@ def claims(ds):
     ]  # fmt: skip
 
 
-study = Study(
+study = network_study(
     name="design_stress",
     title="Linear response on demand",
-    references=PAPER,
-    axes=(networks(10),),
     parameters={"n_vertices": 1000, "targets": 10, "beyond": 2},
     case=case,
     check=voronoi_check("targets", "beyond"),
@@ -113,7 +109,6 @@ study = Study(
         *seconds(("seed", "target"), target_seconds="processor time of the design [s]"),
         *outcomes(("seed", "beyond"), beyond_status="outcome of targets beyond the bound"),
         *numbers(("seed", "beyond"), "i1", beyond_named="whether the note names the bound"),
-        *outcomes(("seed",), status="outcome of the case"),
     ),
     claims=claims,
 )

@@ -5,8 +5,6 @@ again at a strain γ_c on a path of deformations.  Each next edge is chosen by t
 (fracture), the smallest that is not zero (remodelling by enzymes that sever slack fibres), or any at random.
 """
 
-from __future__ import annotations
-
 import numpy as np
 from matplotlib.figure import Figure
 from scipy.stats import binom
@@ -14,13 +12,13 @@ from scipy.stats import binom
 import critflow as cf
 from critflow.critical.backbone import backbone
 from critflow.result import NetworkError, StudyError
-from critflow.workflow import Claim, Study
+from critflow.workflow import Claim
 
 from .shared.checks import voronoi_check
 from .shared.figures import draw_in_cell, heading, segments
 from .shared.measurements import moduli_with_bounds
-from .shared.reports import PAPER, finite, parameters, series, spread, status_counts
-from .shared.tables import bounded, networks, numbers, outcomes, padded, stacked
+from .shared.reports import finite, parameters, series, spread, status_counts
+from .shared.tables import bounded, network_study, numbers, outcomes, padded, stacked
 
 LAWS = {"largest": "largest tension", "smallest": "smallest tension", "random": "at random"}
 PATHS = {"dilation": "dilation", "simple_shear": "simple shear"}
@@ -241,11 +239,9 @@ def claims(ds):
     ]  # fmt: skip
 
 
-study = Study(
+study = network_study(
     name="design_topology",
     title="Fracture and remodelling of networks at the transition",
-    references=PAPER,
-    axes=(networks(10),),
     parameters={"n_vertices": 64, "cuts": 16, "pictured": 6},
     case=case,
     check=check,
@@ -265,7 +261,6 @@ study = Study(
         *numbers(("seed", "picture", "edge", "end", "axis"), segments="edges in simple shear: start, then each law"),
         *numbers(("seed", "picture", "edge"), segment_tension="their tensions, relative to the largest"),
         *numbers(("seed", "picture"), "i4", pictured_cuts="number of cuts in each picture"),
-        *outcomes(("seed",), status="outcome of the case"),
     ),
     figures={"topology": figure},
     claims=claims,

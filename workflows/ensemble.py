@@ -7,8 +7,6 @@ edge of these networks stressed (0.1, `random_lengths`).
 With `network=FILE` the network is that of a file; seeds are then those of random populations and of random starts.
 """
 
-from __future__ import annotations
-
 import textwrap
 
 import numpy as np
@@ -22,13 +20,13 @@ from critflow.result import StudyError
 from critflow.workflow import Axis, Claim, Coordinate, Study, decimals
 
 from .shared.checks import check_deformation, check_network, check_positive
+from .shared.figures import violins
 from .shared.measurements import DRAWN, identified, measured, table, verify
 from .shared.own_network import check_own, own_manifold, own_network, with_digest
 from .shared.population_reports import counts, described, of, percolation_claims, population_claims, summary
 from .shared.populations import LABELS, MEANING, NAMES, PAPER_POPULATIONS, POPULATIONS, SPREADS, configuration, prepared
 from .shared.reports import PAPER, parameters
 from .shared.structure import face_anisotropy, force_anisotropy
-from .shared.violins import violins
 
 
 def case(parameters, *, seed, population, wanted):

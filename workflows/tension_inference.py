@@ -4,17 +4,15 @@ Planted stresses σ, and pressures of the cells or none, give a configuration; i
 part ε of the mean length give them back (`nearest_critical`).  "pressures ignored" infers tensions alone from those.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 import critflow as cf
-from critflow.workflow import Claim, Coordinate, Study
+from critflow.workflow import Claim, Coordinate
 
 from .shared.checks import voronoi_check
 from .shared.figures import lettered, panels
 from .shared.reports import parameters, series
-from .shared.tables import networks, numbers, outcomes
+from .shared.tables import network_study, numbers, outcomes
 
 SOURCES = "Chiou, Hufnagel, Shraiman, PLoS Comput. Biol. 8 (2012); Ishihara, Sugimura, J. Theor. Biol. 313 (2012)"
 MODELS = ("tensions alone", "tensions and pressures", "pressures ignored")
@@ -105,11 +103,11 @@ def claims(ds):
     ]  # fmt: skip
 
 
-study = Study(
+study = network_study(
     name="tension_inference",
     title="Tensions from a picture, with and without pressures",
     references=SOURCES,
-    axes=(networks(20),),
+    n=20,
     parameters={"n_vertices": 60, "noises": (1e-7, 1e-6, 1e-5, 1e-4, 1e-3, 1e-2)},
     coordinates=(Coordinate("noise", "noises", "error of the positions over the mean length"),),
     case=case,
@@ -123,7 +121,6 @@ study = Study(
             compressed="number of edges in compression",
         ),
         *outcomes(("seed", "model", "noise"), inference_status="outcome of the inference"),
-        *outcomes(("seed",), status="outcome of the case"),
     ),
     figures={"inference": figure},
     claims=claims,

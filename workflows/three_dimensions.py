@@ -7,8 +7,6 @@ lengths on all stressed edges.  The least tension variance is not attained eithe
 the stored configuration is a near one, with edges of a hundredth of the mean length.
 """
 
-from __future__ import annotations
-
 import numpy as np
 from matplotlib.figure import Figure
 
@@ -19,11 +17,11 @@ from critflow.paths.strain_path import check_strains
 from critflow.workflow import Axis, Coordinate, Study, decimals
 
 from .shared.checks import check_network, check_positive
+from .shared.figures import violins
 from .shared.measurements import DRAWN, identified, measured, table, verify
 from .shared.population_reports import population_claims, summary
 from .shared.populations import LABELS, MEANING, PAPER_POPULATIONS, configuration, prepared
 from .shared.reports import PAPER
-from .shared.violins import violins
 
 
 def case(parameters, *, seed, population, wanted):

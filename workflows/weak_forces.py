@@ -7,8 +7,6 @@ strain, would give.  The soft band of strained networks is compared with τ eig 
 transition, and networks designed for a modulus at the largest κ with the network of the largest B_0.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 import critflow as cf

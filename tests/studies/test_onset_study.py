@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from workflows.onset.study import network_of
+from workflows.onset import network_of
 
 STUDY = "onset"
 

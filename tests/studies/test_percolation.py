@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from critflow import Status
-from workflows.percolation.report import curve, half_point, threshold_power
+from workflows.percolation import curve, half_point, threshold_power
 
 STUDY = "percolation"
 

@@ -4,8 +4,6 @@ Ten designs (B_0, C_B, C_G), and the three curves of `design_curves`, are relaxe
 energies of the designs at small strains give B_0 and C_B by differences, E = V (½ B_0 γ² + (C_B − B_0) γ³/6 + …).
 """
 
-from __future__ import annotations
-
 import argparse
 from contextlib import closing
 
@@ -31,7 +29,7 @@ def relaxed_energy(state):
 def check_design(n_vertices, seed, source):
     """One design: its targets, the largest relative difference of energies, and B_0 and C_B by LAMMPS."""
     other = seed + design_stiffening.OTHER
-    parameters = design_stiffening.PARAMETERS | {"n_vertices": n_vertices}
+    parameters = dict(design_stiffening.study.parameters) | {"n_vertices": n_vertices}
     manifold = CriticalManifold(voronoi_network(n_vertices, other))
     targets = design_stiffening.attained(manifold, parameters, other, source)
     critical = design(voronoi_network(n_vertices, seed), dict(zip(design_stiffening.NAMES, targets, strict=True))).value

@@ -7,8 +7,6 @@ Floating-point input is exact input.  A solution is checked by its residual in t
 Pure Python: 60 unknowns with 60 digits take 0.3 s, and the time grows with the cube of their number.
 """
 
-from __future__ import annotations
-
 from functools import wraps
 
 import mpmath

@@ -3,8 +3,6 @@
 Its `harmonic` bonds are Hookean; its `class2` bonds, K2 e² + K3 e³ + K4 e⁴, are power laws of exponent four.
 """
 
-from __future__ import annotations
-
 import ctypes
 import sys
 from pathlib import Path

@@ -8,8 +8,6 @@ Rest lengths are 1.05 times those of the largest bulk modulus.  All edges are th
 springs as well as of cables.
 """
 
-from __future__ import annotations
-
 import sys
 import time
 from contextlib import closing
@@ -25,9 +23,9 @@ WIDTH, EXCESS, FORCE, MOST_STEPS = 1e-6, 1.05, 1e-12, 400_000
 
 
 def relaxed(state):
-    """Energy, coordinates and steps of the FIRE of LAMMPS; its time step may grow to half of the limit of stability."""
+    """Energy, coordinates and steps of the FIRE of LAMMPS."""
     with closing(Lammps(state)) as engine:
-        x, steps, _ = engine.relax("fire", "line quadratic", FORCE, MOST_STEPS, time_step=0.05)
+        x, steps, _ = engine.relax("fire", "line quadratic", FORCE, MOST_STEPS)
         # LAMMPS wraps coordinates into the cell.
         moved, cell = x - state.coordinates, state.network.cell
         return engine.energy, state.coordinates + moved - np.round(moved @ np.linalg.inv(cell)) @ cell, steps

@@ -6,8 +6,6 @@ All receive the same functions, exact gradients and starts, and seek the least c
 which its best point counts.
 """
 
-from __future__ import annotations
-
 import argparse
 import time
 import warnings

@@ -9,8 +9,6 @@ Symbols: g incidence (N_b, n_free), b boundary vectors, L = g x + b, σ stress, 
 with h = |L|²/2, P = gᵀ diag(σ) g, A the strain (½1 for dilation, offdiagonal ½ for pure shear), V the volume.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

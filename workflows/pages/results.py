@@ -5,8 +5,6 @@ those that allow no more), each in a temporary folder, copies figures, claims an
 records seconds, version and commit in results/reference/runs.json.
 """
 
-from __future__ import annotations
-
 import json
 import shutil
 import subprocess

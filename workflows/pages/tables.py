@@ -4,8 +4,6 @@ A table stands between `<!-- NAME: any text -->` and `<!-- /NAME -->`, with a NA
 README.md and the pages of docs/ are filled.
 """
 
-from __future__ import annotations
-
 import json
 import re
 import sys

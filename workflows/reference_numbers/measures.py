@@ -1,29 +1,11 @@
 """One function for each reference number: from parameters and a seed to a value and the curve that it is read from."""
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np
 from scipy.optimize import brentq
 
-from critflow import (
-    CriticalManifold,
-    Deformation,
-    Status,
-    certify,
-    critical_from_lengths,
-    critical_from_perimeters,
-    critical_strain,
-    delaunay_network,
-    diluted,
-    elasticity,
-    fibre_network,
-    lattice,
-    pruned,
-    strain_path,
-    voronoi_network,
-)
+import critflow as cf
 from critflow.critical.backbone import backbone
 from critflow.networks.pruning import carrying_part
 from critflow.workflow import stable_rng
@@ -36,7 +18,7 @@ STEP = 1e-4
 SOFT = 1e-6
 # Strains of a dilation near the transition.
 _NEAR = (1e-6, 1e-4)
-SHEAR = Deformation.simple_shear(2)
+SHEAR = cf.Deformation.simple_shear(2)
 # Simple shears between which a disordered network has the cell without shear stress.
 _SHEARS = (-0.5, 0.5)
 # Turn of a corner, relative to the lengths of its sides, below which a corner is straight.
@@ -49,21 +31,21 @@ class Measured(NamedTuple):
     value: float
     x: np.ndarray
     y: np.ndarray
-    status: Status = Status.ok
+    status: cf.Status = cf.Status.ok
 
 
 def hexagon_shape(parameters, seed):
     """Critical shape index of regular hexagons with perimeter springs."""
-    return _shape(lattice("honeycomb", 4, 4))
+    return _shape(cf.lattice("honeycomb", 4, 4))
 
 
 def planar_shape(parameters, seed):
     """Critical shape index of the disordered planar vertex model without an area term."""
-    return _shape(voronoi_network(parameters["n_vertices_cells"], seed))
+    return _shape(cf.voronoi_network(parameters["n_vertices_cells"], seed))
 
 
 def _shape(network):
-    found = critical_from_perimeters(network, np.ones(network.faces.n_faces), throw=False)
+    found = cf.critical_from_perimeters(network, np.ones(network.faces.n_faces), throw=False)
     shapes = found.value.shape_index
     return Measured(float(shapes.mean()), np.empty(0), np.empty(0), found.status)
 
@@ -82,10 +64,10 @@ def honeycomb_shear(parameters, seed):
 
 
 def _least_length(gamma):
-    network = lattice("honeycomb", 3, 3)
+    network = cf.lattice("honeycomb", 3, 3)
     scale = np.sqrt(network.n_vertices / network.volume)
     sheared = network.deformed(scale * SHEAR.gradient(gamma))
-    return float(critical_from_lengths(sheared, np.ones(network.n_edges)).value.lengths.mean())
+    return float(cf.critical_from_lengths(sheared, np.ones(network.n_edges)).value.lengths.mean())
 
 
 def factor_three(parameters, seed):
@@ -93,18 +75,18 @@ def factor_three(parameters, seed):
 
     γ is measured from the cell of least ℓ_min on this path, where the critical network has no shear stress.
     """
-    network = _without_shear_stress(voronoi_network(parameters["n_vertices"], seed))
+    network = _without_shear_stress(cf.voronoi_network(parameters["n_vertices"], seed))
     onsets = np.array(parameters["onsets"])
     ratios = np.full(len(onsets), np.nan)
     for n, onset in enumerate(onsets):
         # Equal lengths that fit the cell sheared by γ_c are those whose onset is γ_c.
         sheared = network.deformed(SHEAR.gradient(onset))
-        found = critical_from_lengths(sheared, np.ones(network.n_edges), throw=False)
+        found = cf.critical_from_lengths(sheared, np.ones(network.n_edges), throw=False)
         if not found.ok:
             return Measured(np.nan, onsets, ratios, found.status)
-        G_c = elasticity(found.value).value.shear
+        G_c = cf.elasticity(found.value).value.shear
         strains = STEP * onset * np.array([1.0, 2.0])
-        path = strain_path(found.value, strains, deformation="simple_shear", taut_only=True).value
+        path = cf.strain_path(found.value, strains, deformation="simple_shear", taut_only=True).value
         ratio = (path.modulus - G_c) * onset / path.stress[:, 0, 1]
         ratios[n] = 2 * ratio[0] - ratio[1]
     return Measured(float(np.polyfit(onsets**2, ratios, 1)[1]), onsets, ratios)
@@ -114,7 +96,7 @@ def _without_shear_stress(network):
     """The network in the sheared cell in which equal lengths are critical without shear stress."""
 
     def stress(gamma):
-        found = critical_from_lengths(network.deformed(SHEAR.gradient(gamma)), np.ones(network.n_edges), throw=False)
+        found = cf.critical_from_lengths(network.deformed(SHEAR.gradient(gamma)), np.ones(network.n_edges), throw=False)
         L, sigma = found.value.bond_vectors, found.value.sigma
         return float(sigma @ (L[:, 0] * L[:, 1]) / (sigma @ np.sum(L**2, axis=1)))
 
@@ -123,20 +105,20 @@ def _without_shear_stress(network):
 
 def tension_honeycomb(parameters, seed):
     """The honeycomb of equal lengths."""
-    network = lattice("honeycomb", 10, 10)
-    return _shear_of_tension(critical_from_lengths(network, np.ones(network.n_edges), throw=False))
+    network = cf.lattice("honeycomb", 10, 10)
+    return _shear_of_tension(cf.critical_from_lengths(network, np.ones(network.n_edges), throw=False))
 
 
 def tension_voronoi(parameters, seed):
     """The standard network with the lengths that it is made with."""
-    network = voronoi_network(parameters["n_vertices"], seed)
-    return _shear_of_tension(critical_from_lengths(network, _lengths(network), throw=False))
+    network = cf.voronoi_network(parameters["n_vertices"], seed)
+    return _shear_of_tension(cf.critical_from_lengths(network, _lengths(network), throw=False))
 
 
 def tension_delaunay(parameters, seed):
     """A diluted Delaunay network with the lengths that it is made with."""
-    network = diluted(delaunay_network(parameters["n_vertices"], seed), parameters["z"], seed)
-    return _shear_of_tension(critical_from_lengths(network, _lengths(network), throw=False))
+    network = cf.diluted(cf.delaunay_network(parameters["n_vertices"], seed), parameters["z"], seed)
+    return _shear_of_tension(cf.critical_from_lengths(network, _lengths(network), throw=False))
 
 
 def tension_phantom(parameters, seed):
@@ -146,8 +128,8 @@ def tension_phantom(parameters, seed):
     """
     side = round(np.sqrt(parameters["n_vertices"]))
     # One bond of each straight fibre is cut, which limits the coordination of small networks.
-    network = fibre_network("phantom", side, side, z=min(parameters["z"], 4 - 6 / side), seed=seed)
-    return _shear_of_tension(CriticalManifold(network).solve(_random_stress(network, seed)))
+    network = cf.fibre_network("phantom", side, side, z=min(parameters["z"], 4 - 6 / side), seed=seed)
+    return _shear_of_tension(cf.CriticalManifold(network).solve(_random_stress(network, seed)))
 
 
 def _shear_of_tension(found):
@@ -155,12 +137,12 @@ def _shear_of_tension(found):
 
     Where edges are slack at the transition, the network is its taut part.
     """
-    if found.status not in (Status.ok, Status.slack_edges):
+    if found.status not in (cf.Status.ok, cf.Status.slack_edges):
         return Measured(np.nan, np.empty(0), np.empty(0), found.status)
     critical = max(backbone(found.value).components, key=lambda part: part.network.n_edges)
-    path = strain_path(critical, np.geomspace(*_NEAR, POINTS), throw=False)
+    path = cf.strain_path(critical, np.geomspace(*_NEAR, POINTS), throw=False)
     tension = np.einsum("nii->n", path.value.stress) / 2
-    excess = path.value.shear_modulus - elasticity(critical).value.shear
+    excess = path.value.shear_modulus - cf.elasticity(critical).value.shear
     if not path.ok or (excess <= 0).any():
         return Measured(np.nan, tension, excess, path.status)
     return Measured(float(np.polyfit(np.log(tension), np.log(excess), 1)[0]), tension, excess)
@@ -180,12 +162,12 @@ def onset_self_stresses(parameters, seed):
 
     Its lengths are those that it is made with, which are generic; those of lattices are not.
     """
-    network = diluted(delaunay_network(parameters["n_vertices"], seed), parameters["z"], seed)
-    found = critical_strain(network, _lengths(network), "simple_shear", throw=False)
+    network = cf.diluted(cf.delaunay_network(parameters["n_vertices"], seed), parameters["z"], seed)
+    found = cf.critical_strain(network, _lengths(network), "simple_shear", throw=False)
     if not found.ok:
         return Measured(np.nan, np.empty(0), np.empty(0), found.status)
     onset, taut = np.array([found.strain]), np.array([float(found.taut.sum())])
-    return Measured(float(certify(found.value).n_self_stresses), onset, taut)
+    return Measured(float(cf.certify(found.value).n_self_stresses), onset, taut)
 
 
 def reflex(faces, bond_vectors):
@@ -203,7 +185,7 @@ def auxetic(parameters, seed):
 
     Each step removes the edge, of some chosen at random, that leaves the least ν, down to z = 4 plus a few edges.
     """
-    network = lattice("triangular", parameters["columns"], parameters["columns"])
+    network = cf.lattice("triangular", parameters["columns"], parameters["columns"])
     rng, z, ratios = stable_rng(seed, "pruned"), [6.0], [poisson(network)]
     while 2 * (network.n_edges - 2) / network.n_vertices > 4:
         found = []
@@ -227,7 +209,7 @@ def poisson(network):
 
     Infinite for networks that do not resist dilation, where it would be −1.
     """
-    found = elasticity(network, network.positions)
+    found = cf.elasticity(network, network.positions)
     B, G = found.value.voigt
     return (B - G) / (B + G) if found.ok and B > SOFT * G else np.inf
 
@@ -238,5 +220,5 @@ def _without(network, edge):
     part = carrying_part(network.edges[kept], network.offsets[kept], {}, network.n_vertices)
     if len(part.edges) < network.n_edges - 1:
         return None
-    smaller = pruned(network, kept).network
+    smaller = cf.pruned(network, kept).network
     return None if reflex(smaller.faces, smaller.bond_vectors(smaller.positions)).any() else smaller

@@ -1,7 +1,5 @@
 """Checks of parameters before a run, for several studies."""
 
-from __future__ import annotations
-
 import os
 
 from critflow import InputError

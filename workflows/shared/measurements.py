@@ -1,7 +1,5 @@
 """Measurements on one critical configuration in two or three dimensions, their labels and their verification."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from critflow import CriticalManifold, InputError, Status, stiffening, strain_path

@@ -4,8 +4,6 @@ The identity of a case contains the file with a digest of its network, FILE@DIGE
 cases.  A file that needs a repair is refused: `critflow convert` repairs it and reports how.
 """
 
-from __future__ import annotations
-
 import re
 from dataclasses import replace
 from functools import lru_cache

@@ -7,8 +7,6 @@ tenth of a figure's axis.  Medians with the range of 90 % of the networks descri
 decades.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from itertools import permutations
 

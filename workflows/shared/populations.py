@@ -3,8 +3,6 @@
 The populations are listed here by name: a new objective in the library changes no study.
 """
 
-from __future__ import annotations
-
 from functools import lru_cache
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Power laws in the size of the network, with confidence intervals."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from critflow.workflow import stable_rng

@@ -1,7 +1,5 @@
 """Parts of figures and claims that several studies share."""
 
-from __future__ import annotations
-
 import json
 
 import numpy as np

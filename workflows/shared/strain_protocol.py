@@ -3,8 +3,6 @@
 It stops slightly past the transition that `critical_from_lengths` finds, where slack springs are slightly compressed.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 
 import numpy as np

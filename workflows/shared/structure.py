@@ -4,8 +4,6 @@
 their centre: 0 for a regular polygon, 1 for a line (`ShapeAnisotropy`).
 """
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import NDArray
 

@@ -1,13 +1,13 @@
 """Tables of variables by their dimensions, and the arrays of a case from the numbers of its parts."""
 
-from __future__ import annotations
-
 import time
 
 import numpy as np
 
 from critflow import Status
-from critflow.workflow import Axis, Variable
+from critflow.workflow import Axis, Study, Variable
+
+from .reports import PAPER
 
 
 def networks(n):
@@ -37,6 +37,12 @@ def outcomes(dims, /, **long_names):
 def seconds(dims, /, **long_names):
     """Variables with times, which differ from run to run."""
     return [Variable(name, dims, "f8", long_name=text, volatile=True) for name, text in long_names.items()]
+
+
+def network_study(*, variables, n=10, references=PAPER, **more):
+    """A study whose cases are n generated networks, each with the status of the whole case as its last variable."""
+    status = outcomes(("seed",), status="outcome of the case")
+    return Study(axes=(networks(n),), references=references, variables=(*variables, *status), **more)
 
 
 # The generated network of each seed.

@@ -1,7 +1,5 @@
 """The loop of every `verify`: the cases whose stored numbers contradict the stored arrays."""
 
-from __future__ import annotations
-
 from itertools import product
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Figures and animation of the ascents, and of the shear modulus against size, threshold and starts."""
 
-from __future__ import annotations
-
 import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D

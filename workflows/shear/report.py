@@ -1,7 +1,5 @@
 """Claims of the ascents, and of the shear modulus against size, threshold and starts; verification of the records."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from critflow.result import Status

@@ -11,8 +11,6 @@ With positive stresses (`ShearModulusScaling`) the shear modulus of populations 
 constrained objective has many local optima.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import lru_cache
 

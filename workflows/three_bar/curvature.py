@@ -4,8 +4,6 @@ On a line the signed lengths r_α ∝ 1/σ_α add up to the span D, so that ever
 gradient 1/r and Hessian −1/r³.
 """
 
-from __future__ import annotations
-
 import numpy as np
 from matplotlib.figure import Figure
 

@@ -1,7 +1,5 @@
 """Figures of the critical manifold of the three-bar linkage and of its chart, from the dataset alone."""
 
-from __future__ import annotations
-
 import numpy as np
 from matplotlib.colors import ListedColormap, to_rgb
 from matplotlib.figure import Figure

@@ -1,7 +1,5 @@
 """Claims and verification of the three-bar linkage, from its dataset alone."""
 
-from __future__ import annotations
-
 import numpy as np
 from scipy.ndimage import label
 

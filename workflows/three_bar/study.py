@@ -4,8 +4,6 @@ The paper's `3-barlinkage` and `CriticalManifoldGeometry`.  The chart grid cover
 other grids follow one sheet each in signed lengths r_α ∝ 1/σ_α, which add up to the span on all seven sheets.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from critflow import CriticalManifold, Status, rigidity, three_bar_linkage

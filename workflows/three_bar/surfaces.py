@@ -1,7 +1,5 @@
 """Surfaces in three dimensions: grids as quadrilaterals, clipped to a box, shaded and sorted by depth."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

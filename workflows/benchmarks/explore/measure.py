@@ -7,8 +7,6 @@ and its time counts from its own event.  The time ends with the first task of th
 Processor times of the server and of all processes of the browser depend less on other programs than times do.
 """
 
-from __future__ import annotations
-
 import asyncio
 import os
 import sys

@@ -3,8 +3,6 @@
 python -m workflows.benchmarks.explore.pictures [FOLDER]
 """
 
-from __future__ import annotations
-
 import asyncio
 import io
 import sys

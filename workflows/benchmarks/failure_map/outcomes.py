@@ -1,7 +1,5 @@
 """Outcome of one point of the failure map: correct, refused with a reason, or silently wrong."""
 
-from __future__ import annotations
-
 import warnings
 from dataclasses import dataclass
 from enum import IntEnum

@@ -3,8 +3,6 @@
 Errors at construction belong to the answer, so everything is made at first use.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from functools import cached_property

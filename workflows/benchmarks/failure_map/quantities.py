@@ -1,23 +1,11 @@
 """The quantities of every problem: the answer of the library and its error against the reference."""
 
-from __future__ import annotations
-
 from functools import partial
 from itertools import pairwise
 
 import numpy as np
 
-from critflow import (
-    InputError,
-    Status,
-    critical_from_lengths,
-    elasticity,
-    equilibrium,
-    optimize,
-    rigidity,
-    stiffening,
-    strain_path,
-)
+import critflow as cf
 from critflow.critical.quantity import evaluate
 from critflow.critical.transition import pure_shear, transition_modulus
 from critflow.design.optimize import objective_of
@@ -71,10 +59,10 @@ def _configuration_error(problem, answer):
 
 
 def _transition_moduli(problem):
-    solution = elasticity(problem.critical)
+    solution = cf.elasticity(problem.critical)
     value = solution.value
     if solution.ok and solution.stats.method == "self-stress":
-        raise InputError("the reference requires one self-stress")
+        raise cf.InputError("the reference requires one self-stress")
     return Answer(solution.status, (value.bulk, value.shear), (value.errors.bulk, value.errors.shear))
 
 
@@ -86,7 +74,7 @@ def _transition_error(problem, answer):
 
 
 def _stiffening(problem):
-    solution = stiffening(problem.critical, throw=False, manifold=problem.manifold)
+    solution = cf.stiffening(problem.critical, throw=False, manifold=problem.manifold)
     return Answer(solution.status, _plain(solution.value), _plain(solution.stats.error_bound))
 
 
@@ -107,7 +95,7 @@ def _moduli(numbers):
 
 def _rigidity(problem):
     coordinates = np.asarray(problem.critical.coordinates, dtype=problem.dtype)
-    solution = rigidity(problem.network, coordinates)
+    solution = cf.rigidity(problem.network, coordinates)
     return Answer(solution.status, (solution.value.n_self_stresses, solution.value.n_zero_modes), 0.0)
 
 
@@ -118,15 +106,15 @@ def _rigidity_error(problem, answer):
 
 
 def _elastic_moduli(problem):
-    solution = elasticity(problem.network, problem.generic)
+    solution = cf.elasticity(problem.network, problem.generic)
     # A network without more edges than motions has no self-stress where it was drawn.
     floppy = problem.network.n_edges <= 2 * (problem.network.n_vertices - 1)
-    proper = (Status.floppy,) if floppy else (Status.ok, Status.singular)
+    proper = (cf.Status.floppy,) if floppy else (cf.Status.ok, cf.Status.singular)
     return Answer(solution.status, _moduli(solution.value), _moduli(solution.value.errors), proper)
 
 
 def _elastic_error(problem, answer):
-    if answer.status is Status.floppy:
+    if answer.status is cf.Status.floppy:
         return np.abs(answer.values), 1.0
     digits = reference.digits_for_contrast(problem.network.stiffness)
     bulk, shear = reference.moduli_at_rest(problem.network, problem.generic, digits=digits)
@@ -138,7 +126,7 @@ def _elastic_error(problem, answer):
 
 def _equilibrium(method, limit):
     def compute(problem):
-        return _coordinates(equilibrium(problem.strained, method, max_steps=limit, throw=False))
+        return _coordinates(cf.equilibrium(problem.strained, method, max_steps=limit, throw=False))
 
     return compute
 
@@ -166,18 +154,18 @@ def _equilibrium_near(problem, state, coordinates):
 
 
 def _strain_path(problem):
-    path = strain_path(problem.critical, [problem.strain], throw=False)
+    path = cf.strain_path(problem.critical, [problem.strain], throw=False)
     if not path.ok:
         return Answer(path.status, np.nan)
     return Answer(path.status, path.value.states[-1].coordinates, path.value.coordinate_error[-1])
 
 
 def _linear_response(problem):
-    reached = equilibrium(problem.strained, throw=False)
+    reached = cf.equilibrium(problem.strained, throw=False)
     if not reached.ok:
         raise Unavailable(reached.status)
     problem.reached = reached.value
-    solution = elasticity(reached.value)
+    solution = cf.elasticity(reached.value)
     return Answer(solution.status, _moduli(solution.value), _moduli(solution.value.errors))
 
 
@@ -217,7 +205,7 @@ def _strain_error(problem, answer):
 def _optimum(objective, method):
     def compute(problem):
         limit = _FIRE_STEPS if method == "fire" else None
-        solution = optimize(problem.manifold, _goal(problem, objective), method, max_steps=limit, throw=False)
+        solution = cf.optimize(problem.manifold, _goal(problem, objective), method, max_steps=limit, throw=False)
         problem.found = solution
         return Answer(solution.status, solution.objective, solution.objective_error)
 
@@ -253,7 +241,7 @@ def _optimum_error(name):
 def _equal_lengths(problem):
     """Whether the network has a critical configuration with all lengths equal, and so no length variance at all."""
     if not hasattr(problem, "equal"):
-        found = critical_from_lengths(problem.manifold, np.ones(problem.network.n_edges), throw=False)
+        found = cf.critical_from_lengths(problem.manifold, np.ones(problem.network.n_edges), throw=False)
         problem.equal = found.ok
     return problem.equal
 
@@ -285,7 +273,7 @@ QUANTITIES = {
     "equilibrium_fire": (_equilibrium("fire", _FIRE_STEPS), _equilibrium_error),
     "strain_path": (_strain_path, _equilibrium_error),
     "linear_response": (_linear_response, _linear_error),
-    "lengths_conic": (_lengths(partial(critical_from_lengths, throw=False)), _conic_error),
+    "lengths_conic": (_lengths(partial(cf.critical_from_lengths, throw=False)), _conic_error),
     "lengths_strain": (_lengths(critical_by_strain), _strain_error),
     **{f"{name}_{method}": (_optimum(name, method), _optimum_error(name)) for name in OBJECTIVES for method in METHODS},
 }

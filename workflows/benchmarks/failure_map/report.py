@@ -1,7 +1,5 @@
 """Figures, claims and summary of the failure map, from the dataset alone."""
 
-from __future__ import annotations
-
 import numpy as np
 from matplotlib.colors import ListedColormap
 from matplotlib.figure import Figure

@@ -6,8 +6,6 @@ with the reason; every other outcome is a violation.
 With `network=FILE` the difficulties are those of the network of a file; those with their own networks stay empty.
 """
 
-from __future__ import annotations
-
 from functools import partial
 
 import numpy as np
@@ -40,19 +38,9 @@ def case(parameters, *, difficulty, seed):
             if quantity in chosen.quantities:
                 # A problem keeps what the methods of one quantity compute, so each has its own.
                 findings[row, step] = finding(quantity, chosen.problem(value, seed, own or parameters["n_vertices"]))
-    columns = ("error", "bound", "outcome", "violation", "status")
-    error, bound, outcome, violation, status = (
-        np.array([[getattr(found, name) for found in row] for row in findings]) for name in columns
-    )
-    return {
-        "status": Status.ok,
-        "strength": strength,
-        "error": error,
-        "bound": bound,
-        "outcome": outcome,
-        "violation": violation,
-        "answer_status": status,
-    }
+    columns = {name: name for name in ("error", "bound", "outcome", "violation")} | {"answer_status": "status"}
+    arrays = {name: [[getattr(found, of) for found in row] for row in findings] for name, of in columns.items()}
+    return {"status": Status.ok, "strength": strength, **arrays}
 
 
 def evenly(strengths, n_steps):

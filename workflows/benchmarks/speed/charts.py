@@ -1,7 +1,5 @@
 """Chart of error against time of three tasks, each with its methods and their times over that of the default below."""
 
-from __future__ import annotations
-
 from textwrap import fill
 
 import numpy as np

@@ -6,8 +6,6 @@ The reference is the derivative at γ = 0 of the polynomial through moduli at 13
 and does not contain the exact formula.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import partial
 

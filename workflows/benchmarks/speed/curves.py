@@ -4,8 +4,6 @@ A method is as accurate as another if its error is not larger.  Errors within a 
 method depend on rounding; they count as equal to errors that are smaller by at most this factor.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

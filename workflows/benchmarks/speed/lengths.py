@@ -5,8 +5,6 @@ transition that has the energy of a threshold, and its error is its distance pas
 thresholds of half a step's energy.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from functools import partial
 

@@ -18,8 +18,6 @@ and gradient of the same function, compiled before any time is taken, to SciPy's
 optimisers of jax_fdm.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from functools import partial
 

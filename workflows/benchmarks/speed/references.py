@@ -9,8 +9,6 @@ obey the same equations with rest lengths ℓ/√(1 + γ), and moduli of springs
 boundary is the same doubles at every strain.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

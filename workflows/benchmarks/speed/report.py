@@ -1,7 +1,5 @@
 """Claims and summary of speed against accuracy and of sizes, from the dataset."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from critflow.workflow import Claim

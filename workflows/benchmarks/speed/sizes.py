@@ -1,7 +1,5 @@
 """Figure, claims and summary of the cost of every stage against size, from the dataset alone."""
 
-from __future__ import annotations
-
 import numpy as np
 from matplotlib.figure import Figure
 

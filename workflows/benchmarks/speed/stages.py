@@ -6,8 +6,6 @@ C_B and C_G.  Short stages are repeated.  The error of a stage is what it finds 
 is as fast.
 """
 
-from __future__ import annotations
-
 import contextlib
 import resource
 import sys

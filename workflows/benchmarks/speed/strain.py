@@ -9,8 +9,6 @@ where its line search finds no lower energy, and `forcezero` looks at forces ins
 methods below some seconds; a method that reaches its limit has `Status.step_limit`.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import partial
 

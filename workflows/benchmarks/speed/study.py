@@ -6,8 +6,6 @@ The task `stages` takes one network of up to a million vertices through all that
 one core and depend on the machine: compare ratios within one case.
 """
 
-from __future__ import annotations
-
 import warnings
 from dataclasses import replace
 from enum import IntEnum

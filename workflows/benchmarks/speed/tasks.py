@@ -1,7 +1,5 @@
 """All tasks of the benchmark, by word, and their methods."""
 
-from __future__ import annotations
-
 from . import coefficients, configuration, lengths, moduli, optimum, stages, strain
 
 MODULES = configuration, optimum, lengths, strain, moduli, coefficients

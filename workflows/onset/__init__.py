@@ -1,1 +1,0 @@
-"""The onset of rigidity under any deformation."""
