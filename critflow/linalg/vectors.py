@@ -18,11 +18,11 @@ def quasi_random(n: int) -> NDArray[np.float64]:
 
 
 def dot(one: NDArray[np.float64], other: NDArray[np.float64]) -> NDArray[np.float64]:
-    """The products of the rows, (n,), of vectors (n, d): in turn, since NumPy's sums of few terms are slow."""
+    """The products, (..., n), of vectors (..., n, d): axis by axis, since NumPy's sums of few terms are slow."""
     products = one * other
-    total = products[:, 0]
-    for axis in range(1, products.shape[1]):
-        total = total + products[:, axis]
+    total = products[..., 0]
+    for axis in range(1, products.shape[-1]):
+        total = total + products[..., axis]
     return np.asarray(total)
 
 

@@ -218,12 +218,20 @@ def values_after(
     opened = np.abs(bypass * sigma[edges]) <= rounding**2 * np.abs(sigma).sum()
     growth = sigma[edges] / np.where(opened, np.inf, bypass)
     of_stress = goal.of_stress(network.dimension)
-    if of_stress is not None and rounding == UPDATED:
-        # Sums for all cuts at once cancel, by no more than the columns are off.
-        weight = np.where(kept, sigma**2 / network.stiffness, 0.0)
-        work, _ = _sum_after(np.where(kept, sigma, 0.0), L, L @ of_stress.strain, around, edges, growth)
-        cost, size = _sum_after(weight, L, L, around, edges, growth)
-        cost = np.where(opened | (cost <= rounding * size), np.nan, cost)
+    if of_stress is not None:
+        stress, weight = np.where(kept, sigma, 0.0), np.where(kept, sigma**2 / network.stiffness, 0.0)
+        if rounding == UPDATED:
+            # Sums for all cuts at once cancel, by no more than the columns are off.
+            work, _ = _sum_after(stress, L, L @ of_stress.strain, around, edges, growth)
+            cost, size = _sum_after(weight, L, L, around, edges, growth)
+            opened |= cost <= rounding * size
+        else:
+            there = L[:, None] + (growth * around)[:, :, None] * L[edges]
+            there[edges, np.arange(len(edges))] = 0.0
+            squares = dot(there, there)
+            work, cost = stress @ dot(there @ of_stress.strain, there), weight @ squares
+            opened |= squares[kept].max(axis=0, initial=0.0) <= NO_LENGTH**2 * dot(L, L).max()
+        cost = np.where(opened, np.nan, cost)
         return work**2 / (network.volume * cost) if of_stress.squared else work / np.sqrt(cost)
     value, rest = np.full(len(edges), np.nan), kept.copy()
     for n in np.flatnonzero(~opened):
