@@ -39,8 +39,8 @@ def case(parameters, *, difficulty, seed):
                 # A problem keeps what the methods of one quantity compute, so each has its own.
                 findings[row, step] = finding(quantity, chosen.problem(value, seed, own or parameters["n_vertices"]))
     columns = {name: name for name in ("error", "bound", "outcome", "violation")} | {"answer_status": "status"}
-    arrays = {name: [[getattr(found, of) for found in row] for row in findings] for name, of in columns.items()}
-    return {"status": Status.ok, "strength": strength, **arrays}
+    lists = {name: [[getattr(found, of) for found in row] for row in findings] for name, of in columns.items()}
+    return {"status": Status.ok, "strength": strength} | {name: np.array(values) for name, values in lists.items()}
 
 
 def evenly(strengths, n_steps):
