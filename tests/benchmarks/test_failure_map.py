@@ -96,25 +96,25 @@ def test_the_prestress_matrix_is_singular_where_it_is_said_to_be():
 def test_a_floppy_network_must_say_so(monkeypatch):
     problem = problems.DIFFICULTIES["extra_edges"].problem(-2, 0, 12)
     assert quantities.finding("elastic_moduli", problem).outcome is Outcome.exact
-    real = quantities.elasticity
+    real = quantities.cf.elasticity
 
     def confident(*arguments):
         solution = real(*arguments)
         return replace(solution, status=Status.ok)
 
-    monkeypatch.setattr(quantities, "elasticity", confident)
+    monkeypatch.setattr(quantities.cf, "elasticity", confident)
     assert quantities.finding("elastic_moduli", problem).violation is Violation.status
 
 
 def test_an_optimum_that_is_none_is_found_out(monkeypatch):
     problem = problems.DIFFICULTIES["threshold"].problem(0.5, 1, 16)
-    real = quantities.optimize
+    real = quantities.cf.optimize
 
     def careless(*arguments, **more):
         solution = real(*arguments, **{**more, "tolerance": 1e-3})
         return replace(solution, status=Status.ok)
 
-    monkeypatch.setattr(quantities, "optimize", careless)
+    monkeypatch.setattr(quantities.cf, "optimize", careless)
     found = quantities.finding("shear_modulus_lbfgs", problem)
     assert found.violation is Violation.above_tolerance
     assert found.error < 0.1
