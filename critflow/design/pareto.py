@@ -119,13 +119,15 @@ def _pair(manifold: CriticalManifold, objectives: Mapping[Any, str] | Sequence[A
     """The two objectives; `InputError` where there are not two, or one is no objective."""
     if len(objectives) != 2:
         raise InputError(f"a front has two objectives, such as ['B_0', 'V_L'], not {len(objectives)}")
-    if not isinstance(objectives, Mapping):
-        best = {key: quantity(manifold.network, key).maximise for key in objectives}
-        objectives = {key: "largest" if maximise else "smallest" for key, maximise in best.items()}
-    for name, goal in objectives.items():
+    if isinstance(objectives, Mapping):
+        goals = list(objectives.items())
+    else:
+        best = [quantity(manifold.network, key).maximise for key in objectives]
+        goals = [(key, "largest" if one else "smallest") for key, one in zip(objectives, best, strict=True)]
+    for name, goal in goals:
         if goal not in ("largest", "smallest"):
             raise InputError(f"the objective {name!s:.40} must be 'largest' or 'smallest', not {goal!r:.40}")
-    pair = [parse_targets(manifold.network, {key: goal})[0] for key, goal in objectives.items()]
+    pair = [parse_targets(manifold.network, {key: goal})[0] for key, goal in goals]
     if same(pair[0].quantity, pair[1].quantity):
         raise InputError("both objectives are the same quantity: give two different ones")
     if any(one.quantity.one_self_stress for one in pair):

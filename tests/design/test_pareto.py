@@ -98,6 +98,7 @@ def test_bad_input_raises_one_sentence():
         ({"B_0": "largest", "V_L": "least"}, 3, "smallest"),
         ({"B_0": "largest", "stiffness": "smallest"}, 3, "stiffness"),
         ({"B_0": "largest", "bulk_modulus": "smallest"}, 3, "same quantity"),
+        (["B_0", "B_0"], 3, "same quantity"),
         ({"B_0": "largest", "C_B": "smallest"}, 3, "same best"),
         ({"B_0": "largest", "V_L": "smallest"}, 1, "ends"),
     ):
