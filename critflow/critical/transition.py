@@ -128,8 +128,8 @@ class PenalisedModulus(SpringResponse):
     exponent: ClassVar[int] = 10
 
     def __post_init__(self) -> None:
-        if not self.threshold > 0:
-            raise InputError(f"the threshold must be positive, not {self.threshold}: stresses stay above it")
+        if not 0 < self.threshold < np.inf:
+            raise InputError(f"the threshold must be positive and finite, not {self.threshold}: stresses stay above it")
 
     @property
     def name(self) -> str:

@@ -25,7 +25,7 @@ from critflow.networks.network import Array, Network
 from critflow.onset.from_lengths import critical_from_lengths
 from critflow.onset.length_iteration import iterate_lengths
 from critflow.quantities.largest_modulus import Optimum, largest_modulus
-from critflow.quantities.vocabulary import quantity
+from critflow.quantities.vocabulary import only_positive, quantity
 from critflow.response.at_transition import transition_modulus_error
 from critflow.result import InputError, Solution, Stats
 
@@ -134,9 +134,7 @@ class _Problem:
 
 
 def _problem(manifold: CriticalManifold, objective: str | Quantity, signs: str, threshold: float) -> _Problem:
-    if signs not in ("positive", "any"):
-        raise InputError(f"signs must be 'positive' or 'any', not {signs!r}")
-    positive = signs == "positive"
+    positive = only_positive(signs)
     problem = _Problem(manifold, objective_of(manifold.network, objective, threshold if positive else None), positive)
     if problem.goal.one_self_stress and positive and not problem.is_bulk:
         # The maximum of the bulk modulus over all stresses of all configurations is at σ = k, which is positive.

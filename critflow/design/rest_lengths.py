@@ -83,7 +83,8 @@ class RestLengths(Variables):
             start = self.origin
             if not np.isfinite(problem.at(start).constraints).all():
                 start = start + self._factor()
-            end = minimise_constrained(problem, start, tolerance, self.longest, max_steps)
+            if np.isfinite(problem.at(start).constraints).all():
+                end = minimise_constrained(problem, start, tolerance, self.longest, max_steps)
         if end is None or not end.reached:
             scaled = self._scaled(problem)
             end = scaled if end is None or scaled.violation < end.violation else end

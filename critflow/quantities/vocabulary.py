@@ -118,7 +118,14 @@ def upper_bound(network: Network | CriticalManifold, name: str | Quantity, signs
     0.288675
     """
     manifold = CriticalManifold.of(network)
-    return quantity(manifold.network, name).extreme(manifold, signs == "positive")[1]
+    return quantity(manifold.network, name).extreme(manifold, only_positive(signs))[1]
+
+
+def only_positive(signs: str) -> bool:
+    """Whether stresses are positive; `InputError` for other words than "positive" and "any"."""
+    if signs not in ("positive", "any"):
+        raise InputError(f"signs must be 'positive' or 'any', not {signs!r}")
+    return signs == "positive"
 
 
 def names(network: Network) -> list[str]:

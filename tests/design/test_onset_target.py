@@ -4,7 +4,15 @@ import numpy as np
 import pytest
 from refusals import refused
 
-from critflow import critical_from_lengths, critical_strain, design, spring_state, voronoi_network
+from critflow import (
+    Status,
+    critical_from_lengths,
+    critical_strain,
+    design,
+    optimize,
+    spring_state,
+    voronoi_network,
+)
 
 NETWORK = voronoi_network(n_vertices=24, seed=2)
 # Floppy up to a shear of 0.18.
@@ -44,6 +52,15 @@ def test_an_onset_that_equal_lengths_do_not_have_is_not_reached():
     # Lengths that are floppy at zero are floppy at a small compression as well.
     found = with_onset(-0.05, "dilation", prefer="ratios", throw=False)
     assert not found.ok and not found.reached
+
+
+def test_an_onset_without_any_start_is_not_reached():
+    """No multiple of these rest lengths has an onset at −0.05: where that shear is at the transition, zero is rigid."""
+    network = voronoi_network(20, seed=1)
+    critical = optimize(network, "B_0").value
+    state = spring_state(network, critical.lengths, critical.coordinates)
+    found = design(state, {"onset[simple_shear]": -0.05}, change="rest_lengths", throw=False)
+    assert found.status is Status.rigid and not found.reached
 
 
 BAD = {
