@@ -109,7 +109,7 @@ def test_times_are_of_the_processor():
 
 def curve(name, points, own=True, cut=False):
     seconds, errors = np.array(points, dtype=float).T
-    return curves.Curve(name, own, cut, seconds, seconds, seconds, errors)
+    return curves.Curve(name, own, cut, seconds, seconds, seconds, errors, np.arange(len(errors)))
 
 
 def test_the_front_is_what_no_point_beats():
@@ -157,6 +157,7 @@ def test_a_choice_is_measured_at_every_accuracy_that_it_reaches():
     # What is of no use is not waited for.
     assert curves.detour(chosen, [chosen, other], 1e-6) == pytest.approx(4 / 3)
     assert curves.gain(chosen, other) == 0.0
+    assert curves.fastest([chosen, other], 1e-5) == (3, 1) and curves.fastest([other], 1e-20) == (np.inf, 0)
     assert curves.gain(other, chosen) == pytest.approx(4 / 9)
 
 

@@ -21,7 +21,7 @@ OWN = 1
 
 
 class Curve(NamedTuple):
-    """One method: seconds with quartiles, and errors, of the levels that were timed, from rough to fine.
+    """One method: seconds with quartiles, errors and steps of the levels that were timed, from rough to fine.
 
     `cut` if finer levels were left out because of the time of the previous one.
     """
@@ -33,6 +33,7 @@ class Curve(NamedTuple):
     low: np.ndarray
     high: np.ndarray
     errors: np.ndarray
+    steps: np.ndarray
 
 
 def curves(one) -> list[Curve]:
@@ -42,7 +43,8 @@ def curves(one) -> list[Curve]:
         at = one.sel(contestant=name)
         known = np.isfinite(at.seconds.values) & np.isfinite(at.error.values)
         if known.any():
-            values = (at[v].values[known] for v in ("seconds", "seconds_low", "seconds_high", "error"))
+            parts = ("seconds", "seconds_low", "seconds_high", "error", "iterations")
+            values = (at[part].values[known] for part in parts)
             cut = (np.isfinite(at.level_value) & (at.outcome == Status.missing)).any()
             timed.append(Curve(name, presence == OWN, bool(cut), *values))
     return timed
@@ -61,10 +63,10 @@ def reaches(curve, error):
     return (curve.errors <= error) | last
 
 
-def time_to(curve_list, error):
-    """Least time of any of these methods for an error not above this, or infinity."""
-    times = [curve.seconds[reaches(curve, error)] for curve in curve_list]
-    return min((float(t.min()) for t in times if len(t)), default=np.inf)
+def fastest(curve_list, error):
+    """Least time of any of these methods for an error not above this, with its steps; infinity without one."""
+    points = [(c.seconds[n], c.steps[n]) for c in curve_list for n in np.flatnonzero(reaches(c, error))]
+    return min(points, default=(np.inf, 0))
 
 
 def behind(methods, rivals, useful):
@@ -78,7 +80,7 @@ def behind(methods, rivals, useful):
         return np.empty(0), []
     seconds, errors = (np.array([getattr(c, part)[n] for c, n in points]) for part in ("seconds", "errors"))
     front = pareto_front(seconds, errors)
-    ratios = np.array([time_to(methods, errors[n]) / seconds[n] for n in front])
+    ratios = np.array([fastest(methods, errors[n])[0] / seconds[n] for n in front])
     known = np.isfinite(ratios) | (not any(curve.cut for curve in methods))
     return ratios[known], [points[n] for n in front[known]]
 
@@ -86,7 +88,7 @@ def behind(methods, rivals, useful):
 def gain(default, rival):
     """Time of another method for its best accuracy over the time of the default for at least this accuracy."""
     best = int(np.argmin(rival.errors))
-    return float(rival.seconds[best] / time_to([default], rival.errors[best]))
+    return float(rival.seconds[best] / fastest([default], rival.errors[best])[0])
 
 
 def detour(default, everyone, useful):

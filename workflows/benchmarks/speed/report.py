@@ -5,7 +5,7 @@ import numpy as np
 from critflow.workflow import Claim
 
 from ...shared.reports import duration, parameters, status_counts
-from .curves import SAME, behind, cases, detour, gain
+from .curves import SAME, behind, cases, detour, fastest, gain
 from .sizes import size_claims, size_summary
 from .tasks import TASKS
 
@@ -53,10 +53,11 @@ def _against_peers(ds, word, of_task):
             nearest = max(nearest, (float(ratios.max(initial=0.0)), f"{rival.name} at N_v = {size:,}"))
             if ratios.max(initial=0.0) > SAME:
                 n = points[int(ratios.argmax())][1]
-                needs = ratios.max() * rival.seconds[n]
-                mine = f"critflow needs {duration(needs)}" if np.isfinite(needs) else "critflow does not get there"
+                needs, steps = fastest(own, rival.errors[n])
+                mine = f"needs {duration(needs)} and {steps}" if np.isfinite(needs) else "does not get there"
                 ahead.append(
-                    f"{rival.name} has {rival.errors[n]:.0e} in {duration(rival.seconds[n])} at N_v = {size:,}, {mine}"
+                    f"{rival.name} has {rival.errors[n]:.0e} in {duration(rival.seconds[n])} and {rival.steps[n]} "
+                    f"steps at N_v = {size:,}, critflow {mine}"
                 )
     missing = sorted({name for name, _ in _missing(ds.sel(task=[word]))})
     absent = f"; not installed: {', '.join(missing)}" if missing else ""
