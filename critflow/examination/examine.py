@@ -17,6 +17,8 @@ from critflow.examination.report import UNFINISHED, Examination
 from critflow.exchange.boundaries import UnheldNetwork, hull_volume
 from critflow.exchange.convert import network_from
 from critflow.exchange.repair import ImportedNetwork
+from critflow.linalg.tolerances import EPS
+from critflow.linalg.vectors import norms
 from critflow.networks.checks import edge_values
 from critflow.networks.digits import Digits
 from critflow.networks.network import Array, Network, validated_coordinates
@@ -228,8 +230,8 @@ def _critical_strains(
 ) -> dict[str, Solution[CriticalStrain]]:
     """Critical strains of the rest lengths; none where the network is rigid at strain zero."""
     network, rest = found.network, subject.rest
-    lengths = np.linalg.norm(network.bond_vectors(subject.x), axis=1)
-    if found.order not in ("floppy", "undecided") and np.array_equal(rest, lengths):
+    lengths, rounding = norms(network.bond_vectors(subject.x)), 4 * EPS * np.abs(subject.x).max()
+    if found.order not in ("floppy", "undecided") and np.allclose(rest, lengths, rtol=0, atol=rounding):
         return {}
     onsets: dict[str, Solution[CriticalStrain]] = {}
     if deformations and not (rest > 0).all():

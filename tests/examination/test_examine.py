@@ -354,3 +354,12 @@ def test_what_cannot_be_written_is_refused_before_the_computation(tmp_path, monk
         monkeypatch.setattr(computing, name, lambda *_, **__: pytest.fail("computed"))
     assert main(words) == code
     assert word in capsys.readouterr().err
+
+
+def test_a_critical_file_needs_no_search_for_onsets(tmp_path, monkeypatch):
+    """Its rest lengths are the lengths at its coordinates up to rounding, so that it is rigid at strain zero."""
+    write_network(critflow.optimize(VORONOI, "B_0").value, tmp_path / "critical.json")
+    module = import_module("critflow.examination.examine")
+    monkeypatch.setattr(module, "critical_strain", lambda *_: pytest.fail("search"))
+    examination = examine(tmp_path / "critical.json")
+    assert examination.order == "critical" and not examination.critical_strains
