@@ -10,6 +10,7 @@ import xarray as xr
 
 from critflow import Status
 from critflow.workflow.load import load_study, named_studies
+from workflows import design_topology
 from workflows.shared.populations import LABELS, PAPER_POPULATIONS, POPULATIONS
 from workflows.shared.reports import finite, spread, status_counts
 from workflows.shared.verification import contradictions
@@ -65,3 +66,11 @@ def test_moduli_coefficients_and_coordinates_have_a_bound_on_their_errors(name):
     names = {variable.name for variable in load_study(name).study.variables}
     bare = {one for one in names if STORED.fullmatch(one) and not {f"{one}_error_bound", f"{one}_error"} & names}
     assert bare == ({"shear_modulus", "coordinates"} if name == "shear" else set())
+
+
+@pytest.mark.parametrize("law, cut", [("largest", 1), ("smallest", 4)])
+def test_of_edges_in_series_the_first_is_cut(law, cut):
+    """They have one tension, so that rounding, which depends on the processor, must not choose."""
+    for rounding in (-1e-15, 0.0, 1e-15):
+        tensions = np.array([1.0, 2.0, 0.0, 2.0 + rounding, 0.5, 0.5 - rounding])
+        assert design_topology.chosen(tensions, law, None) == cut
