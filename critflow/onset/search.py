@@ -42,6 +42,7 @@ FLOPPY_CONE = 1e-5
 ONSET_CONE = 1e-10  # tolerance of the last program: tensions and slack are then known to about its root
 NEARBY = 0.01  # step of the strain, relative to 1 + |s|, after which the next program is the last one
 MOST_PROGRAMS = 24  # linear programs on one path; smooth paths need two to four
+FREE = 1e-9  # part of the rates of a boundary that is left where displacements cancel them: rounding leaves 1e-13
 FLAT_STEPS = 5  # programs in a row that end beyond a flat cell, after which the path counts as floppy to its end
 FLAT = 1e-9  # relative distance from a flat cell, det F = 0, that counts as flat
 INSIDE = 0.9  # part of the distance to a limit that a step uses, to stay inside
@@ -150,6 +151,8 @@ def _at_least_ratio(path: BoundaryPath, lengths: Array, state: OnsetState, ratio
 def search_onset(path: BoundaryPath, lengths: Array, tolerance: float = ONSET_CONE) -> Search:
     """The onset of a network that is floppy at s = 0, to the tolerance of the last cone program."""
     search = Search(0.0, np.zeros(path.n_free), tolerance, accurate=path.linear)
+    if path.linear and not path.n_free and _is_free(path):
+        return search.without_onset(Status.floppy, NO_RESISTANCE)
     while not search.ended and search.programs < MOST_PROGRAMS:
         search = step(path, lengths, search)
     if search.ended:
@@ -157,6 +160,18 @@ def search_onset(path: BoundaryPath, lengths: Array, tolerance: float = ONSET_CO
     strain = path.direction * search.strain
     note = f"no onset was found up to strain {strain:.3g}: follow the path in another direction"
     return search.without_onset(Status.floppy, note)
+
+
+def _is_free(path: BoundaryPath) -> bool:
+    """Whether displacements u cancel the rates b' of the boundary, g u + b' = 0, so that no edge has to change.
+
+    The program of the onset is then unbounded, which an interior-point method may not notice.
+    """
+    network = path.network
+    rates = path.rates(0.0, np.zeros(0))[-1] @ network.boundary_vectors.T
+    factor = path.manifold.prestress.factorize(np.ones(network.n_edges))
+    left = rates.T - network.free_incidence @ factor.solve(network.divergence @ rates.T)
+    return bool(np.abs(left).max() <= FREE * np.abs(rates).max())
 
 
 def step(path: BoundaryPath, lengths: Array, search: Search) -> Search:

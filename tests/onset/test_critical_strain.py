@@ -350,3 +350,15 @@ def test_a_ring_with_an_edge_of_no_length_has_no_warning():
     network = Network(edges, offsets, 1e4 * np.eye(2))
     rest = 1e4 * np.array([*[2**0.5 / 4] * 4, 1e-13])
     assert not critical_strain(network, rest, "uniaxial", throw=False).ok
+
+
+def test_no_program_is_solved_where_displacements_cancel_the_strain(monkeypatch):
+    """Two rings that wind around the cell along x, and bars between them: a shear moves whole rings."""
+    edges, offsets = [[0, 1], [1, 0], [2, 3], [3, 2], [0, 2], [1, 3]], np.zeros((6, 2), int)
+    offsets[[1, 3], 0] = 1
+    monkeypatch.setattr("critflow.onset.search.farthest", lambda *_: pytest.fail("a cone program"))
+    for direction in (1, -1):
+        found = critical_strain(
+            Network(edges, offsets, np.eye(2)), np.ones(6), "simple_shear", direction=direction, throw=False
+        )
+        assert found.status is Status.floppy and np.isnan(found.strain)
