@@ -19,7 +19,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from critflow.arguments import checked
 from critflow.critical.manifold import Balance, CriticalConfiguration, CriticalManifold, require_one_self_stress
-from critflow.design.descent import SOUND
+from critflow.design.descent import COLLAPSING, FADED, SOUND
 from critflow.design.problem import Target, edge_limits, parse_targets
 from critflow.design.stresses import Stresses
 from critflow.linalg.vectors import norms
@@ -33,6 +33,7 @@ FRONT_OPTIMAL = 2e-9  # gradient at which the search for a point ends, in units 
 FRONT_CERTIFIED = 1e-5  # largest relative residual of the first-order conditions of a certified point
 FRONT_FLAT = 1e-4  # gradients below this, in units of the ends, count as zero
 BETTER_END = 1e-3  # improvement of an end, in units of the ends, with which a front is computed again
+SAME_VALUE = 1e-12  # difference of values, in their natural units, that is rounding
 SAME_END = 1e-4  # relative difference of values below which both objectives have the same best configuration
 # Weight of the other objective at an end: without it ends with many best configurations are arbitrary.
 END_WEIGHT = 1e-2
@@ -180,7 +181,8 @@ class _Search:
     def __init__(self, stresses: Stresses, pair: list[Target], max_steps: int):
         self.stresses, self._pair, self._max_steps = stresses, pair, max_steps
         self._signs = np.array([float(one.goal) for one in pair])
-        self._ideal, self.units = np.zeros(2), np.ones(2)
+        self._natural = np.array([one.quantity.unit(stresses.network) for one in pair])
+        self._ideal, self.units = np.zeros(2), self._natural
 
     def objectives(self, z: Array) -> tuple[Balance, Array, Array]:
         """The balance at z, φ (2,), and their gradients (2, N)."""
@@ -227,9 +229,9 @@ class _Search:
 
         starts  more of them for each end
         """
-        self._ideal, self.units = np.zeros(2), np.ones(2)
+        self._ideal, self.units = np.zeros(2), self._natural
         alone = [self._alone(weights, more) for weights, more in zip(((1.0, 0.0), (0.0, 1.0)), starts, strict=True)]
-        values = np.array([self.objectives(z)[1] for z in alone])
+        values = np.array([self.objectives(z)[1] for z in alone]) * self.units
         spread = np.diag(values[::-1]) - np.diag(values)
         if not (spread > SAME_END * np.abs(values).max(axis=0)).all():
             for z, target in zip(alone, self._pair, strict=True):
@@ -248,20 +250,24 @@ class _Search:
         ]
 
     def _attained(self, point: _Point, name: str) -> _Point:
-        """A point that is not certified, with its reason where edges shrink or lose their stress."""
-        leaving = None if point.status is Status.ok or point.note == _BACKWARDS else self._leaving(point.z)
+        """A point towards which edges shrink or lose their stress, with this as its reason."""
+        leaving = None if point.note == _BACKWARDS else self._leaving(point.z, point.status is Status.ok)
         if not leaving:
             return point
         status, edge, change = leaving
         return replace(point, status=status, note=f"{name} is not attained, edge {edge} {change}: {_LIMIT_EDGES}")
 
-    def _leaving(self, z: Array) -> tuple[Status, int, str] | None:
-        """The edge that shrinks or loses its stress, with the status that names this; None where none does."""
+    def _leaving(self, z: Array, stationary: bool = False) -> tuple[Status, int, str] | None:
+        """The edge that shrinks or loses its stress, with the status that names this; None where none does.
+
+        stationary  whether the first-order conditions hold: only an edge that is far beyond then counts, since near a
+                    limit the gradient by log σ vanishes too
+        """
         balance = self.stresses.at(z)
         sigma, length = balance.sigma, norms(balance.bond_vectors)
-        if length.min() < SOUND * length.mean():
+        if length.min() < (COLLAPSING if stationary else SOUND) * length.mean():
             return Status.edge_collapse, int(length.argmin()), "shrinks"
-        if sigma.min() < SOUND**2 * sigma.mean():
+        if sigma.min() < (FADED if stationary else SOUND**2) * sigma.mean():
             return Status.slack_edges, int(sigma.argmin()), "loses its stress"
         return None
 
@@ -274,7 +280,9 @@ class _Search:
         origin, problem = self.stresses.origin, _Weighted(self, weights)
         shaken = origin + _SHAKEN * np.random.default_rng(0).standard_normal(len(origin))
         found = [self._minimum(problem, start) for start in (origin, shaken, *more)]
-        return min(found, key=lambda end: end.point.value if end.reached else np.inf).point.z
+        values = np.array([end.point.value if end.reached else np.inf for end in found])
+        # The first of several that differ by rounding only, which would choose another one in other units.
+        return found[int(np.argmax(values <= values.min() + SAME_VALUE))].point.z
 
     def _minimum(self, problem: _Weighted, start: Array) -> Minimum:
         return minimise_constrained(problem, start, FRONT_OPTIMAL, _LONGEST, self._max_steps, restoring=_RESTORING)
