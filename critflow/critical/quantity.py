@@ -107,6 +107,10 @@ class Quantity(Record, ABC):
         """
         return -np.inf, np.inf
 
+    def unit(self, network: Network) -> float:
+        """The natural unit of the values on a network, in which absolute tolerances hold: 1 by default."""
+        return 1.0
+
     def of_stress(self, dimension: int) -> OfStress | None:
         """The function of S/√D that the quantity is, if it is one."""
         return None
@@ -120,16 +124,21 @@ class Quantity(Record, ABC):
         """Whether `differential` is defined."""
         return type(self).differential is not Quantity.differential
 
-    def stiff_diagonal(self, sigma: Array) -> Array | float:
+    def stiff_diagonal(self, balance: Balanced) -> Array | float:
         """A steep part of ∂²O/∂(log σ)² that is diagonal and known, of the sign of a penalty: ≥ 0 when minimised."""
         return 0.0
 
 
 class SpringResponse(Quantity):
-    """A response of springs, by a formula that is valid for one self-stress only."""
+    """A response of springs, such as a modulus, by a formula that is valid for one self-stress only."""
 
     one_self_stress: ClassVar[bool] = True
     elastic: ClassVar[bool] = True
+
+    def unit(self, network: Network) -> float:
+        """⟨k⟩ (V/N_v)^((2 − d)/d), the unit of moduli."""
+        d = network.dimension
+        return float(network.stiffness.mean()) * (1.0 if d == 2 else network.spacing ** (2 - d))
 
 
 @dataclass(frozen=True, eq=False)

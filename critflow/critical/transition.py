@@ -119,7 +119,10 @@ class TransitionModulus(SpringResponse):
 
 @dataclass(frozen=True, eq=False)
 class PenalisedModulus(SpringResponse):
-    """μ_A − (1/N_b) Σ (s_α/r)^(−10), s = σ scaled to Σs² = N_b (`ShearMod+Constraint`): keeps every s above about r."""
+    """μ_A − (u/N_b) Σ (s_α/r)^(−10), s = σ scaled to Σs² = N_b (`ShearMod+Constraint`): keeps every s above about r.
+
+    u is the unit of moduli, so that the optimum does not depend on the units of stiffness and length.
+    """
 
     modulus: TransitionModulus
     threshold: float = 0.1
@@ -138,7 +141,7 @@ class PenalisedModulus(SpringResponse):
     def evaluate(self, balance: Balanced) -> tuple[float, Partials]:
         value, (dO_dsigma, dO_dL) = self.modulus.evaluate(balance)
         sigma = balance.sigma
-        power, square = self._powers(sigma)
+        power, square = self._powers(balance)
         penalty = power.mean()
         # s scales as σ/|σ|, so the derivative in the direction of σ cancels.
         derivative = self.exponent * (power / sigma - power.sum() * sigma / square) / len(sigma)
@@ -147,7 +150,7 @@ class PenalisedModulus(SpringResponse):
     def differential(self, balance: Balanced, dsigma: Array, dL: Array) -> Partials:
         ddO_dsigma, ddO_dL = self.modulus.differential(balance, dsigma, dL)
         sigma = balance.sigma
-        power, square = self._powers(sigma)
+        power, square = self._powers(balance)
         growth = sigma @ dsigma / square
         dpower = -self.exponent * power * (dsigma / sigma - growth)
         change = dpower / sigma - power * dsigma / sigma**2
@@ -155,20 +158,23 @@ class PenalisedModulus(SpringResponse):
         return ddO_dsigma + self.exponent * change / len(sigma), ddO_dL
 
     def by_stiffness(self, balance: Balanced) -> Array:
-        return self.modulus.by_stiffness(balance)
+        # The unit is proportional to the mean stiffness.
+        return self.modulus.by_stiffness(balance) - self._powers(balance)[0].mean() / balance.network.stiffness.sum()
 
     def extreme(self, manifold: CriticalManifold, positive: bool = True) -> tuple[float, float]:
         return -np.inf, self.modulus.extreme(manifold)[1]
 
-    def stiff_diagonal(self, sigma: Array) -> Array | float:
-        return self.exponent**2 / len(sigma) * self._powers(sigma)[0]
+    def stiff_diagonal(self, balance: Balanced) -> Array | float:
+        return self.exponent**2 / len(balance.sigma) * self._powers(balance)[0]
 
-    def _powers(self, sigma: Array) -> tuple[Array, float]:
+    def _powers(self, balance: Balanced) -> tuple[Array, float]:
+        """u (s/r)^(−10), (N_b,), and Σσ²."""
+        sigma = balance.sigma
         square = float(sigma @ sigma)
         scale = np.sqrt(len(sigma) / square) / self.threshold
         # By squares only: a general power is ten times slower.
         tenth = 1.0 / (scale * sigma) ** 2
-        return tenth * (tenth**2) ** 2, square
+        return self.unit(balance.network) * (tenth * (tenth**2) ** 2), square
 
 
 @dataclass(frozen=True, eq=False)
@@ -202,6 +208,9 @@ class StressComponent(SpringResponse):
     def extreme(self, manifold: CriticalManifold, positive: bool = True) -> tuple[float, float]:
         reach = float(np.sqrt(largest_value(manifold, self.strain) * manifold.network.volume))
         return (0.0 if positive and np.linalg.eigvalsh(self.strain)[0] >= 0 else -reach), reach
+
+    def unit(self, network: Network) -> float:
+        return float(np.sqrt(network.stiffness.mean())) * network.spacing
 
     def of_stress(self, dimension: int) -> OfStress:
         return OfStress(self.strain, False)

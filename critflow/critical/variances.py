@@ -10,7 +10,7 @@ import numpy as np
 from critflow.critical.manifold import CriticalManifold
 from critflow.critical.quantity import Balanced, Partials, Quantity
 from critflow.linalg.vectors import dot, norms
-from critflow.networks.network import Array
+from critflow.networks.network import Array, Network
 from critflow.result import InputError
 
 
@@ -75,6 +75,9 @@ class EdgeLength(_OfLengths):
 
     edge: int
 
+    def unit(self, network: Network) -> float:
+        return network.spacing
+
     @property
     def name(self) -> str:
         return f"length[{self.edge}]"
@@ -98,6 +101,9 @@ class FaceArea(_OfLengths):
     """The area ½ Σ_(i<j) s_i × s_j of one face of a planar network, of its sides s in turn."""
 
     face: int
+
+    def unit(self, network: Network) -> float:
+        return network.spacing**2
 
     @property
     def name(self) -> str:

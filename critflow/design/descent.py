@@ -93,7 +93,7 @@ def descend(
         value=reached.value,
         status=end.status,
         stats=Stats.deferred(lambda: reached.stats, method=method, steps=end.steps, residual=end.point.residual),
-        objective=objective.sign * end.point.value,
+        objective=objective.unit * end.point.value,
         saddles=saddles,
         crossings=tuple(monitor.crossings),
         nearest_singular=monitor.nearest_singular,
@@ -196,7 +196,7 @@ class DescentMonitor:
         if not self._step:
             self.start = point.gradient
         status, balance = self._status(point), point.state.balance
-        value = self.objective.sign * point.value
+        value = self.objective.unit * point.value
         enough = self._observe is not None and self._observe(self._step, value, balance.sigma, balance.bond_vectors)
         self._step += 1
         tell(f"step {self._step}")
@@ -264,13 +264,13 @@ def _infimum(optimum: Optimum, end: Minimum, objective: StressObjective, monitor
     edges = _leaving(end.status, optimum.value.sigma, optimum.value.lengths, gradient)
     change = "shrink to zero length" if collapse else "lose their tension"
     left = float(np.abs(gradient[edges]).sum())
-    limit = objective.sign * (end.point.value - left)
+    limit = objective.unit * (end.point.value - left)
     listed = ", ".join(map(str, edges))
     optimum = replace(
         optimum,
         note=f"edges {listed} {change} towards the infimum {limit:.8g}, which is not attained: {_LOCAL}",
         objective=limit,
-        uncertainty=left + float(np.abs(np.delete(gradient, edges)).sum()),
+        uncertainty=abs(objective.unit) * (left + float(np.abs(np.delete(gradient, edges)).sum())),
         collapsed_edges=edges if collapse else edges[:0],
         slack_edges=edges[:0] if collapse else edges,
         saddles=None,

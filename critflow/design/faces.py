@@ -20,7 +20,7 @@ from scipy.sparse.linalg import splu
 from critflow.critical.isogonal import face_modes, has_face_modes, isogonal_modes
 from critflow.critical.manifold import CriticalConfiguration, CriticalManifold
 from critflow.critical.quantity import Quantity
-from critflow.design.problem import Designed, EdgeLimits, Target, Variables, limit_sizes
+from critflow.design.problem import Designed, EdgeLimits, Target, Variables
 from critflow.linalg.vectors import dot
 from critflow.networks.network import Array
 from critflow.quantities.vocabulary import quantity
@@ -84,11 +84,6 @@ class FaceAmplitudes(Variables):
 
     def limited_rows(self, state: SimpleNamespace, indices: NDArray[np.intp]) -> Array:
         return self.lengths_of[indices].toarray() / self.reach
-
-    def sizes(self, targets: Sequence[Target]) -> Array:
-        """Errors are relative to the size of a target, and absolute below a hundredth of its unit."""
-        powers = [{"length": 1, "area": 2}.get(target.quantity.name.split("[")[0], 0) for target in targets]
-        return np.maximum(limit_sizes(targets), 1e-2 * self.unit ** np.array(powers))
 
     def distance(self, z: Array) -> float:
         return float(np.sqrt(np.mean(np.log(self.at(z).lengths / self.critical.lengths) ** 2)))

@@ -58,7 +58,8 @@ def optimize(
                modulus; "conic" for the length variance, exactly; "auto": the cheapest that reaches the tolerance
     signs      "positive": every edge under tension; "any": compression too, and "G_0" without penalty
     start      initial σ, (N_b,); 1 on every edge by default
-    tolerance  of the largest component of dO/dσ; saddles are left above 1e-12 from symmetric starts, above 1e-8 never
+    tolerance  of the largest component of dO/dσ, in the natural unit of O; saddles are left above 1e-12 from symmetric
+               starts, above 1e-8 never
     max_steps  limit of the steps from each start, in all parts of the method together
     starts     number of starts; from the second on random, |N(0, 1)|, drawn from `rng`; the best optimum is returned
     observe    called with (step, value, σ, L) at the start and after every step of a descent; when it returns a true
@@ -164,7 +165,7 @@ def _best_descent(
     optima = [descend(objective, method, start, tolerance, max_steps, observe) for start in starts]
     values = np.array([optimum.objective for optimum in optima])
     good = [n for n, optimum in enumerate(optima) if optimum.ok] or range(len(optima))
-    best = min(good, key=lambda n: objective.sign * values[n])
+    best = min(good, key=lambda n: values[n] / objective.unit)
     return replace(optima[best], start=best, starts=values)
 
 
@@ -256,8 +257,8 @@ def _equal_lengths(problem: _Problem, tolerance: float) -> Optimum | None:
 
 
 def _residual(here: Evaluation) -> float:
-    """The largest component of dO/dσ."""
-    return float(np.abs(here.gradient).max())
+    """The largest component of dO/dσ, in the unit of O."""
+    return float(np.abs(here.gradient).max()) / here.quantity.unit(here.balance.network)
 
 
 METHODS = (*DESCENTS, "closed_form", "conic")

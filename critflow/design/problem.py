@@ -160,12 +160,14 @@ class Designed:
 class Variables(ABC):
     """Variables z (N,) of a design.
 
+    network     of which they are
     origin      z_0, (N,)
     low, high   limits (m,) of the values of `limited`
     longest     largest change of a component of z in one step
     tolerance   residual of the first-order conditions at which the least change has been selected
     """
 
+    network: Network
     origin: Array
     low: Array = np.zeros(0)
     high: Array = np.zeros(0)
@@ -204,8 +206,9 @@ class Variables(ABC):
         return np.zeros((0, len(self.origin)))
 
     def sizes(self, targets: Sequence[Target]) -> Array:
-        """Errors of targets are relative to these (n,), and absolute below a hundredth."""
-        return np.maximum(limit_sizes(targets), 1e-2)
+        """Errors of targets are relative to these (n,), and absolute below a hundredth of their units."""
+        units = np.array([target.quantity.unit(self.network) for target in targets])
+        return np.maximum(limit_sizes(targets), 1e-2 * units)
 
     def excluded(self, targets: Sequence[Target]) -> str:
         """A sentence where a proof excludes the targets, else an empty string."""

@@ -15,14 +15,16 @@ from critflow.solvers.minimize import Function, Point
 
 
 class StressObjective(Function):
-    """±O(σ) as a function of θ = log σ (N_b,), to be minimised; the sign is − for objectives to be maximised.
+    """±O(σ)/u as a function of θ = log σ (N_b,), to be minimised; the sign is − for objectives to be maximised.
 
-    The state of a point is the `Evaluation` of the objective at its stress.
+    u is the unit of O, so that tolerances hold in any units of stiffness and length.  The state of a point is the
+    `Evaluation` of the objective at its stress.
     """
 
     def __init__(self, manifold: CriticalManifold, goal: Quantity):
         self.manifold, self.goal = manifold, goal
-        self.sign = -1.0 if goal.maximise else 1.0
+        # A value of O over that of a point.
+        self.unit = (-1.0 if goal.maximise else 1.0) * goal.unit(manifold.network)
 
     def unknowns(self, sigma: Array) -> Array:
         """θ of a stress σ (N_b,)."""
@@ -53,21 +55,21 @@ class StressObjective(Function):
         with np.errstate(all="ignore"):
             sigma = self.sigma(x)
             evaluation = evaluate(self.manifold, self.goal, sigma)
-        residual = float(np.abs(evaluation.gradient).max())
-        gradient = self.sign * (self.rate(x, sigma)[0] * evaluation.gradient)
+        residual = float(np.abs(evaluation.gradient).max() / abs(self.unit))
+        gradient = self.rate(x, sigma)[0] * evaluation.gradient / self.unit
         return Point(
-            x, self.sign * evaluation.value, gradient, residual if np.isfinite(residual) else np.inf, evaluation
+            x, evaluation.value / self.unit, gradient, residual if np.isfinite(residual) else np.inf, evaluation
         )
 
     def stiff_diagonal(self, point: Point) -> Array | float:
-        return self.goal.stiff_diagonal(point.state.balance.sigma)
+        return self.goal.stiff_diagonal(point.state.balance) / abs(self.unit)
 
     def hessian_product(self, point: Point, direction: Array) -> Array:
         """The Hessian at a point times a direction (N_b,), by two solves; by differences without a differential."""
         evaluation: Evaluation = point.state
         rate, second = self.rate(point.x, evaluation.balance.sigma)
         curved = rate * evaluation.hessian_product(rate * direction)
-        return self.sign * (second * direction * evaluation.gradient + curved)
+        return (second * direction * evaluation.gradient + curved) / self.unit
 
 
 class SignedStressObjective(StressObjective):

@@ -52,7 +52,8 @@ class Stresses(Variables):
         limits: Sequence[EdgeLimits] = (),
     ):
         m = manifold.network.n_edges
-        self.manifold, self.limits, self.signs = manifold, limits, _signs(signs, m)
+        self.manifold, self.network, self.limits = manifold, manifold.network, limits
+        self.signs = _signs(signs, m)
         sigma = np.ones(m) if start is None else edge_values(start, m, "start", positive=False)
         if start is None and self.signs is not None:
             sigma = self.signs

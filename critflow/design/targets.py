@@ -199,7 +199,7 @@ def least_change(variables: Variables) -> Preference:
 def best_value(variables: Variables, quantity: Quantity, name: str, sign: float) -> Preference:
     """V_L, V_τ, or a target that is to be largest or smallest, times its sign and the number of edges."""
     # Times the number of edges, so that components of the gradient are of order one.
-    size = sign * getattr(variables, "n_edges", len(variables.origin))
+    size = sign * getattr(variables, "n_edges", len(variables.origin)) / quantity.unit(variables.network)
 
     def at(state: Any, z: Array) -> tuple[float, Array]:
         values, rows = variables.values(state, [quantity])
@@ -210,6 +210,7 @@ def best_value(variables: Variables, quantity: Quantity, name: str, sign: float)
 
 def nearness(stresses: Stresses, coordinates: Array) -> Preference:
     """½Σ|x + c − x̂|² over the number of vertices, with the translation c of periodic networks."""
+    size = stresses.network.spacing**-2
 
     def at(state: Balance, z: Array) -> tuple[float, Array]:
         network = state.network
@@ -217,10 +218,10 @@ def nearness(stresses: Stresses, coordinates: Array) -> Preference:
         if not network.pins:
             apart -= apart.mean(axis=0)
         y = state.factor.solve(apart[network.free])
-        by_sigma = -np.einsum("ad,ad->a", state.bond_vectors, network.free_incidence @ y) / len(apart)
-        return 0.5 * float(np.sum(apart**2)) / len(apart), stresses.gradients(by_sigma, state.sigma)
+        by_sigma = -size / len(apart) * np.einsum("ad,ad->a", state.bond_vectors, network.free_incidence @ y)
+        return 0.5 * size * float(np.sum(apart**2)) / len(apart), stresses.gradients(by_sigma, state.sigma)
 
-    return Preference("distance", TARGET_OPTIMAL, at)
+    return Preference("distance", TARGET_OPTIMAL, at, size)
 
 
 def preference_of(

@@ -145,6 +145,14 @@ class Network:
         """Whether moduli are defined: a cell, or a named volume."""
         return self.cell is not None or self.reference_volume is not None
 
+    @property
+    def spacing(self) -> float:
+        """(V/N_v)^(1/d), the unit of length; without a volume, that of the diagonal of the box around the pins."""
+        if self.has_volume:
+            return float((self.volume / self.n_vertices) ** (1 / self.dimension))
+        diagonal = float(np.linalg.norm(np.ptp(list(self.pins.values()), axis=0)))
+        return diagonal / self.n_vertices ** (1 / self.dimension) or 1.0
+
     # Geometry
 
     @cached_property

@@ -130,6 +130,9 @@ class StrainedQuantity(SpringResponse):
     def name(self) -> str:
         return f"{self.quantity} at strain {self.strain:g}"
 
+    def unit(self, network: Network) -> float:
+        return 1.0 if self.quantity == "poissons_ratio" else super().unit(network)
+
     def evaluate(self, balance: Balanced) -> tuple[float, Partials]:
         network, sigma, L = balance.network, balance.sigma, balance.bond_vectors
         critical = balance.manifold.solve(sigma).value

@@ -27,7 +27,7 @@ def test_derivatives_by_the_unknowns_are_those_of_differences(kind, chart, goal_
 
     def function(y):
         sigma = y if signed else np.exp(y)
-        value = goal.evaluate(at(network, sigma, dense_bond_vectors(network, sigma)))[0]
+        value = goal.evaluate(at(network, sigma, dense_bond_vectors(network, sigma)))[0] / goal.unit(network)
         return -value if goal.maximise else value
 
     point = objective.at(x)
