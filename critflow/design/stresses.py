@@ -71,6 +71,13 @@ class Stresses(Variables):
         """Whether every stress is positive."""
         return self.signs is not None and bool((self.signs > 0).all())
 
+    @property
+    def _has_moduli(self) -> bool:
+        """Whether moduli have their formula: a volume, several dimensions, and one self-stress by the counts."""
+        network = self.network
+        n_self_stresses = network.n_edges - network.dimension * len(network.free)
+        return network.has_volume and network.dimension > 1 and n_self_stresses <= 1
+
     def of_stress(self, sigma: Array) -> Array:
         """z (n,) of stresses (N_b,)."""
         chosen = sigma[self.free]
@@ -143,7 +150,7 @@ class Stresses(Variables):
         if not len(rows) or np.linalg.norm(rows, axis=1).min() > UNLIMITED:
             yield origin
         yield origin + _SPREADS[0] * shaken[0]
-        if self.positive:
+        if self.positive and self._has_moduli:
             sheared = optimize(self.manifold, "G_0", throw=False, max_steps=_ASCENT).value.sigma
             if np.isfinite(sheared).all() and (sheared > 0).all():
                 yield self.of_stress(sheared)

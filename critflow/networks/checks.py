@@ -16,6 +16,8 @@ IntArray = NDArray[np.int64]
 
 # Most vertices of a network that is made from a number alone, which may be a typing error: 1 kB a vertex is 20 GB.
 MOST_VERTICES = 20_000_000
+# Distance of the pins from the origin in units of their extent, at most: four digits of every length.
+FARTHEST = 1e4
 # Part of the edges across the boundary that may be longer than the cell: wrong signs make it about a half.
 _CONTRADICTING = 0.1
 # An edge longer than every diagonal of the cell is doubtful if its nearest image is less than this part of it.
@@ -97,6 +99,14 @@ def checked_pins(pins: object, n_vertices: int) -> dict[int, Array]:
         places[int(vertex)] = place = floats(position, f"the position of pin {vertex}")
         if not np.isfinite(place).all():
             raise NetworkError(f"the position of pin {vertex} is not finite: give one number for each dimension")
+    if len({place.shape for place in places.values()}) == 1:
+        positions = np.array(list(places.values()))
+        distance, extent = np.abs(positions).max(), np.ptp(positions, axis=0).max(initial=0.0)
+        if distance > FARTHEST * extent > 0:
+            raise NetworkError(
+                f"the pins lie {distance / extent:.0e} times their extent from the origin, which costs as many digits "
+                "of every length: subtract their mean"
+            )
     return places
 
 

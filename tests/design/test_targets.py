@@ -8,6 +8,7 @@ from refusals import refused_changes
 from critflow import (
     CriticalManifold,
     InputError,
+    Network,
     SolveError,
     Status,
     design,
@@ -199,3 +200,10 @@ def test_a_modulus_leaves_the_sign_of_its_stress_free(axis, part, refused):
     values = {"modulus[pure_shear]": (S[0] - S[1]) ** 2, along: 0.999 * S[axis] * np.sqrt(NETWORK.volume)}
     note = design(MANIFOLD, values, max_steps=0, throw=False).note
     assert ("bound" in note) is refused
+
+
+def test_networks_without_moduli_have_designs_that_are_not_reached():
+    """The last starts of a search need no volume, which a network of pins has only where it is named."""
+    network = Network([[0, 3], [1, 3], [2, 3], [0, 4], [1, 4], [2, 4], [3, 4]], pins={0: [0, 0], 1: [4, 0], 2: [1, 3]})
+    found = design(network, {"length[0]": 0.1, "length[6]": 9.0}, throw=False)
+    assert found.status in (Status.not_reached, Status.step_limit) and not found.reached
