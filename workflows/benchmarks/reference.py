@@ -332,4 +332,5 @@ def objective(network, name, critical, threshold=None):
     if threshold is None:
         return shear
     scaled = sigma * MP.sqrt(len(sigma) / (sigma**2).sum()) / MP.mpf(threshold)
-    return shear - (scaled**-10).sum() / len(sigma)
+    # In the plane moduli have the unit of stiffness.
+    return shear - numbers(network.stiffness).mean() * (scaled**-10).sum() / len(sigma)
