@@ -35,10 +35,13 @@ states += [(state.network, state.coordinates, state.sigma * state.lengths) for s
 strains = np.concatenate([np.linspace(0.0, onset.strain, FLOPPY), onset.strain + past])
 stress = 1e3 * np.concatenate([np.zeros(FLOPPY), path.stress[:, 0, 1]])
 limit = float(np.percentile(states[-1][2], 98))
+# A vertex under tension moves with the cell: others are slack, and their places are those of rounding.
+taut = network.edges[states[-1][2].argmax(), 0]
 
 frames = []
 for at, (deformed, x, tensions) in enumerate(states):
     figure, (left, right) = plt.subplots(1, 2, figsize=(7.6, 3.3), width_ratios=(1.45, 1), layout="constrained")
+    x = x - x[taut] + shear.gradient(strains[at]) @ network.positions[taut]
     segments, edges = periodic_segments(deformed.edges, deformed.offsets, deformed.cell, x)
     shown = np.where(tensions > 1e-3 * limit, tensions, 0.0)[edges]
     add_edges(left, segments, shown, (0.0, limit), add_cell(left, deformed.cell), width=1.8)
