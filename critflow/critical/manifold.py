@@ -129,7 +129,7 @@ def _scaled(stress: Array, squares: float) -> Extended:
 
 def require_one_self_stress(network: Network) -> None:
     """Raise `InputError` for networks with several self-stresses by their counts, N_s ≥ N_b − d n_free > 1."""
-    certain = network.n_edges - network.dimension * len(network.free)
+    certain = network.least_self_stresses
     if certain > 1:
         raise InputError(
             f"this holds for one self-stress and the network has at least {certain}: prune_towards(network, {{'B_0': "

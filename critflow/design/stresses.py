@@ -75,8 +75,7 @@ class Stresses(Variables):
     def _has_moduli(self) -> bool:
         """Whether moduli have their formula: a volume, several dimensions, and one self-stress by the counts."""
         network = self.network
-        n_self_stresses = network.n_edges - network.dimension * len(network.free)
-        return network.has_volume and network.dimension > 1 and n_self_stresses <= 1
+        return network.has_volume and network.dimension > 1 and network.least_self_stresses <= 1
 
     def of_stress(self, sigma: Array) -> Array:
         """z (n,) of stresses (N_b,)."""

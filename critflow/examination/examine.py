@@ -124,7 +124,7 @@ def _judged(subject: _Subject, attempts: _Attempts, max_steps: int = 200) -> Exa
     # A count is certain where singular values lie below the tolerance by CLEAR_GAP.
     tolerance = max(_TOLERANCE, min(CLEAR_GAP * subject.rounding, _LARGEST_TOLERANCE))
     attempts.progress("self-stresses and zero modes")
-    many = network.n_edges - network.dimension * len(network.free) > _MANY_STRESSES
+    many = network.least_self_stresses > _MANY_STRESSES
     counted = rigidity(network, x, tolerance, vectors=not many)
     # Without a zero mode no singular value lies below the tolerance, so that the number of self-stresses is certain.
     if many and not counted.value.first_order_rigid:

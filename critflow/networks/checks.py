@@ -117,8 +117,13 @@ def checked_cell(cell: ArrayLike, dimension: int | None = None) -> Array:
         raise NetworkError(
             f"cell must be a square matrix with {dimension or 'd'} cell vectors as rows, not {array.shape}"
         )
-    if not (np.isfinite(array).all() and abs(np.linalg.det(array)) > 0):
-        raise NetworkError("the cell vectors must be finite and span a volume: two of them are parallel or one is zero")
+    with np.errstate(all="ignore"):
+        volume = abs(np.linalg.det(array))
+    # A volume beyond the range of doubles has no digits.
+    if not (np.isfinite(array).all() and 0 < volume < np.inf):
+        raise NetworkError(
+            "the cell vectors must span a finite volume: two of them are parallel, or one is zero or huge"
+        )
     return array
 
 

@@ -146,6 +146,11 @@ class Network:
         return self.cell is not None or self.reference_volume is not None
 
     @property
+    def least_self_stresses(self) -> int:
+        """N_b − d n_free, the fewest self-stresses by the counts; negative for underconstrained networks."""
+        return self.n_edges - self.dimension * len(self.free)
+
+    @property
     def spacing(self) -> float:
         """(V/N_v)^(1/d), the unit of length; without a volume, that of the diagonal of the box around the pins."""
         if self.has_volume:

@@ -38,7 +38,7 @@ def require_only_self_stress(critical: CriticalConfiguration, instead: str) -> N
 def count_self_stresses(critical: CriticalConfiguration) -> int | None:
     """Number of self-stresses, or a lower bound above one that counting coordinates gives; None: rounding hides it."""
     network = critical.network
-    certain = network.n_edges - network.dimension * len(network.free)
+    certain = network.least_self_stresses
     if certain > 1:
         return certain
     if only_self_stress(critical):
