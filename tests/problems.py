@@ -28,7 +28,7 @@ from critflow import (
 )
 from critflow.critical.manifold import critical_configuration
 from critflow.linalg.factor import FixedPattern
-from critflow.solvers.minimize import Function, Point
+from critflow.optimisation.minimize import Function, Point
 from workflows.benchmarks import reference
 
 SQRT3 = np.sqrt(3.0)

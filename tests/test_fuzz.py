@@ -26,10 +26,10 @@ import critflow
 from critflow import CritflowError, CriticalManifold, Hookean, Network, PowerLaw, Solution, WormLike
 from critflow.critical.curvature import StereographicChart
 from critflow.critical.transition import transition_modulus
+from critflow.extras.fronts.leverage import EdgeLeverage
+from critflow.extras.tissue.tissue import FaceSprings
+from critflow.extras.weak.weak_energies import AngleSprings
 from critflow.linalg.factor import FixedPattern
-from critflow.quantities.leverage import EdgeLeverage
-from critflow.springs.tissue import FaceSprings
-from critflow.springs.weak_energies import AngleSprings
 from workflows.benchmarks import reference
 
 # Factorisations of one call on at most eight vertices; the largest number seen is a third of it.
@@ -197,9 +197,6 @@ CALLS = {
         max_steps=60,
     ),
     "design stress": lambda p, r: call.design(p.network, {"V_L": 0.2 * r.random()}, max_steps=20),
-    "strained_response": lambda p, r: call.strained_response(
-        p.network, critical_of(p), 1e-3, deformation=a_deformation(p, r)
-    ),
     "pareto": lambda p, r: call.pareto(p.network, {"V_tau": "smallest", "V_L": "smallest"}, 3, max_steps=40),
     "weak_forces": lambda p, r: weakened(p),
     "weak_equilibrium": lambda p, r: call.weak_equilibrium(critical_of(p), AngleSprings(), [1e-3], 1e-4, throw=False),

@@ -27,11 +27,11 @@ from critflow import (
     strain_path,
     voronoi_network,
 )
-from critflow.design.stiffnesses import isotropic_targets
+from critflow.certificates.counts import zero_modes
+from critflow.extras.targets.stiffnesses import isotropic_targets
+from critflow.extras.tensegrity.second_order import second_order_rigidity
+from critflow.extras.weak.soft_spectrum import soft_spectrum
 from critflow.networks.deformation import strain_basis
-from critflow.response.soft_spectrum import soft_spectrum
-from critflow.rigidity.counts import zero_modes
-from critflow.rigidity.second_order import second_order_rigidity
 from critflow.springs.hessian import geometric_split
 from workflows.benchmarks.lammps import Lammps
 

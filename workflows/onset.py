@@ -11,9 +11,9 @@ import numpy as np
 from matplotlib.figure import Figure
 
 import critflow as cf
+from critflow.extras.cables.rigidity_surface import strain_plane
 from critflow.figures.plot import COLOURS
 from critflow.networks.deformation import DEFORMATIONS
-from critflow.onset.rigidity_surface import strain_plane
 from critflow.result import StudyError
 from critflow.workflow import Axis, Claim, Coordinate, Study, Variable
 

@@ -10,10 +10,10 @@ transition, and networks designed for a modulus at the largest κ with the netwo
 import numpy as np
 
 import critflow as cf
-from critflow.quantities.weak_modulus import WeakModulus
-from critflow.response.soft_spectrum import soft_spectrum
+from critflow.extras.weak.soft_spectrum import soft_spectrum
+from critflow.extras.weak.weak_equilibrium import weak_equilibrium
+from critflow.extras.weak.weak_modulus import WeakModulus
 from critflow.springs.hessian import geometric_split
-from critflow.springs.weak_equilibrium import weak_equilibrium
 from critflow.workflow import Claim, Coordinate, Study
 
 from .shared.checks import voronoi_check

@@ -18,8 +18,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from critflow.command.explore import explore
 from critflow.command.networks import convert, examine_file, make
+from critflow.extras.explore.command import explore
 from critflow.result import CritflowError, EnvironmentFailure, InputError, IntegrityError
 from critflow.workflow.folder import DONE, FAILED, MISSING, Folder, LockedError, Part, reason_lines
 from critflow.workflow.load import StudyFile, load_study, named_studies
@@ -315,7 +315,7 @@ def show(
     ] = None,
 ) -> None:
     """Draw one configuration of a dataset, chosen by its labels, and print its certificate."""
-    from critflow.examination.show import case_title, choose_case, show_configuration
+    from critflow.extras.examine.show import case_title, choose_case, show_configuration
     from critflow.workflow.dataset import opened_dataset
 
     if file.is_dir():

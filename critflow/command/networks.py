@@ -23,8 +23,8 @@ from critflow.result import InputError, Solution
 
 if TYPE_CHECKING:
     from critflow.critical.manifold import CriticalConfiguration
-    from critflow.design.targets import Design
-    from critflow.exchange.repair import ImportedNetwork
+    from critflow.extras.files.repair import ImportedNetwork
+    from critflow.extras.targets.targets import Design
     from critflow.networks.network import Network
 
 FilesArgument = Annotated[
@@ -34,7 +34,7 @@ FilesArgument = Annotated[
 
 def _value(text: str) -> Any:
     """A number, a pair of limits, either of which may be empty, or a word."""
-    from critflow.exchange.data import number
+    from critflow.extras.files.data import number
 
     first, colon, last = text.partition(":")
     try:
@@ -45,7 +45,7 @@ def _value(text: str) -> Any:
 
 def _numbers(option: str, example: str, text: str) -> Any:
     """One number, or several, whole ones as integers."""
-    from critflow.exchange.data import number
+    from critflow.extras.files.data import number
 
     try:
         numbers = [number(word) for word in text.replace(",", " ").split()]
@@ -144,8 +144,8 @@ def reading(command: Callable[..., int]) -> Callable[..., int]:
 
 def read(files: Sequence[Path], hints: Hints) -> ImportedNetwork:
     """The network of a file, or of two tables, with the hints of the command line."""
-    from critflow.exchange.convert import network_from
-    from critflow.exchange.data import require_regular
+    from critflow.extras.files.convert import network_from
+    from critflow.extras.files.data import require_regular
 
     keywords = hints.keywords
     file, labels = files[0], keywords.pop("labels", False)
@@ -156,7 +156,7 @@ def read(files: Sequence[Path], hints: Hints) -> ImportedNetwork:
         return network_from(labels=file, **keywords)
     if file.suffix != ".nc":
         return network_from(file if len(files) == 1 else files, **keywords)
-    from critflow.examination.show import choose_case
+    from critflow.extras.examine.show import choose_case
     from critflow.workflow.dataset import opened_dataset
 
     with opened_dataset(file) as dataset:
@@ -206,8 +206,8 @@ def convert(
     ] = "1",
 ) -> int:
     """Read a network, report each repair, and write it in another format."""
-    from critflow.exchange.convert import write_network
-    from critflow.exchange.formats import writable_format
+    from critflow.extras.files.convert import write_network
+    from critflow.extras.files.formats import writable_format
 
     if len(files) < 2:
         raise InputError("convert needs a file to read and one to write: critflow convert FILE OUT")
@@ -231,11 +231,11 @@ def examine_file(
     ] = None,
 ) -> int:
     """Read a network and print whether and why it is rigid, its critical strains and moduli, and what to do next."""
-    from critflow.examination.examine import examine, read_held
-    from critflow.examination.report import report_lines
+    from critflow.extras.examine.examine import examine, read_held
+    from critflow.extras.examine.report import report_lines
 
     if out is not None:
-        from critflow.examination.page import require_page, write_page
+        from critflow.extras.examine.page import require_page, write_page
 
         require_page(out)
     names = " and ".join(file.name for file in files)
@@ -276,9 +276,9 @@ def make(
 
     Many parameters: each is an option of the command.
     """
-    from critflow.examination.report import certificate_text
-    from critflow.exchange.convert import write_network
-    from critflow.exchange.formats import writable_format
+    from critflow.extras.examine.report import certificate_text
+    from critflow.extras.files.convert import write_network
+    from critflow.extras.files.formats import writable_format
 
     if objective and target:
         raise InputError("--objective is for networks without --target: give NAME=largest or NAME=smallest as a target")
@@ -311,8 +311,8 @@ def _made(
     imported: ImportedNetwork, objective: str, target: Sequence[str]
 ) -> tuple[Solution[CriticalConfiguration], str, list[str]]:
     """The configuration with the targets, nearest to the positions or best, a title of it, and lines that report it."""
-    from critflow.critical.nearest import nearest_critical
-    from critflow.design.optimize import optimize
+    from critflow.extras.inference.nearest import nearest_critical
+    from critflow.optimisation.optimize import optimize
 
     if target:
         return _designed(imported.network, target)
@@ -327,7 +327,7 @@ def _made(
 
 def _designed(network: Network, words: Sequence[str]) -> tuple[Design, str, list[str]]:
     """The design for targets of the command line, a title of it, and lines that report it."""
-    from critflow.design.targets import design
+    from critflow.extras.targets.targets import design
 
     targets = dict[str, Any]()
     for word in words:

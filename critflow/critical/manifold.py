@@ -21,7 +21,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.sparse.linalg import LinearOperator
 
 from critflow.arguments import checked
-from critflow.critical.pressures import ForceBalance, PressureManifold, PressurisedConfiguration
+from critflow.extras.tissue.pressures import ForceBalance, PressureManifold, PressurisedConfiguration
 from critflow.linalg.factor import Factor, FixedPattern
 from critflow.linalg.matrices import block_laplacian, laplacian
 from critflow.linalg.products import product

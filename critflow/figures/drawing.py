@@ -16,7 +16,7 @@ from matplotlib.figure import Figure, SubFigure
 from numpy.typing import ArrayLike
 
 from critflow.arguments import checked
-from critflow.exchange.formats import require_folder
+from critflow.extras.files.formats import require_folder
 from critflow.figures.plot import (
     COLOURS,
     TENSION_MAP,

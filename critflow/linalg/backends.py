@@ -24,8 +24,8 @@ from numpy.typing import NDArray
 from scipy.sparse.csgraph import depth_first_order
 from scipy.sparse.linalg import SuperLU, splu
 
-from critflow.linalg import multigrid
-from critflow.linalg.pardiso import MKL, Pardiso
+from critflow.extras.large import multigrid
+from critflow.extras.large.pardiso import MKL, Pardiso
 from critflow.linalg.products import product
 from critflow.result import InputError
 

@@ -23,7 +23,7 @@ import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
 
-from critflow.linalg import multigrid
+from critflow.extras.large import multigrid
 from critflow.linalg.backends import MULTIGRID, Backend, choose_backend, eliminating_backends, multiply
 from critflow.linalg.products import product
 from critflow.linalg.tolerances import EPS

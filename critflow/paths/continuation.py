@@ -29,18 +29,18 @@ from functools import cached_property
 
 import numpy as np
 
+from critflow.extras.cables.slack import with_slack_placed
+from critflow.extras.rest.free_cell import FreeCellState, relaxed_with_cell, stretched
 from critflow.linalg.factor import Factor, FixedPattern
 from critflow.linalg.tolerances import EPS
 from critflow.networks.deformation import Deformation
 from critflow.networks.network import Array, Network
 from critflow.paths.predictor import Predictor
-from critflow.paths.slack import with_slack_placed
 from critflow.paths.tangent import Tangent, path_rates, relaxations_to, tangent, tangent_of_response
 from critflow.response.linear_response import linear_response, strains_of
 from critflow.response.tensor import Elasticity
 from critflow.result import Status
 from critflow.springs.equilibrium import LOOSEST_TOLERANCE, Equilibrium, relaxed
-from critflow.springs.free_cell import FreeCellState, relaxed_with_cell, stretched
 from critflow.springs.laws import HOOKEAN
 from critflow.springs.minimum import ROUNDING_COMPRESSION
 from critflow.springs.newton import FLOPPY_SHIFT

@@ -10,11 +10,11 @@ from numpy.typing import NDArray
 
 from critflow.critical.backbone import backbone
 from critflow.critical.manifold import COLLAPSED, CriticalConfiguration
+from critflow.extras.tissue.tissue import CriticalTissue
 from critflow.networks.network import Array
 from critflow.result import InputError, Solution, Status
 from critflow.springs.laws import HOOKEAN, Cable, SpringLaw, checked_law
 from critflow.springs.state import SpringState
-from critflow.springs.tissue import CriticalTissue
 
 # Largest force of a state from which a path starts, in units of stiffness times length: the first relaxation removes
 # rounding, and a larger force would hide a jump.

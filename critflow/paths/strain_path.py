@@ -15,11 +15,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from critflow.arguments import checked, shown
+from critflow.extras.cables.floppy import unstressed_part
 from critflow.linalg.factor import FixedPattern
 from critflow.networks.deformation import Deformable, Deformation, deformation_of
 from critflow.networks.network import Array
 from critflow.paths.continuation import Course, Progress, Step, advance, begin, refused
-from critflow.paths.floppy import unstressed_part
 from critflow.paths.start import Beginning, Start, balanced, start_of
 from critflow.progress import counted
 from critflow.response.tensor import Elasticity

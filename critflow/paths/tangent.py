@@ -15,13 +15,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from critflow.critical.transition import strain_components
+from critflow.extras.rest.free_cell import stretched
 from critflow.linalg.factor import Factor
 from critflow.linalg.tolerances import EPS
 from critflow.linalg.vectors import dot, norms
 from critflow.networks.deformation import Deformation
 from critflow.networks.network import Array
 from critflow.response.linear_response import LinearResponse, accumulated_rounding
-from critflow.springs.free_cell import stretched
 from critflow.springs.state import SpringState
 
 # Corrections of a relaxation, the part of it at which they stop, and the largest that rounding may leave.

@@ -19,9 +19,9 @@ from functools import reduce
 import numpy as np
 import scipy.sparse as sp
 
+from critflow.extras.large.multigrid import REDUCED
 from critflow.linalg.backends import MULTIGRID
 from critflow.linalg.factor import Factor
-from critflow.linalg.multigrid import REDUCED
 from critflow.linalg.products import product
 from critflow.linalg.tolerances import EPS
 from critflow.linalg.vectors import dot, quasi_random

@@ -18,13 +18,13 @@ import numpy as np
 
 from critflow.critical.manifold import CriticalConfiguration
 from critflow.critical.transition import TransitionModulus, dilation, pure_shear
+from critflow.extras.tissue.tissue import CriticalTissue
 from critflow.linalg.tolerances import EPS
 from critflow.linalg.vectors import dot
 from critflow.networks.deformation import strain_basis
 from critflow.networks.network import Array
 from critflow.precision.double_double import Extended, add, divide, extended, multiply, total, two_product
 from critflow.response.tensor import Elasticity, Errors
-from critflow.springs.tissue import CriticalTissue
 
 
 def elasticity_at_transition(critical: CriticalConfiguration, volume: float, roundings: int = 1) -> Elasticity:

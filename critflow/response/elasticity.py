@@ -17,19 +17,19 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from critflow.arguments import checked
+from critflow.certificates.uniqueness import count_self_stresses
 from critflow.critical.backbone import backbone, taut_edges, taut_networks
 from critflow.critical.manifold import CriticalConfiguration
+from critflow.extras.rest.at_rest import ResponseAtRest, response_at_rest
+from critflow.extras.tissue.face_springs import FaceSprings
+from critflow.extras.tissue.tissue import CriticalTissue
 from critflow.networks.network import Network, validated_coordinates
-from critflow.response.at_rest import ResponseAtRest, response_at_rest
 from critflow.response.at_transition import elasticity_at_transition, tissue_at_transition
 from critflow.response.linear_response import linear_response
 from critflow.response.tensor import Elasticity, Errors
 from critflow.result import InputError, Solution, Stats, Status
-from critflow.rigidity.uniqueness import count_self_stresses
-from critflow.springs.face_springs import FaceSprings
 from critflow.springs.laws import HOOKEAN, SpringLaw
 from critflow.springs.state import SpringState, edge_directions, spring_state
-from critflow.springs.tissue import CriticalTissue
 
 SLACK_FACE = 1e-9  # tension of a face without any, relative to the largest
 # Force left on a vertex, relative to the largest tension, below which tensions are in balance: those of rounding are

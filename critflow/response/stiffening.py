@@ -18,21 +18,21 @@ from functools import partial
 import numpy as np
 
 from critflow.arguments import checked
+from critflow.certificates.prestress import stabilises
+from critflow.certificates.uniqueness import require_only_self_stress
 from critflow.critical.backbone import backbone
 from critflow.critical.manifold import CriticalConfiguration, CriticalManifold
 from critflow.critical.transition import dilation, pure_shear
+from critflow.extras.tissue.tissue import CriticalTissue
+from critflow.extras.tissue.tissue_energy import PerimeterSystem, TissueEnergy, balanced_system
 from critflow.linalg.tolerances import EPS
 from critflow.networks.deformation import Deformable, Deformation, deformation_of
 from critflow.networks.network import Array
 from critflow.precision.residual import exact_displacement
 from critflow.response.tensor import TRUSTED_ERROR
 from critflow.response.third_order import ThirdOrderEnergy, cubed, squared
-from critflow.response.tissue_energy import PerimeterSystem, TissueEnergy, balanced_system
 from critflow.result import InputError, Record, Solution, Stats, Status
-from critflow.rigidity.prestress import stabilises
-from critflow.rigidity.uniqueness import require_only_self_stress
 from critflow.springs.laws import HOOKEAN, SpringLaw
-from critflow.springs.tissue import CriticalTissue
 
 # Largest relative residual of the linear system of the stiffening coefficients; a regular system leaves 1e-14.
 CONSISTENT_RESPONSE = 1e-9

@@ -11,10 +11,10 @@ from critflow.arguments import checked
 from critflow.linalg.factor import Factor, FixedPattern
 from critflow.linalg.tolerances import EPS
 from critflow.networks.network import Array
+from critflow.optimisation.minimize import Fire, Function, Point, minimise
 from critflow.precision.double_double import two_sum
 from critflow.precision.residual import Displacement, inverse_norm
 from critflow.result import InputError, Solution, Stats, Status
-from critflow.solvers.minimize import Fire, Function, Point, minimise
 from critflow.springs.minimum import compressed_edges, minimum_factor, stability_of
 from critflow.springs.newton import FLOPPY_SHIFT, newton
 from critflow.springs.state import SpringState, State

@@ -17,6 +17,7 @@ import scipy.sparse as sp
 from numpy.typing import ArrayLike
 
 from critflow.arguments import checked
+from critflow.extras.tissue.face_springs import FaceSprings
 from critflow.linalg.factor import Factor, FixedPattern
 from critflow.linalg.matrices import block_laplacian, edge_blocks, pair_laplacian
 from critflow.linalg.products import product
@@ -28,7 +29,6 @@ from critflow.precision.double_double import Extended, lengths, less_squares, tw
 from critflow.precision.geometry import exact_sums
 from critflow.precision.residual import Displacement, exact_displacement
 from critflow.result import InputError, Record
-from critflow.springs.face_springs import FaceSprings
 from critflow.springs.laws import HOOKEAN, SpringLaw, checked_law
 
 # Where every stress σ is larger, in units of k, the Hessian is at least that multiple of the Laplacian of the network,

@@ -8,7 +8,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 import critflow as cf
-from critflow.onset.rigidity_surface import strain_plane
+from critflow.extras.cables.rigidity_surface import strain_plane
 
 network = cf.voronoi_network(n_vertices=60, seed=1)
 ratio = cf.critical_from_lengths(network, np.ones(network.n_edges)).ratio

@@ -6,7 +6,7 @@ Six cables around a hexagon are stretched by three struts, which are dashed.
 import numpy as np
 
 import critflow as cf
-from critflow.rigidity.signed_stress import signed_stress
+from critflow.extras.tensegrity.signed_stress import signed_stress
 
 angles = np.arange(6) * np.pi / 3
 corners = np.column_stack([np.cos(angles), np.sin(angles)])

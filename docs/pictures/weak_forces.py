@@ -7,7 +7,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 from critflow import AngleSprings, optimize, voronoi_network, weak_forces
-from critflow.springs.weak_equilibrium import weak_equilibrium
+from critflow.extras.weak.weak_equilibrium import weak_equilibrium
 
 critical = optimize(voronoi_network(n_vertices=60, seed=1), "B_0").value
 angles = AngleSprings()

@@ -6,10 +6,10 @@ from problems import critical_of, partly_compressed, relaxed_directly, stiff_lat
 
 from critflow import CriticalManifold, SolveError, Status, WormLike, critical_from_lengths, strain_path
 from critflow import voronoi_network as voronoi
+from critflow.extras.rest.free_cell import stretched
 from critflow.networks.deformation import deformation_of
 from critflow.paths import continuation
 from critflow.paths.predictor import Predictor
-from critflow.springs.free_cell import stretched
 
 
 def test_path_ends_with_the_range_of_its_law():

@@ -46,9 +46,9 @@ from critflow import (
 from critflow import voronoi_network as voronoi
 from critflow.critical.backbone import backbone
 from critflow.critical.manifold import critical_configuration
+from critflow.extras.rest.free_cell import stretched
 from critflow.networks.deformation import DEFORMATIONS
 from critflow.paths.strain_path import PathSolver
-from critflow.springs.free_cell import stretched
 from critflow.springs.state import SpringState
 from workflows.benchmarks import reference
 

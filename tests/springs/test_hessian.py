@@ -17,8 +17,8 @@ from critflow import (
     three_bar_linkage,
     voronoi_network,
 )
+from critflow.certificates.counts import zero_modes
 from critflow.linalg.matrices import block_laplacian
-from critflow.rigidity.counts import zero_modes
 from critflow.springs.hessian import bond_operator, geometric_split, hookean_split
 
 NAMES = ["voronoi, random stiffness", "voronoi 3D", "own images", "oblique", "pinned star", "pinned grid"]

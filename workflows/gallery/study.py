@@ -16,8 +16,8 @@ import numpy as np
 
 import critflow as cf
 from critflow.critical.isogonal import affine_bulk_modulus, face_modes
+from critflow.critical.properties import flat_directions
 from critflow.generators.random_networks import check_voronoi
-from critflow.quantities.properties import flat_directions
 from critflow.result import StudyError
 from critflow.workflow import Axis, Study, stable_rng
 

@@ -5,8 +5,8 @@ import numpy as np
 from critflow import CriticalManifold, InputError, Status, stiffening, strain_path
 from critflow.critical.backbone import backbone
 from critflow.critical.manifold import require_one_self_stress
+from critflow.lengths.taut_set import NO_STRESS
 from critflow.networks.deformation import deformation_of
-from critflow.onset.taut_set import NO_STRESS
 from critflow.paths.strain_path import PathSolver
 from critflow.response.at_transition import elasticity_at_transition
 from critflow.response.stiffening import NO_STIFFENING

@@ -9,11 +9,11 @@ import numpy as np
 
 from critflow import CriticalManifold, Status, critical_from_lengths, equilibrium, spring_state
 from critflow.critical.manifold import critical_configuration
+from critflow.lengths.from_lengths import FromLengths
+from critflow.lengths.taut_edges import unknown_configuration
+from critflow.lengths.taut_set import NO_STRESS
 from critflow.linalg.matrices import balanced_part
 from critflow.networks.network import Array
-from critflow.onset.from_lengths import FromLengths
-from critflow.onset.taut_edges import unknown_configuration
-from critflow.onset.taut_set import NO_STRESS
 from critflow.result import Stats
 
 STRAIN_STEPS = 2000  # steps after which the protocol stops: a strain of 20 in the default steps

@@ -11,8 +11,8 @@ from pathlib import Path
 import numpy as np
 from PIL import Image
 
-from critflow.explore.server import Explorer, listening
-from critflow.explore.source import Random
+from critflow.extras.explore.server import Explorer, listening
+from critflow.extras.explore.source import Random
 
 from .chromium import Chromium, Tab
 

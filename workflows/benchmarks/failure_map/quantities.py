@@ -6,10 +6,10 @@ from itertools import pairwise
 import numpy as np
 
 import critflow as cf
+from critflow.critical.properties import stress_hessian
 from critflow.critical.quantity import evaluate
 from critflow.critical.transition import pure_shear, transition_modulus
-from critflow.design.optimize import objective_of
-from critflow.quantities.properties import stress_hessian
+from critflow.optimisation.optimize import objective_of
 
 from ...shared.strain_protocol import critical_by_strain
 from .. import reference

@@ -11,11 +11,11 @@ from functools import partial
 import numpy as np
 
 from critflow import CriticalManifold, Status, critical_from_lengths, voronoi_network
+from critflow.lengths.boundary_path import BoundaryPath
+from critflow.lengths.cone import fit_lengths
+from critflow.lengths.taut_edges import OnsetState, newton_taut
 from critflow.networks.deformation import Deformation
-from critflow.onset.boundary_path import BoundaryPath
-from critflow.onset.taut_edges import OnsetState, newton_taut
 from critflow.precision.double_double import Extended
-from critflow.solvers.cone import fit_lengths
 from critflow.workflow import stable_rng
 
 from ...shared.populations import random_lengths

@@ -26,10 +26,10 @@ from scipy.optimize import minimize
 
 from critflow import CriticalManifold, Network, Status, optimize, voronoi_network
 from critflow.critical.quantity import evaluate
-from critflow.design.optimize import objective_of
-from critflow.design.stress_objective import StressObjective
-from critflow.solvers.cone import fit_lengths
-from critflow.solvers.minimize import Point
+from critflow.lengths.cone import fit_lengths
+from critflow.optimisation.minimize import Point
+from critflow.optimisation.optimize import objective_of
+from critflow.optimisation.stress_objective import StressObjective
 from critflow.workflow import stable_rng
 
 from ..timing import Answer, Method, Task, installed, peer

@@ -16,7 +16,7 @@ import numpy as np
 
 from critflow import Status, equilibrium
 from critflow.networks.network import Array
-from critflow.solvers.minimize import LBFGS, minimise
+from critflow.optimisation.minimize import LBFGS, minimise
 from critflow.springs.equilibrium import Relaxation
 
 from ..lammps import Lammps, representable

@@ -1,0 +1,1 @@
+"""Counts of freedom and self-stress, and certificates of rigidity."""

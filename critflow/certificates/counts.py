@@ -1,0 +1,357 @@
+"""Counts of self-stresses and zero modes, with the gap of singular values behind them, and certificates.
+
+Maxwell–Calladine: N_0 − N_s = d N − N_b, with N_0 zero modes, N_s self-stresses and N free vertices
+(`Maxwell-Calladine`); a periodic network counts all its vertices, so that N_0 includes the d translations.  Pins are
+fixed to the ground: with pins no zero mode is trivial, not even a rotation about a single pin.
+
+Where edges are slack these are the counts of the taut part, its vertices and edges; the slack part is floppy.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from critflow.arguments import checked
+from critflow.certificates.prestress import stable_margin
+from critflow.certificates.spectrum import ITERATION_ERROR, Spectrum, edge_without_length, rounding_note
+from critflow.critical.backbone import Mask, backbone, taut_edges, taut_networks
+from critflow.critical.manifold import CriticalConfiguration
+from critflow.linalg.saddle import Saddle, positive
+from critflow.linalg.tolerances import LARGEST_DENSE
+from critflow.networks.checks import edge_values
+from critflow.networks.network import Array, IntArray, Network, validated_coordinates
+from critflow.result import InputError, Record, Solution, Stats, Status
+
+# Unbalanced forces below this, relative to the mean tension, are those of a self-stress: configurations from σ leave
+# 1e-15, coordinates of eight digits 1e-8.
+BALANCED = 1e-8
+
+
+@dataclass(frozen=True, eq=False)
+class Rigidity(Record):
+    """Counts of a configuration.
+
+    n_self_stresses, n_zero_modes   N_s and N_0 (translations of a periodic network included)
+    self_stresses                   orthonormal geometric stresses σ, (N_s, N_b) (`selfstressdef`)
+    largest_zero, smallest_nonzero  singular values on both sides of the tolerance: the gap behind the count
+    n_trivial                       zero modes that any configuration has: the translations of a periodic network
+    prestress_stable                whether the single self-stress stabilises all zero modes; None for N_s ≠ 1, and
+                                    where a tolerance hides it
+    n_slack                         slack edges, which enter no other count
+    n_unstressed_vertices           vertices that no taut edge meets, which enter no other count
+    """
+
+    n_self_stresses: int
+    n_zero_modes: int
+    self_stresses: Array
+    largest_zero: float
+    smallest_nonzero: float
+    n_trivial: int
+    prestress_stable: bool | None
+    n_slack: int = 0
+    n_unstressed_vertices: int = 0
+
+    @property
+    def first_order_rigid(self) -> bool:
+        """Whether no motion but the translations keeps all lengths to first order (`FirstOrder`)."""
+        return self.n_zero_modes == self.n_trivial
+
+    @property
+    def rigid(self) -> bool:
+        """Rigid to second order by its single self-stress, or without any zero mode but the translations."""
+        return bool(self.prestress_stable) or self.first_order_rigid
+
+
+@dataclass(frozen=True, eq=False)
+class ZeroModes(Record):
+    """Displacements that change no length to first order, all orthonormal, zero at pins (`FirstOrder`).
+
+    modes                           (N_0 − n_trivial, N_v, d), orthogonal to the translations of a periodic network
+    largest_zero, smallest_nonzero  singular values of R on both sides of the tolerance
+    """
+
+    modes: Array
+    largest_zero: float
+    smallest_nonzero: float
+
+
+@checked
+def rigidity(
+    network: Network,
+    coordinates: ArrayLike,
+    tolerance: float | None = None,
+    vectors: bool = True,
+    *,
+    taut: ArrayLike | None = None,
+) -> Solution[Rigidity]:
+    """Count the self-stresses and zero modes of a configuration (N_v, d).
+
+    tolerance  singular values of R below it count as zero (R has rows of norm √2), as for configurations known to
+               this accuracy only; None: 1e-6, and they must be zero to rounding
+    vectors    False: counts only, for networks with very many self-stresses; of large ones the gap is then given by
+               limits, no singular value between `tolerance` and ten times that, and those below stay unknown
+    taut       (N_b,) bool, edges that count, such as σ ≠ 0; the others are slack and resist nothing.  None: all
+
+    `Status.floppy` where there is no self-stress; `Status.singular` where an edge has no length, or where singular
+    values lie so close to the tolerance, or by default so far from zero, that the count cannot be trusted; the note
+    gives the reason.  Where edges are slack the note says how many.
+    Raises `InputError` for self-stresses that would not fit in memory, and taut edges that cannot balance.
+
+    >>> import critflow as cf
+    >>> network = cf.lattice("triangular", 3, 3)
+    >>> counts = cf.rigidity(network, network.positions).value
+    >>> counts.n_self_stresses, counts.first_order_rigid
+    (11, True)
+    """
+    kept = np.ones(network.n_edges, bool) if taut is None else taut_edges(network, taut)
+    if not kept.all():
+        return _rigidity_of_taut(network, coordinates, tolerance, vectors, kept)
+    x = validated_coordinates(network, coordinates)
+    n_trivial = 0 if network.pins else network.dimension
+    if note := edge_without_length(np.linalg.norm(network.bond_vectors(x), axis=1)):
+        nothing = Rigidity(0, 0, np.zeros((0, network.n_edges)), np.nan, np.nan, n_trivial, None)
+        return Solution(nothing, Status.singular, Stats("counts"), note)
+    spectrum = Spectrum(network, x, tolerance)
+    length = spectrum.lengths
+    n_stresses = spectrum.n_motions + network.n_edges - spectrum.n_coordinates
+    stresses, gap = np.zeros((0, network.n_edges)), spectrum.gap
+    if vectors:
+        _check_size(n_stresses, network.n_edges, "self-stresses", "vectors=False counts them")
+        tensions, gap = spectrum.null_space(n_stresses, of_stresses=True)
+        # Unit tensions become geometric stresses, orthonormal again.
+        stresses = np.linalg.qr((tensions / length).T)[0].T
+    doubt = spectrum.doubt(*gap)
+    stable = None
+    if len(stresses) == 1 and not doubt:
+        turned = 0.0 if tolerance is None else tolerance / gap[1]
+        stable, stresses = _stabilises(network, stresses[0], spectrum.bond_vectors, turned, gap[0])
+    value = Rigidity(n_stresses, spectrum.n_motions + n_trivial, stresses, *gap, n_trivial, stable)
+    status = Status.singular if doubt else Status.floppy if n_stresses == 0 else Status.ok
+    near = value.largest_zero if value.largest_zero > ITERATION_ERROR else value.smallest_nonzero
+    note = "" if status is Status.ok else rounding_note(x, length, near) or doubt
+    return Solution(value, status, Stats("counts", 1, residual=value.largest_zero), note)
+
+
+def _rigidity_of_taut(
+    network: Network, coordinates: ArrayLike, tolerance: float | None, vectors: bool, taut: Mask
+) -> Solution[Rigidity]:
+    """The counts of all connected parts of the taut edges."""
+    x = validated_coordinates(network, coordinates)
+    parts = taut_networks(network, taut)
+    found = [rigidity(part, x[vertices], tolerance, vectors) for part, _, vertices in parts]
+    value = _total(network, [(solution.value, edges) for solution, (_, edges, _) in zip(found, parts, strict=True)])
+    doubts = [solution.note for solution in found if solution.status is Status.singular]
+    status = Status.singular if doubts else Status.ok if value.n_self_stresses else Status.floppy
+    note = (
+        f"{value.n_slack} of {network.n_edges} edges are slack and {value.n_unstressed_vertices} of "
+        f"{network.n_vertices} vertices unstressed: the counts are those of the taut part"
+    )
+    if status is Status.floppy:
+        note += ", which has no self-stress, so every modulus is zero"
+    return Solution(value, status, Stats("counts", 1, residual=value.largest_zero), doubts[0] if doubts else note)
+
+
+def _total(network: Network, parts: Sequence[tuple[Rigidity, IntArray]]) -> Rigidity:
+    """The counts of connected parts together, each with the indices (n,) of its edges."""
+    counts, edges = zip(*parts, strict=True)
+    stresses, rows = np.zeros((sum(len(count.self_stresses) for count in counts), network.n_edges)), 0
+    for count, places in parts:
+        stresses[rows : rows + len(count.self_stresses), places] = count.self_stresses
+        rows += len(count.self_stresses)
+    stable, taut = [count.prestress_stable for count in counts], np.concatenate(edges)
+    return Rigidity(
+        sum(count.n_self_stresses for count in counts),
+        sum(count.n_zero_modes for count in counts),
+        stresses,
+        max(count.largest_zero for count in counts),
+        min(count.smallest_nonzero for count in counts),
+        sum(count.n_trivial for count in counts),
+        None if None in stable else all(stable),
+        n_slack=network.n_edges - len(taut),
+        n_unstressed_vertices=network.n_vertices - len(np.unique(network.edges[taut])),
+    )
+
+
+@checked
+def zero_modes(network: Network, coordinates: ArrayLike, tolerance: float | None = None) -> Solution[ZeroModes]:
+    """All zero modes of a configuration (N_v, d), separate from the translations of a periodic network.
+
+    `Status.singular` as for `rigidity`.  Raises `InputError` for modes that would not fit in memory.
+
+    >>> import critflow as cf
+    >>> from critflow.certificates.counts import zero_modes
+    >>> network = cf.lattice("honeycomb", 2, 2)
+    >>> zero_modes(network, network.positions).value.modes.shape
+    (3, 8, 2)
+    """
+    x = validated_coordinates(network, coordinates)
+    d, n_vertices = network.dimension, network.n_vertices
+    if note := edge_without_length(np.linalg.norm(network.bond_vectors(x), axis=1)):
+        nothing = ZeroModes(np.zeros((0, n_vertices, d)), np.nan, np.nan)
+        return Solution(nothing, Status.singular, Stats("zero modes"), note)
+    spectrum = Spectrum(network, x, tolerance)
+    _check_size(spectrum.n_motions, spectrum.n_coordinates, "zero modes", "rigidity() counts them")
+    motions, gap = spectrum.null_space(spectrum.n_motions, of_stresses=False)
+    modes = np.zeros((len(motions), n_vertices, d))
+    modes[:, network.free] = motions.reshape(len(motions), len(network.free), d)
+    if not network.pins:
+        # The grounded vertex is arbitrary: without their mean the modes are orthogonal to the translations.
+        modes -= modes.mean(axis=1, keepdims=True)
+        modes = np.linalg.qr(modes.reshape(len(modes), n_vertices * d).T)[0].T.reshape(modes.shape)
+    doubt = spectrum.doubt(*gap)
+    status, stats = Status.singular if doubt else Status.ok, Stats("zero modes", 1, residual=gap[0])
+    return Solution(ZeroModes(modes, *gap), status, stats, doubt)
+
+
+@dataclass(frozen=True, eq=False)
+class StressSpace(Record):
+    """The stresses that share a configuration: the kernel of the map σ → configuration.
+
+    Every σ' that balances on the same bond vectors, gᵀ(σ' ∘ L) = 0, has the same configuration, since P(σ') x = −gᵀ(σ'
+    ∘ b) has one solution wherever P(σ') is regular.  With N_s = 1, as generic underconstrained networks have it, the
+    map is one-to-one up to the scale of σ (`SelfStressParamaterization_bondvecs`).
+
+    basis  orthonormal geometric stresses, (N_s, N_b); the first is that of the configuration itself, scaled to |σ| = 1
+    gap    largest singular value of the rigidity matrix that counts as zero, and the next one
+    """
+
+    critical: CriticalConfiguration
+    basis: Array
+    gap: tuple[float, float]
+
+    @property
+    def dimension(self) -> int:
+        """N_s: independent stresses that give this configuration; one where σ → configuration is one-to-one."""
+        return len(self.basis)
+
+    def distance(self, sigma: ArrayLike) -> float:
+        """Sine of the angle between a stress (N_b,) and the space: 0 if it gives this configuration."""
+        stress = edge_values(sigma, self.basis.shape[1], "sigma", positive=False)
+        size = float(np.linalg.norm(stress))
+        if size == 0:
+            raise InputError("sigma is zero on every edge: give a stress with a non-zero entry")
+        return float(np.linalg.norm(stress - (self.basis @ stress) @ self.basis)) / size
+
+
+@checked
+def self_stresses(critical: CriticalConfiguration, tolerance: float | None = None) -> Solution[StressSpace]:
+    """The space of all stresses that give the same configuration as a critical one.
+
+    `stats.residual` is the distance of the configuration's σ from the space.  `Status.singular` where an edge has no
+    length or the count cannot be trusted, and `Status.floppy` where the coordinates admit no self-stress, so that σ
+    cannot balance.
+
+    >>> import critflow as cf
+    >>> network = cf.voronoi_network(n_vertices=20, seed=1)
+    >>> cf.self_stresses(cf.optimize(network, 'bulk_modulus')).ok
+    True
+    """
+    counts = rigidity(critical.network, critical.coordinates, tolerance)
+    basis = counts.value.self_stresses
+    if len(basis):
+        # Gram–Schmidt from σ's components rotates the first member onto σ.
+        aligned = np.linalg.qr(np.column_stack([basis @ critical.sigma, np.eye(len(basis))]))[0].T @ basis
+        basis = aligned * np.sign(aligned[0] @ critical.sigma or 1.0)
+    space = StressSpace(critical, basis, (counts.value.largest_zero, counts.value.smallest_nonzero))
+    distance = space.distance(critical.sigma) if counts.ok else np.nan
+    return Solution(space, counts.status, Stats("counts", 1, residual=distance), counts.note)
+
+
+def _check_size(count: int, size: int, name: str, instead: str) -> None:
+    if count * size > LARGEST_DENSE:
+        raise InputError(
+            f"{count} {name} of {size} components each require {8e-9 * count * size:.1f} GB, more than the limit of "
+            f"{8e-9 * LARGEST_DENSE:.2f} GB: {instead}, or take a part of the network"
+        )
+
+
+def _stabilises(
+    network: Network, sigma: Array, L: Array, turned: float, largest_zero: float
+) -> tuple[bool | None, Array]:
+    """Whether ±σ is positive on all zero modes, and σ of that sign, or of positive sum, (1, N_b).
+
+    turned  part by which a tolerance leaves σ and the modes open (`stiffness_error`); None where that hides the answer
+    """
+    sigma = sigma * np.sign(sigma.sum() or 1.0)
+    saddle = Saddle(network)
+    margin = stable_margin(network, sigma, turned, largest_zero)
+    for sign in (1.0, -1.0):
+        # A stress in tension on every edge has a configuration next to this one, and is positive on all its motions.
+        if saddle.stable(sign * sigma, L, margin) or (turned and positive(sign * sigma)):
+            return True, sign * sigma[None]
+    open_question = turned > 0 and any(saddle.stable(sign * sigma, L, -margin) for sign in (1.0, -1.0))
+    return None if open_question else False, sigma[None]
+
+
+@dataclass(frozen=True)
+class Certificate(Record):
+    """Quantities that show that a configuration is critical, and their accuracy.
+
+    Where edges are slack, σ = 0, all but the residual describe the taut part.
+
+    residual           largest unbalanced force relative to the mean tension
+    least_tension      smallest tension relative to the mean
+    n_self_stresses    expected 1
+    gap                the singular values on both sides of the count
+    rigid              whether that stress stabilises the zero modes
+    stressed_fraction  fraction of the edges that are stressed
+    n_slack            slack edges
+    n_unstressed_vertices  vertices that only slack edges meet
+    """
+
+    residual: float
+    least_tension: float
+    n_self_stresses: int
+    n_zero_modes: int
+    gap: tuple[float, float]
+    rigid: bool
+    stressed_fraction: float = 1.0
+    n_slack: int = 0
+    n_unstressed_vertices: int = 0
+
+
+@checked
+def certify(critical: CriticalConfiguration) -> Certificate:
+    """Check a critical configuration from its coordinates and stresses alone; of slack ones the taut part.
+
+    Raises `InputError` for stresses that are not finite or zero everywhere.
+
+    >>> import critflow as cf
+    >>> network = cf.voronoi_network(n_vertices=20, seed=1)
+    >>> certificate = cf.certify(cf.optimize(network, 'bulk_modulus'))
+    >>> certificate.n_self_stresses, certificate.rigid
+    (1, True)
+    """
+    bone = backbone(critical)
+    tensions = critical.tensions[bone.taut]
+    found = [_certified(component, critical.residual) for component in bone.components]
+    counts = [count for count, _ in found]
+    return Certificate(
+        critical.residual,
+        float(tensions.min() / np.abs(tensions).mean()),
+        sum(count.n_self_stresses for count in counts),
+        sum(count.n_zero_modes for count in counts),
+        (max(count.largest_zero for count in counts), min(count.smallest_nonzero for count in counts)),
+        all(rigid for _, rigid in found),
+        bone.stressed_fraction,
+        bone.n_slack,
+        len(bone.floppy_vertices),
+    )
+
+
+def _certified(critical: CriticalConfiguration, residual: float) -> tuple[Rigidity, bool]:
+    """The counts of a configuration without slack edges, and whether it is rigid."""
+    counted = rigidity(critical.network, critical.coordinates)
+    counts = counted.value
+    sigma, balanced = critical.sigma, residual < BALANCED
+    if balanced and (sigma > 0).all():
+        # P(σ) of a connected network is then positive definite, however small some stresses are.
+        return counts, True
+    # With several self-stresses, σ itself may stabilise all zero modes.
+    by_sigma = counts.n_self_stresses > 1 and balanced
+    rigid = counts.rigid or (by_sigma and Saddle(critical.network).stable(sigma, critical.bond_vectors))
+    return counts, rigid and counted.status is not Status.singular

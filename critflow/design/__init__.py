@@ -1,1 +1,0 @@
-"""Optimisation over critical configurations, targets, closed-form bounds, isogonal modes, tensegrity, topology."""

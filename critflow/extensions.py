@@ -1,0 +1,89 @@
+"""How extras join the scene: each is a folder of `critflow/extras`, and its file `extra.toml` declares what it adds.
+
+    needs       other extras that it imports
+    kinds       classes of the scene that its package teaches to functions which are `extensible`
+    quantities  name, or the part before brackets -> "module:factory" within its folder
+    commands    name -> "module:function" within its folder
+
+The scene reads the declarations and imports an extra when one of its names is used.  It names none of them, so that a
+folder can be added or deleted without an edit.
+"""
+
+from __future__ import annotations
+
+import tomllib
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from functools import cache, singledispatch, wraps
+from importlib import import_module
+from pathlib import Path
+from typing import Any
+
+_FOLDER = Path(__file__).with_name("extras")
+
+
+@dataclass(frozen=True)
+class Extra:
+    """The declarations of one extra."""
+
+    name: str
+    needs: tuple[str, ...] = ()
+    kinds: tuple[str, ...] = ()
+    quantities: dict[str, str] = field(default_factory=dict)
+    commands: dict[str, str] = field(default_factory=dict)
+
+    @property
+    def package(self) -> str:
+        return f"{__package__}.{_FOLDER.name}.{self.name}"
+
+    def named(self, place: str) -> Any:
+        """The object at "module:name" within the folder."""
+        module, _, name = place.partition(":")
+        return getattr(import_module(f"{self.package}.{module}"), name)
+
+
+@cache
+def extras() -> dict[str, Extra]:
+    """All extras that are there, by name, in alphabetical order."""
+    files = sorted(_FOLDER.glob("*/extra.toml"))
+    declared = {file.parent.name: tomllib.loads(file.read_text(encoding="utf-8")) for file in files}
+    return {
+        name: Extra(
+            name,
+            tuple(entries.get("needs", ())),
+            tuple(entries.get("kinds", ())),
+            entries.get("quantities", {}),
+            entries.get("commands", {}),
+        )
+        for name, entries in declared.items()
+    }
+
+
+def extensible(function: Callable[..., Any]) -> Any:
+    """`functools.singledispatch`, which first imports the extras that declare the kind of the first argument.
+
+    @extensible
+    def elasticity(springs, ...): raise InputError(...)     # the kinds that nothing is registered for
+
+    @elasticity.register
+    def _(springs: CriticalConfiguration, ...): ...
+    """
+    dispatcher = singledispatch(function)
+
+    @wraps(function)
+    def dispatched(first: Any, *args: Any, **options: Any) -> Any:
+        _import_extras_of(type(first))  # type: ignore[arg-type]
+        return dispatcher(first, *args, **options)
+
+    dispatched.register = dispatcher.register  # type: ignore[attr-defined]
+    dispatched.dispatch = dispatcher.dispatch  # type: ignore[attr-defined]
+    return dispatched
+
+
+@cache
+def _import_extras_of(kind: type[Any]) -> None:
+    """Import the packages that declare a class or one of its bases: they register functions of it."""
+    names = {base.__name__ for base in kind.__mro__}
+    for extra in extras().values():
+        if names & set(extra.kinds):
+            import_module(extra.package)

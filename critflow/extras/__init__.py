@@ -1,0 +1,1 @@
+"""Extras: one folder a capability.  Each imports the scene; any folder can be deleted."""

@@ -1,0 +1,1 @@
+"""Onsets of rigidity on any deformation, slack edges, and the surface of critical strains."""

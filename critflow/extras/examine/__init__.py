@@ -1,0 +1,1 @@
+"""The report of `critflow examine`: whether and why a network is rigid."""

@@ -1,0 +1,304 @@
+"""The server of the page: loopback only, every request with the token, one `Page` for each tab."""
+
+from __future__ import annotations
+
+import asyncio
+import hmac
+import json
+import logging
+import os
+import secrets
+import socket
+import sys
+import tempfile
+import time
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from functools import partial
+from importlib.resources import files
+from pathlib import Path
+from typing import Any
+
+from tornado.httpserver import HTTPServer
+from tornado.web import Application, HTTPError, RequestHandler
+from tornado.websocket import WebSocketClosedError, WebSocketHandler
+
+from critflow.extras.explore.datasets import Dataset
+from critflow.extras.explore.exports import network_file, picture_file
+from critflow.extras.explore.page import Page, Reply
+from critflow.extras.explore.source import Source
+from critflow.extras.explore.view import packed
+from critflow.result import CritflowError, EnvironmentFailure
+
+LOOPBACK = "127.0.0.1"
+# Longest delays of the first numbers, and of those with errors, while the user keeps dragging, in seconds.
+LONGEST_DELAYS = (0.15, 0.5)
+# Pages of closed tabs that are kept for a reload.
+_KEPT = 12
+# Largest file that is accepted, and longest name of one, in bytes.
+_LARGEST_FILE, _LONGEST_NAME = 50_000_000, 200
+_STATIC = {"": "page.html", **{name: name for name in ("raster.js", "picture.js", "plots.js", "page.js", "page.css")}}
+_KINDS = {".html": "text/html", ".js": "text/javascript", ".css": "text/css"}
+_POLICY = "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' data: blob:; connect-src 'self'"
+
+
+class Explorer:
+    """All tabs of one server: pages by their name, and the source of a new page."""
+
+    def __init__(self, source: Source | Dataset):
+        self.source = source
+        self.token = secrets.token_urlsafe(18)
+        self.pages: dict[str, Page] = {}
+        self.open_tabs: dict[str, _Socket] = {}
+        self.threads = ThreadPoolExecutor(4, thread_name_prefix="explore")
+        self.folder = tempfile.TemporaryDirectory(prefix="critflow-explore-")
+
+    def page(self, name: str) -> Page:
+        """The page of a tab that was reloaded, or a new one; a copied tab has another page."""
+        if name not in self.pages or name in self.open_tabs:
+            page = Page(self.source)
+            page.name = name = secrets.token_urlsafe(9)
+            self.pages[name] = page
+        closed = [key for key in self.pages if key not in self.open_tabs and key != name]
+        for key in closed[:-_KEPT]:
+            del self.pages[key]
+        return self.pages[name]
+
+    def redirect_file(self, address: str) -> Path:
+        """A file that leads a browser to the address of the page, for this user only.
+
+        The address contains the token, and the arguments of a process are visible to all users of the machine.
+        """
+        path = Path(self.folder.name) / "open.html"
+        with open(os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600), "w", encoding="utf-8") as file:
+            file.write(f'<!doctype html><meta http-equiv="refresh" content="0; url={address}">\n')
+        return path
+
+    def close(self) -> None:
+        """Stop the computations and delete the files of all tabs."""
+        for page in self.pages.values():
+            page.stopping = True
+        self.threads.shutdown(wait=False, cancel_futures=True)
+        self.folder.cleanup()
+
+
+def _require_token(handler: RequestHandler, explorer: Explorer) -> None:
+    """Refuse a request without the token."""
+    if not hmac.compare_digest(handler.get_query_argument("token", "").encode(), explorer.token.encode()):
+        raise HTTPError(403)
+
+
+class _Guarded(RequestHandler):
+    """A handler that refuses requests without the token."""
+
+    def initialize(self, explorer: Explorer) -> None:
+        self.explorer = explorer
+
+    def prepare(self) -> None:
+        _require_token(self, self.explorer)
+
+    def set_default_headers(self) -> None:
+        self.set_header("Content-Security-Policy", _POLICY)
+        self.set_header("Referrer-Policy", "no-referrer")
+        self.set_header("X-Content-Type-Options", "nosniff")
+        self.set_header("Cache-Control", "no-store")
+
+    def write_error(self, status_code: int, **kwargs: Any) -> None:
+        sentence = "this page needs the link that critflow explore printed" if status_code == 403 else self._reason
+        self.set_header("Content-Type", "text/plain; charset=utf-8")
+        self.finish(f"{status_code}: {sentence}\n")
+
+    def _page(self) -> Page:
+        page = self.explorer.pages.get(self.get_query_argument("tab", ""))
+        if page is None:
+            raise HTTPError(404, reason="this tab is closed, reload it")
+        return page
+
+
+class _Files(_Guarded):
+    """The files of the page."""
+
+    def get(self, name: str) -> None:
+        if name not in _STATIC:
+            raise HTTPError(404)
+        file = files("critflow.extras.explore") / _STATIC[name]
+        text = file.read_text(encoding="utf-8").replace("{{token}}", self.explorer.token)
+        self.set_header("Content-Type", f"{_KINDS[Path(_STATIC[name]).suffix]}; charset=utf-8")
+        self.finish(text)
+
+
+class _Export(_Guarded):
+    """Files made of the state of a tab: script.py, a picture, or the network in any format."""
+
+    async def get(self, name: str) -> None:
+        page, suffix = self._page(), Path(name).suffix
+        loop = asyncio.get_running_loop()
+        try:
+            if name == "script.py":
+                name, content = name, page.script().encode()
+            else:
+                make = partial(picture_file, colour=page.colour) if name.startswith("picture") else network_file
+                name, content = await loop.run_in_executor(self.explorer.threads, make, page.session, suffix)
+        except CritflowError as error:
+            self.set_status(409)
+            self.set_header("Content-Type", "text/plain; charset=utf-8")
+            self.finish(str(error))
+            return
+        self.set_header("Content-Type", "text/plain; charset=utf-8" if suffix == ".py" else "application/octet-stream")
+        self.set_header("Content-Disposition", f'attachment; filename="{name}"')
+        self.finish(content)
+
+
+class _Upload(_Guarded):
+    """A file that a tab may open."""
+
+    def post(self) -> None:
+        page = self._page()
+        # Without the replacement of control characters by `get_query_argument`.
+        given = self.request.query_arguments.get("name", [b""])[-1]
+        name = given.decode(errors="ignore")
+        is_name = name.encode() == given and name.isprintable() and Path(name).name == name and name != ".."
+        if not (is_name and 0 < len(given) <= _LONGEST_NAME):
+            raise HTTPError(400, reason="the file has no usable name, rename it")
+        # In one folder, where the two tables of a network find each other.
+        page.folder = page.folder or Path(tempfile.mkdtemp(dir=self.explorer.folder.name))
+        page.uploads[name] = page.folder / name
+        page.uploads[name].write_bytes(self.request.body)
+
+
+class _Socket(WebSocketHandler):
+    """Messages of one tab, in turn; errors and counts follow when the user pauses."""
+
+    def initialize(self, explorer: Explorer) -> None:
+        self.explorer, self.name = explorer, ""
+
+    def prepare(self) -> None:
+        _require_token(self, self.explorer)
+
+    def open(self, *args: str, **kwargs: str) -> None:
+        self.set_nodelay(True)
+        try:
+            self.page = self.explorer.page(self.get_query_argument("tab", ""))
+        except CritflowError as error:
+            self.close(1011, str(error)[:100])
+            return
+        self.name = self.page.name
+        self.explorer.open_tabs[self.name] = self
+        self.messages: asyncio.Queue[dict[str, Any]] = asyncio.Queue()
+        self.loop = asyncio.get_running_loop()
+        self.page.progress = self._progress(self.loop)
+        self.messages.put_nowait({"do": "look"})
+        self.work = asyncio.create_task(self._work())
+
+    def on_message(self, text: str | bytes) -> None:
+        try:
+            message = json.loads(text)
+        except ValueError:
+            return
+        if isinstance(message, dict) and message.get("do") == "stop":
+            self.page.stopping = True
+        elif isinstance(message, dict):
+            self.messages.put_nowait(message)
+
+    def on_close(self) -> None:
+        if self.name:
+            self.explorer.open_tabs.pop(self.name, None)
+            self.page.stopping = True
+            self.work.cancel()
+
+    def _progress(self, loop: asyncio.AbstractEventLoop) -> Callable[[str], None]:
+        """Sends a sentence from another thread, a few times a second."""
+        last = 0.0
+
+        def send(sentence: str) -> None:
+            nonlocal last
+            if time.monotonic() - last > 0.3:
+                last = time.monotonic()
+                loop.call_soon_threadsafe(lambda: asyncio.ensure_future(self._send(Reply({"busy": sentence}))))
+
+        return send
+
+    async def _work(self) -> None:
+        """Answer messages in turn, and compute the stages that are due while none comes."""
+        shown = [self.loop.time()] * len(LONGEST_DELAYS)
+        while True:
+            complete = self.page.wait is None
+            try:
+                # Waiting for no time at all would also leave a message that has arrived.
+                wait = self.page.wait if self.messages.empty() else None
+                message = await asyncio.wait_for(self.messages.get(), wait)
+            except TimeoutError:
+                await self._reply(self.page.refine)
+                continue
+            if complete:
+                shown = [self.loop.time()] * len(LONGEST_DELAYS)
+            await self._reply(self.page.handle, message)
+            late = [self.loop.time() - then > delay for then, delay in zip(shown, LONGEST_DELAYS, strict=True)]
+            # Numbers with errors come after the first ones.
+            for stage in range(2 if late[1] else int(late[0])):
+                await self._reply(self.page.refine)
+                shown[stage] = self.loop.time()
+
+    async def _reply(self, compute: Callable[..., Reply | None], *arguments: Any) -> None:
+        """Compute and send a reply; a fault of the program is a sentence too, and the tab stays usable."""
+        try:
+            reply = await self.loop.run_in_executor(self.explorer.threads, compute, *arguments)
+            if reply is not None:
+                await self._send(reply)
+        except Exception as error:
+            logging.exception("a reply failed")
+            await self._send(Reply({"fault": f"unexpected {type(error).__name__}, {error}: undo the last change"}))
+
+    async def _send(self, reply: Reply) -> None:
+        try:
+            await self.write_message(packed(reply), binary=True)
+        except WebSocketClosedError:
+            pass
+
+
+def application(explorer: Explorer) -> Application:
+    """The routes of the page; an unknown address needs the token too."""
+    shared = {"explorer": explorer}
+    return Application(
+        [
+            (r"/socket", _Socket, shared),
+            (r"/export/([\w.]+)", _Export, shared),
+            (r"/upload", _Upload, shared),
+            (r"/(.*)", _Files, shared),
+        ],
+        websocket_max_message_size=1_000_000,
+        websocket_ping_interval=20,
+    )
+
+
+def listening(explorer: Explorer, port: int = 0) -> tuple[HTTPServer, str]:
+    """A server on loopback, and the address of its page with the token."""
+    try:
+        listener = socket.create_server((LOOPBACK, port))
+    except OSError as error:
+        raise EnvironmentFailure(
+            f"port {port} cannot be used, {error.strerror}: choose another, or leave it out"
+        ) from None
+    server = HTTPServer(application(explorer), max_buffer_size=_LARGEST_FILE)
+    listener.setblocking(False)
+    server.add_sockets([listener])
+    return server, f"http://{LOOPBACK}:{listener.getsockname()[1]}/?token={explorer.token}"
+
+
+def serve(explorer: Explorer, port: int, announce: Callable[[str], None]) -> None:
+    """Serve until interrupted; `announce` is called with the address."""
+
+    async def run() -> None:
+        server, address = listening(explorer, port)
+        announce(address)
+        try:
+            await asyncio.Event().wait()
+        finally:
+            server.stop()
+
+    try:
+        asyncio.run(run())
+    except KeyboardInterrupt:
+        print("stopped", file=sys.stderr)
+    finally:
+        explorer.close()

@@ -1,0 +1,287 @@
+"""`network_from` and `write_network`: anything that describes a network in, and any format out."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import replace
+from itertools import product
+from os import PathLike
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from critflow.arguments import checked, shown
+from critflow.extras.files.boundaries import Pins, hull_volume, with_offsets, with_pins
+from critflow.extras.files.data import NetworkData, from_zero
+from critflow.extras.files.formats import format_of_object, readable_format, writable_format
+from critflow.extras.files.meshes import from_polygons
+from critflow.extras.files.pictures import from_labels, from_skeleton, read_picture
+from critflow.extras.files.repair import ImportedNetwork, check, imported, in_its_plane
+from critflow.extras.files.tables import read_tables
+from critflow.networks.checks import floats
+from critflow.networks.network import Network
+from critflow.result import CritflowError, InputError, NetworkError, Solution
+
+# Edges of copies that fit into the memory of a usual computer with their file.
+_MOST_EDGES = 10_000_000
+
+
+@checked
+def network_from(
+    source: Any = None,
+    *,
+    cell: ArrayLike | None = None,
+    pins: Pins = None,
+    nearest: bool = False,
+    strict: bool = False,
+    contract: bool = False,
+    join_crossings: bool = False,
+    volume: float | str | None = None,
+    **given: Any,
+) -> ImportedNetwork:
+    """A network from a file or an object of another program, checked and repaired, with one sentence for each repair.
+
+    source   a path, or those of two tables; a networkx graph; ASE atoms; a meshio mesh; a case of a critflow dataset; a
+             `Network`; or None, with the arrays edges= and positions= (and offsets= or bond_vectors=), polygons= and
+             positions=, picture= or labels=, which may be paths
+    cell     (d, d) rows are the cell vectors; without one the cell of the source is used
+    pins     fixed vertices: "hull", "degree", "box", "border" of a picture, a list of vertices, or a mask
+    nearest  accept nearest images of edges longer than 0.4 of the height of the cell
+    strict   refuse a source that needs any repair
+    contract  join the edges of vertices of two edges: springs in series
+    join_crossings  put a vertex where two edges of a planar network cross
+    volume   V to which the moduli of a network without a cell refer; that of the source, or "hull", the convex hull,
+             by default
+
+    Many parameters: hints that a source may lack.  Further keywords are those of the source: offsets, bond_vectors,
+    stiffness, rest_lengths, force_densities, positions, edges, cutoff, pixel.  Raises `InputError` or `NetworkError`
+    with a question where the source is ambiguous, and `EnvironmentFailure` where a package is missing.
+
+    >>> import critflow as cf
+    >>> cf.network_from(edges=[[0, 1], [1, 2]], positions=[[0, 0], [1, 1], [2, 0]], pins=[0, 2]).network
+    Network(3 vertices, 2 edges, 2 dimensions, 2 pins, z = 1.333)
+    """
+    data = _record(source, given)
+    if (vectors := data.cell if cell is None else floats(cell, "the cell")) is not None:
+        d = data.dimension
+        vectors = vectors * np.eye(d) if vectors.ndim == 0 else np.diag(vectors) if vectors.ndim == 1 else vectors
+        if vectors.shape not in ((d, d), (3, 3)):
+            raise InputError(f"the cell must be {d} side lengths or as many vectors as rows, not {vectors.shape}")
+        # A plane may be given in space.
+        data = replace(data, cell=vectors[:d, :d])
+    check(data)
+    data = in_its_plane(data)
+    found = imported(with_pins(with_offsets(data, nearest), pins), strict, contract, join_crossings)
+    return _referring(found, data.volume if volume is None else volume)
+
+
+@checked
+def write_network(
+    network: Any,
+    path: str | PathLike[str],
+    coordinates: ArrayLike | None = None,
+    *,
+    rest_lengths: ArrayLike | None = None,
+    force_densities: ArrayLike | None = None,
+    copies: int | Sequence[int] = 1,
+    **options: Any,
+) -> None:
+    """Write a network to a file whose ending names the format, with all digits that the format can hold.
+
+    network          a `Network`; a configuration or state, with its coordinates, lengths and stresses; or a `Solution`
+                     that holds one of these
+    coordinates      (N_v, d); positions of the network by default
+    rest_lengths     ℓ (N_b,); the lengths by default, where a format needs them
+    force_densities  σ (N_b,)
+    copies           of a periodic cell along each cell vector, one number or d numbers, as one larger network
+
+    Many parameters: the state of a network is more than its graph.  Options: size (mm) and width or radius (mm) of
+    drawings and solids, which are cut at the border of the cell, and by_stiffness, with which the cross section of each
+    strut is that of its stiffness.  Raises `InputError` where the format cannot hold the
+    network, `EnvironmentFailure` where its package is missing.
+
+    >>> import critflow as cf
+    >>> import tempfile
+    >>> path = tempfile.mkdtemp() + '/network.csv'
+    >>> cf.write_network(cf.lattice("honeycomb", 2, 2), path)
+    >>> print(cf.network_from(path).network)
+    Network(8 vertices, 12 edges, 2 dimensions, periodic, z = 3)
+    """
+    target, data = Path(path), data_of(network, coordinates, rest_lengths, force_densities)
+    known = writable_format(target, data.dimension, options)
+    assert known.write is not None
+    known.write(_tiled(data, copies), target, **options)
+
+
+def _tiled(data: NetworkData, copies: int | Sequence[int]) -> NetworkData:
+    """The record of copies of the cell along each cell vector, one number or d numbers, joined as one periodic network.
+
+    Raises `InputError` for numbers that are not positive and whole, and where there is no cell to repeat.
+    """
+    counts, d = np.asarray(copies), data.dimension
+    if counts.dtype.kind not in "iu" or counts.shape not in ((), (1,), (d,)) or (counts < 1).any():
+        raise InputError(f"copies must be a whole number from 1, or {d} of them, not {copies!r:.40}")
+    counts = np.broadcast_to(counts, (d,)).astype(np.int64)
+    if (counts == 1).all():
+        return data
+    if data.cell is None or data.offsets is None:
+        raise InputError("copies repeat a periodic cell, and this network has none: leave copies out")
+    edges = data.n_edges * float(np.prod(counts, dtype=float))
+    if edges > _MOST_EDGES:
+        raise InputError(f"these copies have {edges:.1e} edges, more than {_MOST_EDGES:.0e}: give fewer copies")
+    images = np.array(list(product(*map(range, counts))))
+    m, n = len(images), data.n_vertices
+    # The image of each head, counted in old cells, and the copy and the larger cell in which it lies.
+    target = images[:, None] + data.offsets[None]
+    copy = np.ravel_multi_index(tuple(np.moveaxis(target % counts, -1, 0)), tuple(counts))
+    tails = data.edges[None, :, 0] + n * np.arange(m)[:, None]
+    heads = data.edges[None, :, 1] + n * copy
+
+    whole = data.with_edges(np.tile(np.arange(data.n_edges), m))
+    return replace(
+        whole,
+        edges=np.stack([tails.ravel(), heads.ravel()], axis=1),
+        positions=(data.positions[None] + (images @ data.cell)[:, None]).reshape(m * n, -1),
+        cell=counts[:, None] * data.cell,
+        offsets=(target // counts).reshape(-1, data.dimension),
+        pins=tuple(pin + n * k for k in range(m) for pin in data.pins),
+        ids=(),
+    )
+
+
+def _referring(found: ImportedNetwork, volume: float | str | None) -> ImportedNetwork:
+    """The network with the volume to which its moduli refer: that of the convex hull where none is named."""
+    network, note = found.value, ""
+    if volume is None and (network.cell is not None or network.dimension == 1):
+        return found
+    if volume is None or volume == "hull":
+        try:
+            hull = hull_volume(found.positions)
+        except InputError:
+            if volume is None:
+                return found
+            raise
+        volume, note = hull, f"moduli refer to the convex hull, V = {hull:.8g}, unless another volume is given"
+    if isinstance(volume, str):
+        raise InputError(f"the volume must be a number or 'hull', not {volume!r}")
+    return replace(found, value=network.with_volume(volume), data=found.data.noting(*([note] if note else [])))
+
+
+def data_of(
+    thing: Any,
+    coordinates: ArrayLike | None = None,
+    rest_lengths: ArrayLike | None = None,
+    force_densities: ArrayLike | None = None,
+) -> NetworkData:
+    """The record of a network, or of a configuration or state with those of its values that are not given."""
+    thing = thing.value if isinstance(thing, Solution) and not isinstance(thing, ImportedNetwork) else thing
+    network = thing if isinstance(thing, Network) else getattr(thing, "network", None)
+    if not isinstance(network, Network):
+        raise InputError(f"{shown(thing)} cannot be written: give a network, a configuration or a state")
+
+    def known(value: ArrayLike | None, *names: str) -> Any:
+        """A value, or the first of these attributes that the thing has."""
+        return next((v for v in (value, *(getattr(thing, name, None) for name in names)) if v is not None), None)
+
+    places = known(coordinates, "coordinates")
+    if (places := network.positions if places is None else places) is None:
+        raise InputError("the network has no positions to write: give coordinates, such as those of a configuration")
+    x, pins = np.array(places, dtype=float), sorted(network.pins)
+    if x.shape != (network.n_vertices, network.dimension):
+        raise InputError(f"coordinates must have shape {(network.n_vertices, network.dimension)}, not {x.shape}")
+    x[pins] = network.fixed_positions[pins]
+    return NetworkData(
+        edges=network.edges,
+        positions=x,
+        cell=network.cell,
+        offsets=network.offsets,
+        pins=tuple(pins),
+        stiffness=network.stiffness,
+        rest_lengths=known(rest_lengths, "rest_lengths", "lengths"),
+        force_densities=known(force_densities, "force_densities", "sigma"),
+        volume=network.reference_volume,
+        source="critflow",
+    )
+
+
+def _record(source: Any, given: dict[str, Any]) -> NetworkData:
+    """The record of a source: files, arrays, an object with a network, or one of another library."""
+    if _is_path(source):
+        known = readable_format(Path(source))
+        assert known.read is not None
+        with _one_sentence(source, known.name):
+            data = known.read(Path(source), **_taken(given, known.keywords))
+    elif isinstance(source, Sequence) and len(source) == 2 and all(map(_is_path, source)):
+        with _one_sentence(" and ".join(map(str, source)), "tables"):
+            data = read_tables([Path(path) for path in source])
+    elif source is None or isinstance(source, Sequence | np.ndarray):
+        data = _from_keywords(given if source is None else given | {"edges": source})
+    elif isinstance(source, Network | Solution) or isinstance(getattr(source, "network", None), Network):
+        data = data_of(source, given.pop("positions", None), None, None)
+    else:
+        known = format_of_object(source)
+        assert known.convert is not None
+        with _one_sentence(shown(source), "a network"):
+            data = known.convert(source, **_taken(given, known.keywords))
+    return _overridden(data, given)
+
+
+def _is_path(source: object) -> bool:
+    return isinstance(source, str | PathLike)
+
+
+def _taken(given: dict[str, Any], names: Sequence[str]) -> dict[str, Any]:
+    """The keywords of these names, which leave the others."""
+    return {name: given.pop(name) for name in names if name in given}
+
+
+@contextmanager
+def _one_sentence(source: object, kind: str) -> Iterator[None]:
+    """Errors of readers and their libraries, of any class, as `InputError` with the name of the source."""
+    try:
+        yield
+    except NetworkError as error:
+        raise NetworkError(f"{source}: {error}") from None
+    except CritflowError:
+        raise
+    except FileNotFoundError as missing:
+        advice = "check its name; the tables of NAME.csv are NAME_edges.csv and NAME_vertices.csv"
+        if _is_path(source) and Path(str(source)).exists():
+            advice = f"{source} is one of two tables: give the other one after it"
+        raise InputError(f"there is no file {missing.filename or source}: {advice}") from None
+    except Exception as error:
+        text = isinstance(error, UnicodeDecodeError)
+        reason = "it is no text in UTF-8: check its name, or save it so" if text else " ".join(str(error).split())
+        raise InputError(f"{source} cannot be read as {kind}: {reason or type(error).__name__:.300}") from error
+
+
+def _from_keywords(given: dict[str, Any]) -> NetworkData:
+    kind = next((kind for kind in ("edges", "polygons", "picture", "labels") if kind in given), None)
+    if kind is None:
+        raise InputError("give a source: a file, an object, or one of edges=, polygons=, picture=, labels=")
+    value = given.pop(kind)
+    if kind in ("picture", "labels"):
+        with _one_sentence(value if _is_path(value) else "the array", "a picture"):
+            array = read_picture(Path(value)) if _is_path(value) else value
+        return (from_skeleton if kind == "picture" else from_labels)(array, **_taken(given, ("pixel",)))
+    if "positions" not in given:
+        raise InputError(f"{kind}= needs positions=, one row for each vertex")
+    positions = given.pop("positions")
+    if kind == "polygons":
+        return from_polygons(floats(positions, "positions"), value)
+    return from_zero(NetworkData(value, positions))
+
+
+def _overridden(data: NetworkData, given: dict[str, Any]) -> NetworkData:
+    """The record with values given by keyword, each of one row for an edge."""
+    known = ("offsets", "bond_vectors", "stiffness", "rest_lengths", "force_densities")
+    unknown = set(given) - set(known)
+    if unknown:
+        raise InputError(f"this source takes no keyword {sorted(unknown)[0]!r}: choose from {', '.join(known)}")
+    values = {name: value for name, value in given.items() if value is not None}
+    if np.ndim(values.get("stiffness", ())) == 0:
+        values["stiffness"] = np.full(data.n_edges, values["stiffness"])
+    return replace(data, **values)

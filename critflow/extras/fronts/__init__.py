@@ -1,0 +1,1 @@
+"""Fronts of several quantities, pruning towards a target, and the leverage of edges."""

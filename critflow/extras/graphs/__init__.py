@@ -1,0 +1,1 @@
+"""Fibre networks, packings, regular networks and dilution."""

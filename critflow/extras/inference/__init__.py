@@ -1,0 +1,1 @@
+"""The critical configuration nearest to given coordinates: tension inference."""

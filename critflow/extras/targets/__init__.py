@@ -1,0 +1,1 @@
+"""Design for target values, by stresses, stiffnesses, rest lengths or faces."""

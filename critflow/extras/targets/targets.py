@@ -1,0 +1,301 @@
+"""Design for targets: a configuration or a state with requested properties, or the reason why it does not exist.
+
+    minimise  preference(z)  subject to  l_i ≤ O_i(z) ≤ u_i.
+There are many variables z and few targets O_i, so feasible ones have many solutions and the preference selects one.
+All gradients are exact.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any, TypeVar
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from critflow.arguments import checked
+from critflow.critical.manifold import Balance, CriticalConfiguration, CriticalManifold
+from critflow.critical.quantity import Quantity
+from critflow.critical.variances import LengthVariance, TensionVariance
+from critflow.critical.vocabulary import ALIASES
+from critflow.extras.targets.constrained import Minimum, minimise_constrained
+from critflow.extras.targets.faces import FaceAmplitudes
+from critflow.extras.targets.problem import (
+    Preference,
+    Target,
+    TargetProblem,
+    Variables,
+    edge_limits,
+    parse_targets,
+    require_unused,
+)
+from critflow.extras.targets.rest_lengths import RestLengths
+from critflow.extras.targets.stiffnesses import Stiffnesses
+from critflow.extras.targets.stresses import Stresses, StressesAndPressures
+from critflow.extras.tissue.pressures import PressurisedConfiguration
+from critflow.networks.network import Array, Network, validated_coordinates
+from critflow.result import InputError, Record, Solution, Stats, Status
+from critflow.springs.state import SpringState
+
+# Least eigenvalue of the cosines of the gradients of targets that can be changed independently.
+INDEPENDENT_TARGETS = 1e-6
+
+Value = TypeVar("Value")
+
+# Component of the gradient of a preference along the surface of the targets, relative to 1 plus the largest component
+# of the gradient, below which it is least.
+TARGET_OPTIMAL = 1e-3
+
+PREFERENCES: dict[str, type[Quantity]] = {"V_L": LengthVariance, "V_tau": TensionVariance}
+"""Preferences that are quantities, by name."""
+
+CHANGES = ("stress", "stiffness", "faces", "rest_lengths", "pressures")
+
+
+@dataclass(frozen=True)
+class Achieved(Record):
+    """What a design has of one target.
+
+    value         of the quantity
+    error         of the value (estimate): from the errors of the bond vectors, and rounding
+    multiplier    cost of the target: derivative of the least preference by its value, 0 inside an interval
+    independence  sine of the angle between the gradient of the target and the span of the others, which is the part of
+                  a unit change of this target alone; 0 where the others determine it
+    """
+
+    value: float
+    error: float
+    multiplier: float
+    independence: float
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Design(Solution[Value]):
+    """A configuration or a state with requested properties.
+
+    reached     whether all targets are reached, whatever became of the preference
+    targets     what is achieved of each target, by name
+    preference  value of the preference: ½|z − z_0|² of the variables z, unless `design` was given another one
+    distance    root mean square of the change: of log σ (of σ where `signs` is "any"), log lengths, log k or log ℓ
+    gram        (n, n) cosines between the gradients of the targets, in their order; 0 in the row of a target that no
+                variable changes
+    solved      the solve that gives the values: the balance of forces, the elasticity at rest, or the onset
+    """
+
+    reached: bool
+    targets: dict[str, Achieved]
+    preference: float
+    distance: float
+    gram: Array = field(repr=False)
+    solved: Solution[Any] = field(repr=False)
+
+    @property
+    def independent(self) -> bool:
+        """Whether all targets can be changed independently here: the least eigenvalue of `gram` is not zero."""
+        return bool(np.isfinite(self.gram).all() and np.linalg.eigvalsh(self.gram)[0] > INDEPENDENT_TARGETS)
+
+
+@checked
+def design(
+    start: Network | CriticalManifold | CriticalConfiguration | PressurisedConfiguration | SpringState,
+    targets: Mapping[Any, Any],
+    *,
+    change: str = "stress",
+    prefer: str | CriticalConfiguration | ArrayLike = "least_change",
+    within: Mapping[str, Any] | None = None,
+    signs: str | ArrayLike | None = None,
+    free: ArrayLike | None = None,
+    initial: ArrayLike | None = None,
+    max_steps: int = 300,
+    throw: bool = True,
+) -> Design[Any]:
+    """The configuration or state with requested properties that a preference selects.
+
+    start    what is changed: a network or a configuration (stress, pressures), a configuration (faces), a state
+             (stiffness, rest_lengths)
+    targets  name or `Quantity` → value, (low, high), or "largest" or "smallest" for one of them
+    change   "stress": the configuration follows the stress; quantities are those of the transition
+             "stiffness": springs at rest at the coordinates of a state; moduli and components "C_xxxx", ...
+             "faces": lengths at a constant force network, which keeps S, D and every modulus at the transition
+             "rest_lengths": of cables, for "onset[simple_shear]", ... at strains other than zero
+             "pressures": positive stresses and pressures in the faces, for lengths, areas, V_L and V_tau
+    prefer   "least_change" from the start; for stress also "V_L", "V_tau", or a configuration or coordinates (N_v, d)
+             to be near to; for rest lengths also "ratios": one factor for all
+    within   limits (low, high), each a number, one an edge, or None: of "lengths", of "tensions" and "force_densities"
+             in units of their mean (stress), of "lengths" (faces), of "stiffnesses" (stiffness)
+    signs    of the stress: "positive", 1 or −1 for each edge (N_b,), or "any"
+    free     edges whose stress may change, indices or a mask; all by default
+    initial  stresses, stiffnesses or rest lengths (N_b,) that are changed least, in place of those of the start
+
+    Many parameters: each is a part of the problem.
+
+    The optimum is local.  `Status.infeasible` is a proof that no variables have the targets, with the bound in the
+    note; `Status.not_reached` says that the search ended without them: the value is the best compromise found.
+    `reached` tells whether all targets are; with `Status.step_limit` or `Status.stalled` they are, and the preference
+    is not at its minimum, which for the least change only selects, so that the status is then `ok`.
+    `stats.residual` is the largest error of a target relative to its size.
+    Raises `InputError` for unknown or contradictory targets and wrong shapes or signs, `SolveError` with `throw`.
+    """
+    if max_steps < 0:
+        raise InputError(f"max_steps must not be negative, not {max_steps}")
+    network = start if isinstance(start, Network) else start.network
+    parsed = parse_targets(network, targets)
+    ratios = change == "rest_lengths" and isinstance(prefer, str) and prefer == "ratios"
+    variables = _variables(start, change, within or {}, signs, free, initial, ratios)
+    refusal = variables.excluded(parsed)
+    goal = next((target for target in parsed if target.goal), None)
+    preference = preference_of(variables, network, "least_change" if ratios else prefer, goal)
+    problem = TargetProblem(variables, preference, parsed)
+    if refusal:
+        end = minimise_constrained(problem, variables.origin, np.inf, variables.longest, 0)
+        solution = _report(problem, parsed, end, Status.infeasible, refusal)
+    else:
+        with np.errstate(all="ignore"):
+            end = variables.search(problem, preference.tolerance, max_steps)
+        # The least change only selects: a design that has its targets is complete without it.
+        status = Status.ok if end.reached and preference.name == "change" else end.status
+        solution = _report(problem, parsed, end, status, "" if status is Status.ok else _note(problem, end))
+    return solution.or_raise("no design with these properties was found") if throw else solution
+
+
+def _variables(
+    start: Network | CriticalManifold | CriticalConfiguration | PressurisedConfiguration | SpringState,
+    change: str,
+    within: Mapping[str, Any],
+    signs: str | ArrayLike | None,
+    free: ArrayLike | None,
+    initial: ArrayLike | None,
+    ratios: bool,
+) -> Variables:
+    """The variables of the arguments of `design`."""
+    if change not in CHANGES:
+        raise InputError(f"no change is called {change!r:.40}: choose from {', '.join(CHANGES)}")
+    network = start if isinstance(start, Network) else start.network
+    limits = edge_limits(network.n_edges, within, change)
+    if change == "stress":
+        sigma = start.sigma if isinstance(start, CriticalConfiguration) and initial is None else initial
+        manifold = start if isinstance(start, CriticalManifold) else CriticalManifold(network)
+        return Stresses(manifold, sigma, free, "positive" if signs is None else signs, limits)
+    require_unused(change, signs=signs, free=free)
+    if change == "pressures":
+        sigma = getattr(start, "sigma", None) if initial is None else initial
+        return StressesAndPressures(network, sigma, getattr(start, "pressures", None))
+    if change == "faces":
+        require_unused(change, initial=initial)
+        if not isinstance(start, CriticalConfiguration):
+            raise InputError("change='faces' starts from a critical configuration: give one")
+        return FaceAmplitudes(start, limits)
+    if not isinstance(start, SpringState) or start.faces is not None:
+        raise InputError(f"change={change!r} starts from springs on edges: give spring_state(network, ...)")
+    return Stiffnesses(start, initial, limits) if change == "stiffness" else RestLengths(start, ratios, initial)
+
+
+def least_change(variables: Variables) -> Preference:
+    """The change that the variables define."""
+    return Preference("change", variables.tolerance, variables.change)
+
+
+def best_value(variables: Variables, quantity: Quantity, name: str, sign: float) -> Preference:
+    """V_L, V_τ, or a target that is to be largest or smallest, times its sign and the number of edges."""
+    # Times the number of edges, so that components of the gradient are of order one.
+    size = sign * getattr(variables, "n_edges", len(variables.origin)) / quantity.unit(variables.network)
+
+    def at(state: Any, z: Array) -> tuple[float, Array]:
+        values, rows = variables.values(state, [quantity])
+        return size * float(values[0]), size * rows[0]
+
+    return Preference(name, TARGET_OPTIMAL, at, size)
+
+
+def nearness(stresses: Stresses, coordinates: Array) -> Preference:
+    """½Σ|x + c − x̂|² over the number of vertices, with the translation c of periodic networks."""
+    size = stresses.network.spacing**-2
+
+    def at(state: Balance, z: Array) -> tuple[float, Array]:
+        network = state.network
+        apart = network.all_coordinates(state.coordinates) - coordinates
+        if not network.pins:
+            apart -= apart.mean(axis=0)
+        y = state.factor.solve(apart[network.free])
+        by_sigma = -size / len(apart) * np.einsum("ad,ad->a", state.bond_vectors, network.free_incidence @ y)
+        return 0.5 * size * float(np.sum(apart**2)) / len(apart), stresses.gradients(by_sigma, state.sigma)
+
+    return Preference("distance", TARGET_OPTIMAL, at, size)
+
+
+def preference_of(
+    variables: Variables, network: Network, prefer: str | CriticalConfiguration | ArrayLike, goal: Target | None
+) -> Preference:
+    """The preference of the arguments of `design`; `InputError` for unknown ones."""
+    change = isinstance(prefer, str) and prefer == "least_change"
+    if goal is not None:
+        if not change:
+            word = {1: "smallest", -1: "largest"}[goal.goal]
+            raise InputError(f"{goal.name} is to be {word}, which leaves no choice: omit prefer")
+        return best_value(variables, goal.quantity, goal.name, float(goal.goal))
+    if change:
+        return least_change(variables)
+    if not isinstance(variables, Stresses):
+        raise InputError("other preferences than 'least_change' are those of a change of stress: omit prefer")
+    if isinstance(prefer, str):
+        name = ALIASES.get(prefer, prefer)
+        if name not in PREFERENCES:
+            names = ", ".join(("least_change", *PREFERENCES))
+            raise InputError(f"no preference is called {prefer!r:.40}: choose from {names}, or give coordinates")
+        return best_value(variables, PREFERENCES[name](), name, 1.0)
+    x = prefer.coordinates if isinstance(prefer, CriticalConfiguration) else prefer
+    return nearness(variables, validated_coordinates(network, x))
+
+
+def _note(problem: TargetProblem, end: Minimum) -> str:
+    """The error that remains, and the next step."""
+    if end.reached:
+        return f"the targets are reached, and {problem.preference.name} is not yet at its minimum: raise max_steps"
+    c, n = end.point.constraints, len(problem.targets)
+    excess = np.abs(c - np.clip(c, problem.low, problem.high))
+    worst = int(np.argmax(excess))
+    if worst >= n:
+        return "no start reached the targets inside the limits of the edges: widen the limits, or relax a target"
+    more = "raise max_steps, " * (end.status is Status.step_limit) + "widen the limits of the edges, " * (len(c) > n)
+    missed = f"{problem.targets[worst].name} misses by {excess[worst] * problem.sizes[worst]:.3g}"
+    return f"no start reached all targets together, {missed}: {more}relax one, or give another start"
+
+
+def _report(problem: TargetProblem, targets: Sequence[Target], end: Minimum, status: Status, note: str) -> Design[Any]:
+    """The design at the end of a search."""
+    variables, preference, z = problem.variables, problem.preference, end.point.z
+    made = variables.designed(z, [target.quantity for target in targets])
+    names = [target.name for target in problem.targets]
+    # dpreference/dlimit = −μ of the constraint in units of its size.
+    multipliers = -end.multipliers[: len(names)] / problem.sizes
+    costs = {name: float(one) / preference.size for name, one in zip(names, multipliers, strict=True)}
+    gram, independence = cosines(made.rows)
+    achieved = {
+        target.name: Achieved(float(value), float(error), costs.get(target.name, 0.0), float(sine))
+        for target, value, error, sine in zip(targets, made.values, made.errors, independence, strict=True)
+    }
+    if not made.solved.ok:
+        status, note = made.solved.status, made.solved.note
+    return Design(
+        value=made.value,
+        status=status,
+        stats=Stats("sqp", end.steps, end.violation, error_bound=made.error_bound),
+        note=note,
+        reached=end.reached,
+        targets=achieved,
+        preference=end.point.value / preference.size,
+        distance=variables.distance(z),
+        gram=gram,
+        solved=made.solved,
+    )
+
+
+def cosines(rows: Array) -> tuple[Array, Array]:
+    """Cosines (n, n) between gradients (n, N), and the sine of each to the span of the others (n,)."""
+    if not np.isfinite(rows).all():
+        return np.full((len(rows), len(rows)), np.nan), np.full(len(rows), np.nan)
+    norm = np.linalg.norm(rows, axis=1)
+    unit = rows / np.where(norm > 0, norm, 1.0)[:, None]
+    gram = unit @ unit.T
+    return gram, np.sqrt(1 / np.maximum(np.diag(np.linalg.pinv(gram)), 1.0)) * (norm > 0)

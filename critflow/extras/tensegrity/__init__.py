@@ -1,0 +1,1 @@
+"""Second-order rigidity, and stresses of both signs."""

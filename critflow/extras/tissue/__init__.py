@@ -1,0 +1,1 @@
+"""Springs on the perimeters of faces, and pressures of faces."""

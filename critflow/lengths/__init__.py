@@ -1,0 +1,1 @@
+"""Rest lengths to critical configurations."""

@@ -1,0 +1,1 @@
+"""Optimisation of quantities over all critical configurations."""

@@ -1,0 +1,184 @@
+"""The largest modulus of a network over all stresses in closed form, with the configuration that attains it.
+
+With L* the configuration at σ = k, virtual work gives Σσ L·(A + W)L = Σ T·(A + W)L* for every stress, T = σL and any
+antisymmetric W, so by Cauchy–Schwarz (`GenericModulus`)
+    μ_A ≤ min_W (1/V) Σ k|(A + W)L*|²,
+for any signs of σ.  Equality requires the force network T = k(A + W)L*, whose stress tensor is symmetric for the best
+W.  For a dilation that is σ = k.  For other strains T is not parallel to L*: in two dimensions the lengths in the
+directions of T that close are the solution of one more linear system, and some are negative, which is compression.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+
+import numpy as np
+import scipy
+import scipy.sparse as sp
+from numpy.typing import NDArray
+
+from critflow.critical.manifold import CriticalConfiguration, CriticalManifold
+from critflow.critical.transition import TransitionModulus, force_map, is_dilation, transition_modulus, vanishes
+from critflow.lengths.taut_edges import unknown_configuration
+from critflow.linalg.matrices import spread_columns
+from critflow.linalg.vectors import dot
+from critflow.networks.deformation import Deformable
+from critflow.networks.network import Array, Network
+from critflow.result import InputError, Solution, SolveError, Stats, Status
+
+BALANCED = 1e-8  # relative force balance, and relative distance from the bound, of a modulus that attains its bound
+NO_LENGTH = 1e-10  # length, in units of the mean, of an edge that vanishes in the configuration of the largest modulus
+# Determinant of the map F of forces, over |F|², below which all forces count as parallel: lengths grow as its inverse.
+PARALLEL_FORCES = 1e-9
+
+_QUARTER_TURN = np.array([[0.0, -1.0], [1.0, 0.0]])
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Optimum(Solution[CriticalConfiguration]):
+    """The best critical configuration by an objective; `stats.residual` is the largest component of dO/dσ.
+
+    Numbers that do not apply are NaN or None, lists are empty.
+
+    objective         value of the objective; where the optimum is not attained, the limit of the value
+    error_of          function that computes `objective_error`, where the optimum is known
+    uncertainty       |objective − limit| where the optimum is not attained.  Error bound (estimate)
+    bound             largest value over all stresses in closed form (moduli without a penalty)
+    collapsed_edges   edges whose length is zero at an optimum that is attained, or tends to zero
+                      (`Status.edge_collapse`)
+    slack_edges       edges whose tension tends to zero (`Status.slack_edges`)
+    saddles           saddle points left on the descent; None where the end was not tested
+    start             number of the start that led here
+    starts            values of the objective from all starts, (n_starts,)
+    crossings         steps after which the number of negative pivots of P differs (stresses of any sign)
+    nearest_singular  smallest pivot of P over the largest on the descent (stresses of any sign)
+    negative_pivots   number of negative pivots of P at the last step of the descent (stresses of any sign)
+    """
+
+    objective: float
+    error_of: Callable[[], float] | None = field(default=None, repr=False)
+    uncertainty: float = np.nan
+    bound: float = np.nan
+    collapsed_edges: NDArray[np.intp] = field(default_factory=lambda: np.zeros(0, np.intp))
+    slack_edges: NDArray[np.intp] = field(default_factory=lambda: np.zeros(0, np.intp))
+    saddles: int | None = None
+    start: int = 0
+    starts: Array = field(default_factory=lambda: np.zeros(0))
+    crossings: tuple[int, ...] = ()
+    nearest_singular: float = np.nan
+    negative_pivots: int | None = None
+
+    @cached_property
+    def objective_error(self) -> float:
+        """|objective − optimum| where the optimum is known, else NaN; computed at its first use.
+
+        Error bound (proof), except for moduli other than B_0, where the rounding of the bound is an estimate.
+        """
+        return self.error_of() if self.error_of else np.nan
+
+    @property
+    def gap(self) -> float:
+        """1 − objective/bound where the bound is attained, else NaN."""
+        if not self.ok:
+            return np.nan
+        return 1 - self.objective / self.bound if self.bound else 0.0
+
+
+def largest_modulus(network: Network | CriticalManifold, strain: Deformable) -> Optimum:
+    """The configuration nearest to L* that attains `upper_bound`, stresses of both signs allowed.
+
+    Nearest in Σk|L − L*|², unless the forces are nearly parallel: all others differ by isogonal modes.
+    `Status.edge_collapse` or `Status.singular` and NaN where an edge of it has no length or all forces are parallel, as
+    for uniaxial strains of isotropic networks, so that they close around no cell; the objective is then the bound, a
+    limit: strains next to it attain theirs.  Where the bound is zero every configuration attains it, and that of σ = k
+    is returned.
+    Raises `InputError` in three dimensions except for dilations: such forces seldom close there.
+    """
+    manifold = CriticalManifold.of(network)
+    network, modulus, shortest = manifold.network, transition_modulus(manifold.network, strain), 1.0
+    A, k = modulus.symmetric, network.stiffness
+    if not is_dilation(A) and network.dimension != 2:
+        raise InputError("in three dimensions only the largest modulus of a dilation has a known configuration")
+    balance = manifold.balance(k * np.sqrt(network.n_edges / (k @ k)))
+    F, moment = force_map(network, balance.bond_vectors, A)
+    bound, zero = float(np.trace(F @ moment @ F.T)) / network.volume, vanishes(F, moment, A)
+    if zero or is_dilation(A):
+        # F = A of a dilation is isotropic: the configuration is L* itself.
+        found: Solution[CriticalConfiguration] = manifold.solve_when_read(balance.sigma, balance)
+        x = network.all_coordinates(balance.coordinates)
+        here = CriticalConfiguration(network, balance.sigma, x, balance.bond_vectors)
+    else:
+        found, shortest = _closed(manifold, balance.bond_vectors, F, A, bound)
+        here = found.value
+    if not found.ok or len(here.collapsed_edges):
+        here = found.value
+    stats = Stats.deferred(lambda: found.stats, method="closed_form", steps=0, residual=here.residual)
+    optimum = Optimum(found.value, Status.ok, stats, objective=modulus.evaluate(here)[0], bound=bound)
+    if here.residual < BALANCED and (zero or abs(optimum.gap) < BALANCED) and shortest > NO_LENGTH:
+        edges = here.collapsed_edges
+        note = f"edges {', '.join(map(str, edges))} have no length there" if len(edges) else ""
+        return replace(optimum, collapsed_edges=edges, note=note)
+    # Forces that are all parallel, or an edge that vanishes: the bound is approached, not attained.
+    status = Status.edge_collapse if shortest <= NO_LENGTH else Status.singular if found.ok else found.status
+    return replace(optimum, value=unknown_configuration(network), status=status, objective=bound)
+
+
+def _closed(
+    manifold: CriticalManifold, L_star: Array, F: Array, A: Array, bound: float
+) -> tuple[Solution[CriticalConfiguration], float]:
+    """The configuration with forces T = kFL*, and its shortest length over the mean."""
+    k, parallel = manifold.network.stiffness, abs(float(np.linalg.det(F))) <= PARALLEL_FORCES * float(np.sum(F**2))
+    B = F.T @ _QUARTER_TURN.T
+    for stretched in (False, True):
+        if stretched:
+            # Others with these forces: of L̃ = BL with B = FᵀJᵀ and n·L = L*·L̃ the constraints are not nearly dependent.
+            L = np.linalg.solve(B, _across(manifold, L_star @ B.T, L_star).T).T
+        else:
+            L = _across(manifold, L_star, L_star @ F.T @ _QUARTER_TURN.T)
+        square = dot(L, L)
+        found = manifold.solve(k * dot(L_star @ F.T, L) / np.maximum(square, np.finfo(float).tiny))
+        if parallel or abs(TransitionModulus(A).evaluate(found.value)[0] / bound - 1) < BALANCED:
+            break
+    return found, float(np.sqrt(square.min()) / np.sqrt(square).mean())
+
+
+def _across(manifold: CriticalManifold, start: Array, normals: Array) -> Array:
+    """L = start + g u (N_b, 2) without components along the normals n, n·L = 0, with the least Σk|g u|².
+
+    Since gᵀ(k n) = 0, the constraints have the self-stress k, and this is a system of stresses and displacements.
+    """
+    network = manifold.network
+    factor = manifold.saddle.factorize(network.stiffness, normals)
+    u, _, _ = factor.solve(np.zeros((len(network.free), 2)), -dot(normals, start))
+    return np.asarray(start + network.free_incidence @ u)
+
+
+def least_compressed_length(network: Network | CriticalManifold, strain: Deformable) -> float:
+    """The least total length of compressed edges of a planar configuration with the largest modulus.
+
+    All these configurations have the forces T = kFL* and differ by isogonal modes.  With t = T/|T| and n ⊥ t:
+        least Σ p,  p ≥ 0,  p ≥ −t·(g x + b),  n·(g x + b) = 0.
+    """
+    manifold = CriticalManifold.of(network)
+    network = manifold.network
+    if network.dimension != 2:
+        raise InputError("configurations of one force network are found in two dimensions only")
+    L_star = manifold.balance(network.stiffness).bond_vectors
+    F, _ = force_map(network, L_star, transition_modulus(network, strain).symmetric)
+    T = network.stiffness[:, None] * (L_star @ F.T)
+    unit = T / np.linalg.norm(T, axis=1)[:, None]
+    normal = unit @ _QUARTER_TURN.T
+    n_edges, n_coordinates, b = network.n_edges, 2 * len(network.free), network.boundary_vectors
+    program = scipy.optimize.linprog(
+        np.repeat([0.0, 1.0], [n_coordinates, n_edges]),
+        A_ub=sp.hstack([-spread_columns(network, unit), -sp.eye_array(n_edges)]),
+        b_ub=dot(unit, b),
+        A_eq=sp.hstack([spread_columns(network, normal), sp.csr_array((n_edges, n_edges))]),
+        b_eq=-dot(normal, b),
+        bounds=[(None, None)] * n_coordinates + [(0, None)] * n_edges,
+    )
+    if program.status != 0:
+        raise SolveError(f"no configuration has the largest modulus for this strain: {program.message}")
+    return float(program.fun)

@@ -1,1 +1,0 @@
-"""Quantities of critical configurations by name: values, gradients, errors, largest values."""

@@ -1,1 +1,0 @@
-"""Minimisers, cone programs and semidefinite programs: functions of vectors."""

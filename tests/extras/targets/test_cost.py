@@ -1,0 +1,151 @@
+"""Cost: no more factorisations, and no other solvers, than each result needs."""
+
+import sys
+
+import numpy as np
+import pytest
+from problems import Factorisations, forbidden
+
+from critflow import (
+    CriticalManifold,
+    Status,
+    certify,
+    critical_from_lengths,
+    elasticity,
+    foam_network,
+    optimize,
+    stiffening,
+    strain_path,
+    upper_bound,
+    voronoi_network,
+)
+from critflow.precision.refinement import Refinement
+from critflow.response.linear_response import strains_of
+
+NETWORKS = {"planar": voronoi_network, "foam": foam_network}
+SPRINGS, STRAIN = "Hessian", [0.001, 0.002, 0.003]
+# The package calls functions by the names of these modules.
+OPTIMIZE, PATH = sys.modules["critflow.optimisation.optimize"], sys.modules["critflow.paths.continuation"]
+
+
+@pytest.fixture(scope="module", params=NETWORKS)
+def network(request):
+    return NETWORKS[request.param](60, seed=1)
+
+
+@pytest.fixture
+def manifold(network):
+    return CriticalManifold(network)
+
+
+@pytest.fixture
+def critical(manifold):
+    """The configuration of a random stress."""
+    return manifold.configuration(np.abs(np.random.default_rng(0).standard_normal(manifold.network.n_edges)))
+
+
+@pytest.fixture
+def factorised(monkeypatch):
+    return Factorisations(monkeypatch)
+
+
+def test_moduli_at_the_transition_factorise_nothing(factorised, network, critical):
+    assert factorised(network, lambda: elasticity(critical).value.errors.tensor) == {}
+
+
+@pytest.mark.parametrize("name, tolerance", [("V_tau", 1e-9), ("V_L", 1e-4)])
+def test_a_descent_refines_no_configuration_before_it_is_read(monkeypatch, name, tolerance):
+    manifold = CriticalManifold(NETWORKS["planar"](60, seed=1))
+    refine = Refinement.__call__
+    monkeypatch.setattr(Refinement, "__call__", forbidden)
+    found = optimize(manifold, name, tolerance=tolerance)
+    assert found.ok and found.value.sigma.min() > 0
+    monkeypatch.setattr(Refinement, "__call__", refine)
+    exact = manifold.solve(found.value.sigma)
+    np.testing.assert_array_equal(found.value.coordinates, exact.value.coordinates)
+    assert (found.stats.condition, found.stats.error_bound) == (exact.stats.condition, exact.stats.error_bound)
+    assert found.stats.residual < tolerance
+
+
+def test_lengths_refine_no_configuration_before_it_is_read(monkeypatch):
+    network = NETWORKS["planar"](60, seed=1)
+    lengths = np.exp(0.05 * np.random.default_rng(0).standard_normal(network.n_edges))
+    refine = Refinement.__call__
+    monkeypatch.setattr(Refinement, "__call__", forbidden)
+    found, equal = critical_from_lengths(network, lengths), optimize(network, "V_L")
+    assert found.ok and equal.ok and found.value.sigma.min() > 0
+    monkeypatch.setattr(Refinement, "__call__", refine)
+    np.testing.assert_allclose(found.value.lengths, found.ratio * lengths, rtol=1e-13)
+    np.testing.assert_array_equal(found.value.rest_lengths, found.value.lengths)
+    assert found.value.error_bound < 1e-14 and found.stats.error_bound < 1e-13
+    assert equal.value.rest_lengths is None and np.ptp(equal.value.lengths) < 1e-13
+
+
+def test_a_closed_form_has_no_descent(factorised, monkeypatch, network, manifold):
+    """No step of any method; only the configuration at σ = k is solved."""
+    monkeypatch.setattr(OPTIMIZE, "descend", forbidden)
+    answers = []
+    counts = factorised(network, lambda: answers.append(optimize(manifold, "bulk_modulus")))
+    assert set(counts) == {"P"} and counts["P"] <= 2  # P(k) for bound and configuration, and for the residual
+    assert answers[0].stats.steps == 0 and answers[0].stats.method == "closed_form"
+    assert factorised(network, lambda: upper_bound(manifold, "B_0")) == {"P": 1}
+
+
+def test_coefficients_need_one_system_and_no_path(factorised, monkeypatch, network, manifold, critical):
+    monkeypatch.setattr(PATH, "relaxed", forbidden)
+    answers = []
+    counts = factorised(network, lambda: answers.append(stiffening(critical, manifold=manifold)))
+    # P(σ) refines the coordinates.
+    assert counts == {"saddle": 1, "P": 1}
+    assert answers[0].ok
+
+
+def test_a_path_without_moduli_has_no_linear_response(factorised, monkeypatch, network, critical):
+    monkeypatch.setattr(PATH, "linear_response", forbidden)
+    without = factorised(network, lambda: strain_path(critical, STRAIN, measure="energy"))
+    assert set(without) == {SPRINGS}
+
+
+@pytest.mark.parametrize("measure", ["energy", "moduli", "tensors"])
+@pytest.mark.parametrize("deformation", ["dilation", "simple_shear"])
+def test_a_strain_of_a_path_is_one_factorisation(factorised, deformation, measure):
+    """And one for the velocity at the transition; only the first strain, a long step, takes a few more."""
+    network = NETWORKS["planar"](200, seed=3)
+    critical, paths = CriticalManifold(network).configuration(np.ones(network.n_edges)), []
+    side = 1 if strain_path(critical, [1e-3], deformation, throw=False).ok else -1
+    strains = side * 1e-3 * np.arange(1, 11)
+    counts = factorised(
+        network, lambda: paths.append(strain_path(critical, strains, deformation, measure=measure).value)
+    )
+    assert counts[SPRINGS] <= len(strains) + 4
+    assert paths[0].steps[0] <= 3 and not paths[0].steps[2:].any() and not paths[0].inserted.any()
+
+
+@pytest.mark.parametrize("deformation, solved", [("dilation", 2), ("simple_shear", 2), ("uniaxial", 3)])
+def test_a_path_without_tensors_solves_for_its_strains_alone(monkeypatch, deformation, solved):
+    network = NETWORKS["planar"](60, seed=1)
+    critical, rows = CriticalManifold(network).configuration(np.ones(network.n_edges)), []
+    monkeypatch.setattr(PATH, "strains_of", lambda rates: rows.append(strains_of(rates)) or rows[-1])
+    for strain in (0.001, -0.001):  # one of them tightens
+        strain_path(critical, [strain], deformation=deformation, measure="moduli", throw=False)
+    assert {len(row) for row in rows} == {solved}
+
+
+def test_lengths_determine_the_transition_without_springs(factorised):
+    """A few steps of the iteration, Newton's method on the stressed edges, and one balance of the resulting stress."""
+    network = NETWORKS["planar"](60, seed=1)
+    lengths = 1 + 0.02 * np.sin(1.0 + np.arange(network.n_edges))
+    answers = []
+    counts = factorised(network, lambda: answers.append(critical_from_lengths(network, lengths)))
+    assert answers[0].status is Status.ok
+    assert set(counts) == {"P", "saddle"} and counts["P"] <= 6
+
+
+@pytest.mark.parametrize("n_vertices", [60, 500])
+def test_a_certificate_of_tensions_factorises_no_system(factorised, n_vertices):
+    """Tension alone shows that the zero modes are stabilised; large networks are counted by inertias of RᵀR."""
+    network = voronoi_network(n_vertices, seed=1)
+    critical = CriticalManifold(network).configuration(np.ones(network.n_edges))
+    counts = factorised(network, lambda: certify(critical))
+    assert set(counts) <= {SPRINGS} and counts[SPRINGS] <= 4
+    assert certify(critical).rigid

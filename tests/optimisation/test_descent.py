@@ -1,0 +1,304 @@
+"""Descents over stress: optima that are not attained, saddles, inertia, observers and limits."""
+
+import numpy as np
+import pytest
+from problems import dense_bond_vectors, modulus_by_formula, random_start, square_octagon
+from scipy.optimize import minimize
+
+from critflow import CriticalManifold, Network, Quantity, SolveError, Status, optimize, voronoi_network
+from critflow.critical.quantity import evaluate
+from critflow.critical.transition import pure_shear, transition_modulus
+from critflow.optimisation.minimize import LBFGS, minimise
+from critflow.optimisation.optimize import objective_of
+from critflow.optimisation.stress_objective import StressObjective
+
+NETWORK = voronoi_network(100, seed=1)
+
+
+TWINS = Network([[0, 3], [1, 3], [2, 3], [0, 4], [1, 4], [2, 4], [3, 4]], pins={0: [0, 0], 1: [4, 0], 2: [1, 3]})
+
+
+def test_vertices_that_coincide_at_equal_stresses_part():
+    # Vertices 3 and 4 have the same neighbours: at σ = 1 the edge between them has neither length nor gradient.
+    def variance(theta):
+        length = np.linalg.norm(dense_bond_vectors(TWINS, np.exp(theta)), axis=1)
+        return np.var(length) / length.mean() ** 2
+
+    start = [0.5, 0, -0.5, -0.3, 0.4, 0.1, -1.0]
+    to_the_end = {"ftol": 1e-16, "gtol": 1e-10}  # towards the infimum the gradient fades
+    best = minimize(variance, start, method="L-BFGS-B", jac="3-point", bounds=[(-30, 30)] * 7, options=to_the_end).fun
+    solution = optimize(TWINS, "length_variance", throw=False)
+    assert solution.status is Status.slack_edges
+    assert solution.objective == pytest.approx(best, abs=1e-9)
+
+
+def contracted(network: Network, collapsed: np.ndarray, centre: int) -> tuple[Network, np.ndarray]:
+    """The network with edges of zero length around one vertex contracted, and +1 where an edge leaves such a leaf."""
+    edges, offsets = network.edges.copy(), network.offsets.copy()
+    kept = np.setdiff1d(np.arange(network.n_edges), collapsed)
+    outward = []
+    for edge in collapsed:
+        tail, head = network.edges[edge]
+        leaf, shift = (tail, network.offsets[edge]) if head == centre else (head, -network.offsets[edge])
+        # x_leaf = x_centre + shift, in cells.
+        outward.append(1.0 * (network.edges[kept, 0] == leaf) - 1.0 * (network.edges[kept, 1] == leaf))
+        offsets[network.edges[:, 1] == leaf] += shift
+        offsets[network.edges[:, 0] == leaf] -= shift
+        edges[edges == leaf] = centre
+    index = np.unique(edges[kept], return_inverse=True)[1].reshape(-1, 2)
+    return Network(index, offsets[kept], network.cell), np.array(outward)
+
+
+COLLAPSING = voronoi_network(40, seed=47, hard_core=0.65)
+
+
+@pytest.mark.sweep
+def test_an_infimum_with_collapsed_edges_has_their_names_and_its_value():
+    solution = optimize(COLLAPSING, "tension_variance", throw=False)
+    assert solution.status is Status.edge_collapse
+    collapsed = solution.collapsed_edges
+    np.testing.assert_array_equal(collapsed, [33, 38])
+    assert "edges 33, 38 shrink to zero length" in solution.note
+    # The limit: three vertices become one, and an edge without length carries the sum of the other forces on its leaf.
+    centre = int(np.intersect1d(*COLLAPSING.edges[collapsed])[0])
+    point, outward = contracted(COLLAPSING, collapsed, centre)
+
+    def variance(theta):
+        sigma = np.exp(theta)
+        force = sigma[:, None] * dense_bond_vectors(point, sigma)
+        tension = np.concatenate([np.linalg.norm(force, axis=1), np.linalg.norm(outward @ force, axis=1)])
+        return np.mean(tension**2) / np.mean(tension) ** 2 - 1
+
+    start = np.log(np.delete(solution.value.sigma, collapsed))
+    found = minimize(variance, start, method="L-BFGS-B", options={"ftol": 1e-14, "gtol": 1e-9, "maxfun": 20000})
+    limit = solution.objective
+    # Descent by finite differences, and a collapse stopped at 1e-4 of the mean length, agree to 1e-7.
+    assert limit == pytest.approx(found.fun, abs=1e-7)
+    assert abs(limit - found.fun) < solution.uncertainty < 1e-4
+    # The configuration returned is the last accurate one, slightly above the infimum.
+    assert solution.value.residual < 1e-12
+    tension = solution.value.tensions
+    assert limit < np.mean(tension**2) / np.mean(tension) ** 2 - 1 < limit + 1e-3
+    with pytest.raises(SolveError, match="edges 33, 38 shrink to zero length"):
+        optimize(COLLAPSING, "tension_variance")
+
+
+@pytest.mark.parametrize("method", ["lbfgs", pytest.param("newton", marks=pytest.mark.sweep)])
+def test_a_collapse_has_one_value_and_its_edges_by_every_method_and_start(method):
+    expected = optimize(COLLAPSING, "tension_variance", throw=False).objective
+    solution = optimize(COLLAPSING, "tension_variance", method, start=random_start(1, 60) + 0.1, throw=False)
+    assert solution.status is Status.edge_collapse
+    assert solution.objective == pytest.approx(expected, abs=1e-7)
+    # An edge that still grows to an ordinary length may be named in addition.
+    assert {33, 38} <= set(solution.collapsed_edges.tolist()) and not len(solution.slack_edges)
+    assert 0 < solution.uncertainty < 1e-4 and np.isnan(solution.gap) and solution.saddles is None
+    assert "other starts may have a better one" in solution.note
+
+
+ORDINARY = voronoi_network(20, seed=3)
+
+
+@pytest.mark.parametrize("first", [1e13, 1e6, 1e4, 1e-13, 1e-300])
+@pytest.mark.parametrize("method", ["lbfgs", "newton"])
+@pytest.mark.parametrize("goal, best", [("tension_variance", 0.014889722112887), ("length_variance", 0.0)])
+def test_a_start_with_a_stress_far_from_the_others_reaches_the_minimum(goal, best, method, first):
+    start = np.ones(ORDINARY.n_edges)
+    start[0] = first
+    solution = optimize(ORDINARY, goal, method, start=start)
+    assert solution.objective == pytest.approx(best, abs=1e-14)
+
+
+@pytest.mark.parametrize("first", [1e13, 1e6, 1e-13, 1e-300])
+def test_a_start_beyond_the_barrier_of_the_shear_modulus_returns(first):
+    start = np.ones(ORDINARY.n_edges)
+    start[0] = first
+    # Two local optima.
+    value = optimize(ORDINARY, "shear_modulus", "newton", start=start).objective
+    assert min(abs(value - 0.071178054), abs(value - 0.066534946)) < 1e-8
+
+
+def test_a_long_step_from_an_ordinary_start_leads_to_no_infimum():
+    network = voronoi_network(16, seed=3, hard_core=0.65)
+    start = np.abs(np.random.default_rng([16, 3]).standard_normal(network.n_edges))
+    solution = optimize(network, "tension_variance", start=start, throw=False)
+    # The descent reaches the value of the start σ = 1; rounding may end it before the tolerance.
+    assert solution.status in (Status.ok, Status.stalled)
+    assert solution.objective == pytest.approx(optimize(network, "tension_variance").objective, abs=1e-12)
+
+
+@pytest.mark.parametrize("seed", [1, 3, 4])
+def test_fire_does_not_cross_the_barrier(seed):
+    # It has no line search; without a limit on its moves the first one crosses the barrier.
+    start = random_start(seed) + 0.05
+    by_fire = optimize(NETWORK, "shear_modulus", "fire", start=start, throw=False)
+    assert by_fire.status is Status.ok
+    expected = optimize(NETWORK, "shear_modulus", "lbfgs", start=start).objective
+    assert by_fire.objective == pytest.approx(expected, rel=1e-12)
+
+
+def largest_curvature(manifold, goal, x):
+    """Largest curvature of the objective in log σ, relative to the largest magnitude, by differences of gradients."""
+    sign = 1.0 if goal.maximise else -1.0
+
+    def gradient(theta):
+        sigma = np.exp(theta - theta.mean())
+        return sigma * evaluate(manifold, goal, sigma).gradient
+
+    steps = 1e-5 * np.eye(len(x))
+    hessian = np.array([gradient(x + step) - gradient(x - step) for step in steps]) / 2e-5
+    curvatures = np.linalg.eigvalsh(sign * (hessian + hessian.T) / 2)
+    return curvatures[-1] / np.abs(curvatures).max()
+
+
+@pytest.mark.parametrize(
+    "n_vertices, seed, threshold, method", [(20, 5, 0.03, "auto"), (20, 5, 0.03, "newton"), (16, 0, 0.03, "lbfgs")]
+)
+def test_a_descent_leaves_saddles(n_vertices, seed, threshold, method):
+    manifold = CriticalManifold(voronoi_network(n_vertices, seed))
+    goal = objective_of(manifold.network, "shear_modulus", 0.03)
+    # The descent from σ = 1 ends where the modulus is stationary and has a direction of positive curvature.
+    alone = minimise(StressObjective(manifold, goal), LBFGS(), np.zeros(manifold.network.n_edges), 1e-12, 3_000).point
+    assert alone.residual < 1e-12
+    assert largest_curvature(manifold, goal, alone.x) > 1e-3
+    solution = optimize(manifold, goal, method)
+    assert solution.saddles == 1
+    assert solution.objective > -alone.value * (1 + 1e-3)
+    assert largest_curvature(manifold, goal, np.log(solution.value.sigma)) < 1e-6
+    # Vertices with the same neighbours are a symmetry of the start, which leads to the saddle at rough tolerances too.
+    assert optimize(manifold, goal, method, tolerance=1e-10).saddles == 1
+
+
+def test_ends_that_rough_tolerances_leave_untested():
+    network = voronoi_network(40, seed=1)
+    assert [optimize(network, "V_tau", tolerance=t).saddles for t in (1e-4, 1e-10, 1e-12)] == [None, None, 0]
+
+
+@pytest.mark.parametrize("method", ["auto", "lbfgs"])
+def test_a_start_that_meets_a_rough_tolerance_is_left(method):
+    # At equal stresses G_0 is nearly zero, its least value, where the gradient vanishes too.
+    network = voronoi_network(100, seed=0)
+    rough = optimize(network, "G_0", method, tolerance=1e-3)
+    assert rough.objective > 0.9 * optimize(network, "G_0", method).objective
+
+
+@pytest.mark.parametrize("method", ["fire", "lbfgs", "newton", "auto"])
+@pytest.mark.parametrize("limit", [0, 1, 3])
+def test_a_step_limit_is_that_of_all_parts_together(method, limit):
+    solution = optimize(ORDINARY, "tension_variance", method, max_steps=limit, throw=False)
+    assert (solution.status, solution.stats.steps) == (Status.step_limit, limit)
+    assert solution.value.residual < 1e-12 and "raise max_steps" in solution.reason
+
+
+def test_an_observer_ends_every_part_of_a_method():
+    seen = []
+
+    def once(step, value, sigma, L):
+        seen.append(step)
+        return step == 2
+
+    solution = optimize(ORDINARY, "tension_variance", "auto", observe=once, throw=False)
+    assert solution.status is Status.step_limit and seen == [0, 1, 2]
+
+
+@pytest.mark.parametrize("n_edges", [2, 3])
+@pytest.mark.parametrize("method", ["auto", "lbfgs", "newton"])
+def test_a_modulus_that_is_always_zero_is_an_optimum(method, n_edges):
+    # A ring of edges in line resists no shear.
+    edges = [[edge, (edge + 1) % n_edges] for edge in range(n_edges)]
+    offsets = np.zeros((n_edges, 2), int)
+    offsets[-1, 0] = 1
+    ring = Network(edges, offsets, np.eye(2))
+    solution = optimize(ring, "shear_modulus", method, signs="any")
+    assert solution.objective == pytest.approx(0.0, abs=1e-30)
+
+
+@pytest.mark.parametrize("strain", [np.zeros((2, 2)), np.array([[0.0, 1.0], [-1.0, 0.0]])])
+def test_a_strain_that_only_rotates_has_a_modulus_of_zero(strain):
+    goal = transition_modulus(ORDINARY, strain)
+    assert optimize(ORDINARY, goal, signs="any").objective == 0.0
+
+
+@pytest.mark.parametrize("method", ["lbfgs", pytest.param("newton", marks=pytest.mark.sweep), "fire"])
+def test_an_ascent_over_both_signs_reports_its_path(method):
+    network = voronoi_network(100, seed=1)
+    path = []
+    solution = optimize(
+        network,
+        "shear_modulus",
+        method,
+        signs="any",
+        max_steps=300,
+        observe=lambda step, value, sigma, L: path.append((step, value, sigma.copy(), L.copy())),
+        throw=False,
+    )
+    assert solution.status is Status.step_limit
+    steps, values = np.array([point[0] for point in path]), np.array([point[1] for point in path])
+    np.testing.assert_array_equal(steps, np.arange(len(path)))
+    if method != "fire":  # which is a dynamics with inertia
+        assert (np.diff(values) >= -1e-12).all()
+    assert values[-1] > 50 * values[0]
+    # The reported values, stresses, bond vectors and inertias are consistent.
+    negative = []
+    for _, value, sigma, L in path[::20]:
+        assert np.sum(sigma**2) == pytest.approx(network.n_edges, rel=1e-12)
+        np.testing.assert_allclose(dense_bond_vectors(network, sigma), L, rtol=0, atol=1e-9)
+        assert modulus_by_formula(network, sigma, L, pure_shear(2)) == pytest.approx(value, rel=1e-9)
+    for _, _, sigma, _ in path:
+        g = network.free_incidence.toarray()
+        negative.append(np.count_nonzero(np.linalg.eigvalsh(g.T @ (sigma[:, None] * g)) < 0))
+    assert solution.crossings == tuple(np.flatnonzero(np.diff(negative)) + 1)
+    assert solution.negative_pivots == negative[-1]
+    assert 0 < solution.nearest_singular < 1
+    # Values grow by long edges and compressed ones.
+    assert (path[-1][2] < 0).any()
+
+
+class Extent(Quantity):
+    """1 − (1 + Σ|L|²)^(−1/20): it grows, ever more slowly, with lengths that have no largest."""
+
+    maximise = True
+
+    def evaluate(self, balance):
+        sigma, L = balance.sigma, balance.bond_vectors
+        size = 1 + np.sum(L**2)
+        return 1 - size**-0.05, (np.zeros_like(sigma), 0.1 * L * size**-1.05)
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_an_ascent_to_a_singular_matrix_has_a_limit(seed):
+    # The square opens without end as a link's stress comes to minus that of the sides.
+    network = square_octagon()
+    start = np.array([1.0, 1.1, 0.9, 1.0, -0.5, 0.5]) * (1 + 1e-3 * np.random.default_rng(seed).standard_normal(6))
+    values = []
+    solution = optimize(
+        network,
+        Extent(),
+        "lbfgs",
+        signs="any",
+        start=start,
+        observe=lambda step, value, sigma, L: values.append((value, np.linalg.norm(L, axis=1).max())),
+        throw=False,
+    )
+    assert solution.status is Status.singular
+    assert solution.nearest_singular < 1e-9
+    # Lengths grow by orders of magnitude while the value converges, and its limit is returned.
+    (_, before), (late, after) = values[len(values) // 2], values[-1]
+    assert after > 10 * before > 100 * np.sqrt(network.volume)
+    assert solution.objective == late < 1
+    assert "without end" in solution.note
+    # The configuration is accurate and has a smaller value.
+    assert solution.value.residual < 1e-6
+    assert 0 < Extent().evaluate(solution.value)[0] < late
+
+
+def test_a_singular_start_is_a_status():
+    network = square_octagon()
+    # Sides and links that pull against each other, t_x = −s: the matrix has no inverse.
+    sigma = np.array([1.0, 1.0, 1.0, 1.0, -1.0, 0.5])
+    solution = optimize(
+        network, transition_modulus(network, np.diag([1.0, 0.0])), "lbfgs", signs="any", start=sigma, throw=False
+    )
+    assert solution.status is Status.singular
+    assert np.isnan(solution.value.coordinates).all()
+    with pytest.raises(SolveError, match="singular"):
+        optimize(network, transition_modulus(network, np.diag([1.0, 0.0])), "lbfgs", signs="any", start=sigma)

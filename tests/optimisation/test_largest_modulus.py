@@ -1,0 +1,249 @@
+"""The largest modulus over stresses of any sign: a bound that nothing passes, a configuration that attains it."""
+
+import numpy as np
+import pytest
+import scipy.linalg
+from problems import dense_bond_vectors, modulus_by_formula, oblique, square_octagon, voronoi_3d, with_random_stiffness
+from scipy.optimize import linprog, minimize_scalar
+
+from critflow import (
+    CriticalManifold,
+    InputError,
+    SolveError,
+    Status,
+    design,
+    lattice,
+    optimize,
+    quantity,
+    stiffening,
+    upper_bound,
+    voronoi_network,
+)
+from critflow.critical.transition import dilation, pure_shear, transition_modulus
+from critflow.optimisation.largest_modulus import largest_modulus, least_compressed_length
+
+
+def bound_of(network, strain):
+    """The largest modulus of an affine strain or deformation."""
+    held = network.network if isinstance(network, CriticalManifold) else network
+    return upper_bound(network, transition_modulus(held, strain))
+
+
+J = np.array([[0.0, -1.0], [1.0, 0.0]])
+NETWORKS = {
+    "voronoi": lambda: voronoi_network(100, seed=1),
+    "random stiffness": lambda: with_random_stiffness(voronoi_network(40, seed=2), 3),
+    "oblique": lambda: oblique(with_random_stiffness(voronoi_network(40, seed=3), 4)),
+    "square-octagon": lambda: square_octagon(),
+    "honeycomb": lambda: lattice("honeycomb", 4, 4),
+}
+STRAINS = {
+    "dilation": dilation(2),
+    "pure shear": pure_shear(2),
+    "simple shear": np.array([[0.0, 1.0], [0.0, 0.0]]),
+    "uniaxial": np.diag([1.0, 0.0]),
+    "any": np.array([[0.3, -0.8], [0.5, 0.1]]),
+}
+
+
+@pytest.mark.parametrize("strain", STRAINS.values(), ids=STRAINS)
+@pytest.mark.parametrize("name", NETWORKS)
+def test_the_bound_by_its_formula(name, strain):
+    network = NETWORKS[name]()
+    k, A = network.stiffness, 0.5 * (strain + strain.T)
+    L = dense_bond_vectors(network, k)
+
+    def cost(w):
+        return np.sum(k[:, None] * (L @ (A + w * J).T) ** 2) / abs(np.linalg.det(network.cell))
+
+    # A parabola in ω: three values give its least one exactly.
+    low, middle, high = cost(-1.0), cost(0.0), cost(1.0)
+    least = middle - (high - low) ** 2 / (8 * (high + low - 2 * middle))
+    assert bound_of(network, strain) == pytest.approx(least, rel=1e-12)
+    # An independent minimiser finds no lower one; its error is 1e-8 in ω, so 1e-15 in the value.
+    assert minimize_scalar(cost).fun == pytest.approx(least, rel=1e-13)
+
+
+ATTAINED = [
+    (network, strain)
+    for network in ("voronoi", "random stiffness", "oblique")
+    for strain in ("dilation", "pure shear", "simple shear", "any")
+] + [("square-octagon", "dilation"), ("square-octagon", "any"), ("oblique", "uniaxial")]
+
+
+@pytest.mark.parametrize("name, strain", ATTAINED)
+def test_a_configuration_attains_the_bound(name, strain):
+    network, strain = NETWORKS[name](), STRAINS[strain]
+    solution = largest_modulus(network, strain)
+    assert solution.status is Status.ok
+    critical, bound = solution.value, bound_of(network, strain)
+    # Balance in units of the tensions; the coordinates come from a linear solve of their own.
+    assert critical.residual < 1e-12
+    np.testing.assert_allclose(
+        critical.bond_vectors, network.bond_vectors(critical.coordinates), rtol=0, atol=1e-13 * np.sqrt(network.volume)
+    )
+    A = 0.5 * (strain + strain.T)
+    assert modulus_by_formula(network, critical.sigma, critical.bond_vectors, A) == pytest.approx(bound, rel=1e-12)
+    # The stress alone has this configuration, whatever the inertia of its prestress matrix.
+    dense = dense_bond_vectors(network, critical.sigma)
+    np.testing.assert_allclose(dense, critical.bond_vectors, rtol=0, atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    "name, strain, status",
+    [
+        # The forces of a uniaxial strain of an isotropic network are parallel, so nothing closes across them.
+        ("honeycomb", "uniaxial", Status.singular),
+        # By symmetry links along the axes carry a force at right angles to them, so that they have no length.
+        ("square-octagon", "pure shear", Status.edge_collapse),
+    ],
+)
+def test_a_bound_that_is_only_approached_has_no_configuration(name, strain, status):
+    network = NETWORKS[name]()
+    solution = largest_modulus(network, STRAINS[strain])
+    assert solution.status is status
+    assert np.isnan(solution.value.coordinates).all()
+    assert np.isnan(solution.value.sigma).all()
+    assert solution.objective == solution.bound == bound_of(network, STRAINS[strain])
+    assert np.isnan(solution.gap)
+    with pytest.raises(SolveError, match="no optimum"):
+        optimize(network, transition_modulus(network, STRAINS[strain]), signs="any")
+
+
+@pytest.mark.parametrize("name", ["voronoi", "random stiffness"])
+def test_nearly_parallel_forces_close(name):
+    network = NETWORKS[name]()
+    solution = largest_modulus(network, STRAINS["uniaxial"])
+    assert solution.ok and abs(solution.gap) < 1e-10 and solution.value.residual < 1e-12
+
+
+def modes_of(network, critical):
+    """Isogonal modes (n, N_v·2) of a configuration by singular values, directions of its forces, and g."""
+    force = critical.sigma[:, None] * critical.bond_vectors
+    unit, g = force / np.linalg.norm(force, axis=1)[:, None], network.free_incidence.toarray()
+    _, values, right = np.linalg.svd(np.hstack([(unit @ J.T)[:, [axis]] * g for axis in (0, 1)]))
+    return right[np.count_nonzero(values > 1e-10) :], unit, g
+
+
+def test_it_is_the_nearest_of_those_that_attain_the_bound():
+    network = voronoi_network(40, seed=5)
+    start = dense_bond_vectors(network, network.stiffness)
+    near = largest_modulus(network, pure_shear(2)).value
+    # Isogonal changes of it attain the bound as well; all lie farther from the configuration at σ = k.
+    modes, _, g = modes_of(network, near)
+    assert len(modes) == network.n_vertices // 2 - 1
+    distance = np.sum((near.bond_vectors - start) ** 2)
+    for mode in modes:
+        change = g @ mode.reshape(2, -1).T
+        # At the nearest configuration the gradient of the distance vanishes in all their directions.
+        assert np.sum((near.bond_vectors - start) * change) == pytest.approx(0, abs=1e-11)
+        assert np.sum((near.bond_vectors + 0.1 * change - start) ** 2) > distance
+
+
+@pytest.mark.parametrize("name", ["voronoi", "oblique"])
+def test_no_attaining_configuration_has_less_compression(name):
+    network = NETWORKS[name]()
+    least = least_compressed_length(network, pure_shear(2))
+    near = largest_modulus(network, pure_shear(2)).value
+    modes, unit, g = modes_of(network, near)
+    elongations = modes @ np.hstack([unit[:, [axis]] * g for axis in (0, 1)]).T
+    lengths = np.einsum("ad,ad->a", unit, near.bond_vectors)
+    # Σ max(−ℓ, 0) of all amplitudes a is convex: least Σ p with p ≥ 0 and p + ℓ + a·E ≥ 0.
+    n, m = elongations.shape
+    found = linprog(
+        np.repeat([0.0, 1.0], [n, m]),
+        A_ub=np.hstack([-elongations.T, -np.eye(m)]),
+        b_ub=lengths,
+        bounds=[(None, None)] * n + [(0, None)] * m,
+    )
+    assert found.fun == pytest.approx(least, rel=1e-8)
+    assert least_compressed_length(network.deformed(2 * np.eye(2)), pure_shear(2)) == pytest.approx(2 * least, rel=1e-9)
+
+
+def test_a_dilation_needs_no_compression():
+    assert least_compressed_length(voronoi_network(60, seed=1), dilation(2)) == pytest.approx(0, abs=1e-9)
+    with pytest.raises(InputError, match="two dimensions"):
+        least_compressed_length(voronoi_3d(), dilation(3))
+
+
+def test_stresses_of_both_signs_keep_their_digits():
+    # P has 500 negative eigenvalues here; unrefined, the coordinates are off by 1e-10.
+    manifold = CriticalManifold(voronoi_network(1000, seed=1))
+    critical = largest_modulus(manifold, pure_shear(2)).value
+    again = manifold.solve(critical.sigma)
+    assert again.negative_pivots > 400
+    np.testing.assert_allclose(again.value.bond_vectors, critical.bond_vectors, rtol=0, atol=2e-11)
+
+
+def test_three_dimensions_have_the_bound_but_for_dilations_no_configuration():
+    network = with_random_stiffness(voronoi_3d(), 1)
+    assert bound_of(network, pure_shear(3)) > 0
+    with pytest.raises(InputError, match="three dimensions"):
+        largest_modulus(network, pure_shear(3))
+    assert largest_modulus(network, dilation(3)).gap == pytest.approx(0, abs=1e-13)
+
+
+# Through optimize
+
+
+def test_optimize_returns_it_when_compression_is_allowed():
+    network = voronoi_network(60, seed=1)
+    bound = bound_of(network, pure_shear(2))
+    for method in ("auto", "closed_form"):
+        solution = optimize(network, "shear_modulus", method, signs="any")
+        assert solution.stats.method == "closed_form"
+        assert solution.objective == pytest.approx(bound, rel=1e-12)
+        assert (solution.value.sigma < 0).any()
+    with pytest.raises(InputError, match=r"compresses \d+ edges: allow it with signs='any'"):
+        optimize(network, transition_modulus(network, pure_shear(2)), "closed_form")
+    with pytest.raises(InputError, match="without a penalty"):
+        optimize(network, "shear_modulus", "closed_form")
+    with pytest.raises(InputError, match="'positive' or 'any'"):
+        optimize(network, "bulk_modulus", signs="both")
+
+
+def turning_energy(critical):
+    """(3c/V) Σ σ̂|L̇_⊥|² of a dilation, from a dense constrained minimisation of Σ σ̂|L̇|² at rates L·L̇ = c σ̂|L|²/k."""
+    network, L, d = critical.network, critical.bond_vectors, critical.network.dimension
+    s, k = critical.sigma / np.linalg.norm(critical.sigma), network.stiffness
+    square = np.sum(L**2, axis=1)
+    c = float(s @ square) / d / float(s**2 @ (square / k))
+    g = np.kron(network.free_incidence.toarray(), np.eye(d))
+    R = (g.reshape(len(s), d, -1) * L[:, :, None]).sum(axis=1)
+    P = g.T @ (np.repeat(s, d)[:, None] * g)
+    goal = c * s * square / k - square / d
+    u = np.linalg.lstsq(R, goal, rcond=None)[0]
+    zero_modes = scipy.linalg.null_space(R, rcond=1e-10)
+    pull = g.T @ (np.repeat(s, d) * (L / d).ravel()) + P @ u
+    u -= zero_modes @ np.linalg.solve(zero_modes.T @ P @ zero_modes, zero_modes.T @ pull)
+    rate = L / d + (g @ u).reshape(L.shape)
+    np.testing.assert_allclose(np.sum(L * rate, axis=1), c * s * square / k, rtol=0, atol=1e-9)
+    turning = rate - (np.sum(L * rate, axis=1) / square)[:, None] * L
+    return 3 * c * float(s @ np.sum(turning**2, axis=1)) / network.volume
+
+
+@pytest.mark.parametrize("make", [lambda: with_random_stiffness(voronoi_network(24, seed=2), 3), voronoi_3d])
+def test_no_positive_stress_softens_more_than_the_stiffest(make):
+    network = make()
+    manifold, least = CriticalManifold(network), 3 / network.dimension - 2
+    bound = quantity(manifold, "C_B").extreme(manifold)[0]
+    assert bound == pytest.approx(least * upper_bound(manifold, "B_0"), rel=1e-14)
+    stiffest = stiffening(manifold.configuration(network.stiffness)).value
+    assert stiffest.C_B == pytest.approx(bound, rel=1e-9) == pytest.approx(least * stiffest.bulk_0, rel=1e-9)
+    for spread in (0.1, 1.0):
+        sigma = np.exp(spread * np.random.default_rng(7).normal(size=network.n_edges))
+        critical = manifold.configuration(sigma)
+        value = stiffening(critical).value
+        gap = turning_energy(critical)
+        assert gap > 0 and value.C_B - least * value.bulk_0 == pytest.approx(gap, rel=1e-7)
+        assert value.C_G > -value.shear_0 / value.bulk_0 * gap / 3
+
+
+def test_compressed_edges_soften_without_that_bound():
+    network = voronoi_network(8, seed=0)
+    sigma = np.ones(network.n_edges)
+    sigma[9] = -0.5
+    value = stiffening(CriticalManifold(network).configuration(sigma)).value
+    assert value.C_B < -5 * value.bulk_0
+    with pytest.raises(SolveError, match="at least"):
+        design(network, {"C_B": 1.001 * quantity(network, "C_B").extreme(CriticalManifold(network))[0]})
