@@ -9,8 +9,8 @@ from scipy.linalg import null_space
 
 from critflow import CriticalManifold, InputError, Network, Status, delaunay_network, diluted, elasticity, lattice
 from critflow.certificates import spectrum
+from critflow.extras.rest import at_rest
 from critflow.extras.rest.at_rest import response_at_rest
-from critflow.response import at_rest
 from workflows.benchmarks import reference
 
 
