@@ -4,6 +4,7 @@
     kinds       classes of the scene that its package teaches to functions which are `extensible`
     quantities  name, or the part before brackets -> "module:factory" within its folder
     commands    name -> "module:function" within its folder
+    functions   name -> "module:function" within its folder, of a service that the scene calls by `provided`
 
 The scene reads the declarations and imports an extra when one of its names is used.  It names none of them, so that a
 folder can be added or deleted without an edit.
@@ -19,6 +20,8 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any
 
+from critflow.result import InputError
+
 _FOLDER = Path(__file__).with_name("extras")
 
 
@@ -31,6 +34,7 @@ class Extra:
     kinds: tuple[str, ...] = ()
     quantities: dict[str, str] = field(default_factory=dict)
     commands: dict[str, str] = field(default_factory=dict)
+    functions: dict[str, str] = field(default_factory=dict)
 
     @property
     def package(self) -> str:
@@ -54,9 +58,21 @@ def extras() -> dict[str, Extra]:
             tuple(entries.get("kinds", ())),
             entries.get("quantities", {}),
             entries.get("commands", {}),
+            entries.get("functions", {}),
         )
         for name, entries in declared.items()
     }
+
+
+def provided(name: str, purpose: str) -> Any:
+    """The function that an extra declares under a name; `InputError` without such an extra.
+
+    purpose  what needs it, as the sentence of the error begins: "pressures in faces"
+    """
+    for extra in extras().values():
+        if name in extra.functions:
+            return extra.named(extra.functions[name])
+    raise InputError(f"{purpose} belong to an extra of critflow that is not installed: install critflow again")
 
 
 def extensible(function: Callable[..., Any]) -> Any:
