@@ -31,9 +31,9 @@ IntArray = NDArray[np.int32]
 
 # Entries of the upper triangle up to which qdldl is faster, of networks in the plane and in space.  Measured for one
 # numeric factorisation and four solves: on Voronoi networks of 300 to 10⁵ vertices the crossovers of the Laplacian, the
-# elastic Hessian and the saddle matrix are 180,000, 100,000 and 170,000 entries; they have 2.5, 9 and 12.5 a vertex.  In
-# space factors fill in faster, as N^(4/3): on foams of 60 to 8,000 vertices the crossovers are 6,000, 11,000 and 10,000
-# entries, of 3, 24 and 23 a vertex.
+# elastic Hessian and the saddle matrix are 180,000, 100,000 and 170,000 entries; they have 2.5, 9 and 12.5 a vertex.
+# In space factors fill in faster, as N^(4/3): on foams of 60 to 8,000 vertices the crossovers are 6,000, 11,000 and
+# 10,000 entries, of 3, 24 and 23 a vertex.
 CROSSOVERS = {"superlu": (150_000, 9_000)}
 
 
@@ -200,8 +200,7 @@ def choose_backend(backend: str, n_entries: int, in_space: bool = False) -> str:
 
 def choose_iteration(elimination: str, n_entries: int) -> str:
     """The iterative solver that is faster than an elimination for a Laplacian in space; none, "", for smaller ones."""
-    sizes = {
-        name: entries[elimination] for name, entries in _crossovers("iterations").items() if elimination in entries
-    }
-    larger = [name for name, entries in sizes.items() if n_entries > entries and name in _brought("iterations")]
-    return larger[0] if larger else ""
+    for name, crossovers in _crossovers("iterations").items():
+        if n_entries > crossovers.get(elimination, np.inf) and name in _brought("iterations"):
+            return name
+    return ""

@@ -36,7 +36,7 @@ from critflow.linalg.tolerances import EPS
 # Shift δ in units of the mean value.  A matrix with the same inertia at ±δ counts as regular; the shift is far above
 # the rounding of pivots.
 INERTIA_SHIFT = 1e-9
-REDUCED = 1e-12  # reduction of a residual by an iterative solver that counts as a solve: rounding is near 1e-14 at 10⁶ vertices
+REDUCED = 1e-12  # reduction of the residual at which an iterative solver ends: rounding is near 1e-14 at 10⁶ vertices
 REFINED_SOLVES = 20  # most refinements of a solve with A + δ.  Each reduces the error by δ over the smallest eigenvalue
 
 Array = NDArray[np.float64]
