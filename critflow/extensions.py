@@ -5,6 +5,8 @@
     quantities  name, or the part before brackets -> "module:factory" within its folder
     commands    name -> "module:function" within its folder
     functions   name -> "module:function" within its folder, of a service that the scene calls by `provided`
+    backends    name -> place and crossovers of a sparse solver, as `critflow.linalg.backends` describes
+    iterations  likewise of an iterative one
 
 The scene reads the declarations and imports an extra when one of its names is used.  It names none of them, so that a
 folder can be added or deleted without an edit.
@@ -30,11 +32,13 @@ class Extra:
     """The declarations of one extra."""
 
     name: str
-    needs: tuple[str, ...] = ()
-    kinds: tuple[str, ...] = ()
+    needs: list[str] = field(default_factory=list)
+    kinds: list[str] = field(default_factory=list)
     quantities: dict[str, str] = field(default_factory=dict)
     commands: dict[str, str] = field(default_factory=dict)
     functions: dict[str, str] = field(default_factory=dict)
+    backends: dict[str, dict[str, Any]] = field(default_factory=dict)
+    iterations: dict[str, dict[str, Any]] = field(default_factory=dict)
 
     @property
     def package(self) -> str:
@@ -51,17 +55,7 @@ def extras() -> dict[str, Extra]:
     """All extras that are there, by name, in alphabetical order."""
     files = sorted(_FOLDER.glob("*/extra.toml"))
     declared = {file.parent.name: tomllib.loads(file.read_text(encoding="utf-8")) for file in files}
-    return {
-        name: Extra(
-            name,
-            tuple(entries.get("needs", ())),
-            tuple(entries.get("kinds", ())),
-            entries.get("quantities", {}),
-            entries.get("commands", {}),
-            entries.get("functions", {}),
-        )
-        for name, entries in declared.items()
-    }
+    return {name: Extra(name, **entries) for name, entries in declared.items()}
 
 
 def provided(name: str, purpose: str) -> Any:

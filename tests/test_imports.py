@@ -27,8 +27,13 @@ PHYSICS = LAYERS[: LAYERS.index("workflow")]
 WITHOUT = {"workflow": {*PHYSICS, "figures"} - {"result", "extensions"}}
 # Modules of the scene that still import an extra.  This list may only become shorter.
 ARROWS = {
-    *("command.main", "command.networks", "critical.manifold", "figures.drawing", "linalg.backends", "linalg.factor"),
-    *("paths.continuation", "paths.start", "paths.strain_path", "paths.tangent", "precision.refinement"),
+    *(
+        "command.main",
+        "command.networks",
+        "critical.manifold",
+        "figures.drawing",
+    ),
+    *("paths.continuation", "paths.start", "paths.strain_path", "paths.tangent"),
     *("response.at_transition", "response.elasticity", "response.stiffening", "springs.state"),
 }
 # Modules that still import a later layer.
@@ -41,7 +46,7 @@ ALLOWED = {
 # Modules that may import a solver package, guard it from other threads or, for the C library MKL, search the disk.
 SOLVERS = {
     "critflow.arguments": {"contextlib", "threadpoolctl"},
-    "critflow.linalg.backends": {"pymetis", "qdldl"},
+    "critflow.linalg.backends": {"qdldl"},
     "critflow.extensions": {"importlib", "pathlib", "tomllib"},
     "critflow.linalg.factor": {"threading"},
     "critflow.progress": {"contextlib", "sys", "threading", "time"},
