@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from critflow import CriticalManifold, Solution, SolveError, Status, lattice
-from critflow.result import CritflowError, Deferred, Stats
+from critflow.result import CritflowError, Stats
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -75,30 +75,3 @@ def test_results_print_in_one_line():
     text = repr(manifold.solve(np.ones(48)))
     assert text.startswith(f"ForceBalance(ok, CriticalConfiguration(network={network}, sigma=array(48), ")
     assert "\n" not in text and len(text) < 300
-
-
-def test_a_deferred_record_is_computed_once_for_all_its_readers():
-    calls = []
-
-    def compute():
-        calls.append(1)
-        return Stats(method="late", steps=3, residual=1e-12)
-
-    stats = Stats.deferred(compute, condition=2.0)
-    assert not calls and stats.condition == 2.0
-    assert (stats.method, stats.steps, stats.residual, len(calls)) == ("late", 3, 1e-12, 1)
-    # Another thread that missed the name before finds it afterwards.
-    assert Stats.__getattr__(stats, "steps") == 3
-    with pytest.raises(AttributeError, match="no attribute 'nothing'"):
-        stats.nothing  # noqa: B018
-
-
-def test_a_default_that_would_hide_a_deferred_field_is_refused():
-    @dataclass(frozen=True)
-    class Hiding(Deferred):
-        known: int
-        late: int | None = None
-
-    with pytest.raises(TypeError, match="has a default"):
-        Hiding.deferred(lambda: Hiding(1, 2), known=1)
-    assert Hiding.deferred(lambda: Hiding(1, 2), known=1, late=2).late == 2
