@@ -3,6 +3,7 @@
 `.ci/extras` also runs all other tests without each of them in turn.
 """
 
+import re
 import shutil
 import subprocess
 import sys
@@ -91,7 +92,6 @@ MIXED = {
     "problems.py",
     "response/test_elasticity.py",
     "test_arguments.py",
-    "test_fuzz.py",
     "test_input.py",
 }
 # Whose subject is the whole repository: these leave out what is not there.
@@ -102,3 +102,9 @@ def test_tests_of_the_scene_use_no_extra():
     files = [path for path in TESTS.rglob("*.py") if path.relative_to(TESTS).parts[0] not in OF_ALL]
     found = {str(path.relative_to(TESTS)) for path in files if used(path.read_text(encoding="utf-8"))}
     assert found - {"test_peers.py"} <= MIXED
+
+
+def test_every_public_name_of_an_extra_is_tested_in_its_folder():
+    for name, extra in PUBLIC.items():
+        files = (TESTS / "extras" / extra).glob("test_*.py")
+        assert any(re.search(rf"\b{name}\b", path.read_text(encoding="utf-8")) for path in files), f"{extra}: {name}"
