@@ -7,7 +7,8 @@
     functions   name -> "module:function" within its folder, of a service that the scene calls by `provided`
 
 The scene reads the declarations and imports an extra when one of its names is used.  It names none of them, so that a
-folder can be added or deleted without an edit.
+folder can be added or deleted without an edit.  The data file `known_extras.toml` lists the names of all extras of
+critflow, so that a name of one that is not installed is an error that says which.
 """
 
 from __future__ import annotations
@@ -23,6 +24,7 @@ from typing import Any
 from critflow.result import InputError
 
 _FOLDER = Path(__file__).with_name("extras")
+_KNOWN = Path(__file__).with_name("known_extras.toml")
 
 
 @dataclass(frozen=True)
@@ -64,6 +66,21 @@ def extras() -> dict[str, Extra]:
     }
 
 
+def missing(name: str) -> str | None:
+    """The extra of critflow that would have a name, where that extra is not installed, else None.
+
+    name  a public name, a command, a service for `provided`, or a quantity, such as "onset[dilation]"
+    """
+    plain, installed = name.partition("[")[0], extras()
+    return next((extra for extra, names in _known().items() if plain in names and extra not in installed), None)
+
+
+@cache
+def _known() -> dict[str, list[str]]:
+    """The names of all extras of critflow, installed or not."""
+    return tomllib.loads(_KNOWN.read_text(encoding="utf-8"))
+
+
 def provided(name: str, purpose: str) -> Any:
     """The function that an extra declares under a name; `InputError` without such an extra.
 
@@ -72,7 +89,9 @@ def provided(name: str, purpose: str) -> Any:
     for extra in extras().values():
         if name in extra.functions:
             return extra.named(extra.functions[name])
-    raise InputError(f"{purpose} belong to an extra of critflow that is not installed: install critflow again")
+    absent = missing(name)
+    which = f"the extra {absent!r} of critflow, which" if absent else "an extra of critflow that"
+    raise InputError(f"{purpose} belong to {which} is not installed: install critflow again")
 
 
 def extensible(function: Callable[..., Any]) -> Any:
