@@ -57,7 +57,6 @@ class LengthVariance(_RelativeVariance):
     """V_L = ⟨(|L| − ⟨|L|⟩)²⟩/⟨|L|⟩² (`LengthVariance`)."""
 
     name: ClassVar[str] = "V_L"
-    exact: ClassVar[str] = "conic"
     of_tensions: ClassVar[bool] = False
 
 

@@ -19,8 +19,6 @@ from dataclasses import dataclass
 from difflib import get_close_matches
 from functools import cache
 
-import numpy as np
-
 from critflow.arguments import checked
 from critflow.critical.manifold import CriticalManifold
 from critflow.critical.quantity import Balanced, Partials, Quantity
@@ -154,15 +152,3 @@ _DEFORMED: dict[str, Callable[[Network, str], Quantity]] = {
     "stiffening": lambda network, name: Stiffening(deformation_of(name, network.dimension)),
     "onset": lambda network, name: OnsetStrain(deformation_of(name, network.dimension)),
 }
-
-
-def same(one: Quantity, other: Quantity) -> bool:
-    """Whether two quantities are the same by name or, for moduli and components of stress, by their strain."""
-    if one.name == other.name:
-        return True
-    pair = [each.of_stress(len(getattr(each, "strain", ()))) for each in (one, other)]
-    if pair[0] is None or pair[1] is None or pair[0].squared != pair[1].squared:
-        return False
-    return pair[0].strain.shape == pair[1].strain.shape and np.allclose(
-        pair[0].strain, pair[1].strain, rtol=0, atol=1e-14
-    )
