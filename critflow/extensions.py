@@ -2,7 +2,7 @@
 
     needs       other extras that it imports
     kinds       classes of the scene that its package teaches to functions which are `extensible`
-    quantities  name, or the part before brackets -> "module:factory" within its folder
+    quantities  name, such as "onset[D]" -> "module:factory" within its folder, as in `critical.vocabulary`
     commands    name -> "module:function" within its folder
     functions   name -> "module:function" within its folder, of a service that the scene calls by `provided`
 
@@ -44,8 +44,13 @@ class Extra:
 
     def named(self, place: str) -> Any:
         """The object at "module:name" within the folder."""
-        module, _, name = place.partition(":")
-        return getattr(import_module(f"{self.package}.{module}"), name)
+        return named(f"{self.package}.{place}")
+
+
+def named(place: str) -> Any:
+    """The object at "module:name", whose module is imported at its first use."""
+    module, _, name = place.partition(":")
+    return getattr(import_module(module), name)
 
 
 @cache
@@ -66,13 +71,19 @@ def extras() -> dict[str, Extra]:
     }
 
 
+def quantities() -> dict[str, str]:
+    """Quantities of all extras: "module:factory" by name."""
+    return {name: f"{one.package}.{place}" for one in extras().values() for name, place in one.quantities.items()}
+
+
 def missing(name: str) -> str | None:
     """The extra of critflow that would have a name, where that extra is not installed, else None.
 
     name  a public name, a command, a service for `provided`, or a quantity, such as "onset[dilation]"
     """
-    plain, installed = name.partition("[")[0], extras()
-    return next((extra for extra, names in _known().items() if plain in names and extra not in installed), None)
+    absent = {extra: names for extra, names in _known().items() if extra not in extras()}
+    stem = name.partition("[")[0]
+    return next((extra for extra, names in absent.items() if stem in {one.partition("[")[0] for one in names}), None)
 
 
 @cache

@@ -5,7 +5,7 @@ import tomllib
 import pytest
 from known_extras import LIST, declared
 
-from critflow import InputError, extensions
+from critflow import InputError, extensions, lattice, quantity
 
 
 @pytest.fixture
@@ -43,3 +43,13 @@ def test_a_name_of_an_extra_that_is_not_installed(without):
 def test_a_service_that_nobody_declares():
     with pytest.raises(InputError, match="words belong to an extra of critflow that is not installed"):
         extensions.provided("nonsense", "words")
+
+
+def test_a_quantity_of_an_extra_that_is_not_installed(without):
+    without("cables")
+    network = lattice("honeycomb", 2, 2)
+    with pytest.raises(InputError, match=r"onset\[uniaxial\]' is of the extra 'cables' of critflow, which is not"):
+        quantity(network, "onset[uniaxial]")
+    with pytest.raises(InputError, match=r"and modulus\[D\] or stiffening\[D\] of a deformation D: ") as error:
+        quantity(network, "nonsense")
+    assert "onset" not in str(error.value)

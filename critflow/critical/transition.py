@@ -310,6 +310,24 @@ def pure_shear(dimension: int) -> Array:
     return A
 
 
+def tensor_quantity(network: Network, name: str) -> SpringResponse:
+    """The quantity of a name: B_0, G_0, S_xx, ..., C_xxxx, ..."""
+    return _tensor_quantities(network.dimension)[name]
+
+
+@cache
+def _tensor_quantities(d: int) -> dict[str, SpringResponse]:
+    """Moduli, and components of the stress and of the elasticity tensor, by name."""
+    stress = [StressComponent(strain, f"S_{axes}") for axes, strain in zip(*strain_basis(d), strict=True)]
+    every: list[SpringResponse] = [
+        TransitionModulus(dilation(d), "B_0"),
+        *([TransitionModulus(pure_shear(d), "G_0")] if d > 1 else []),
+        *stress,
+        *(TensorComponent(first, second) for a, first in enumerate(stress) for second in stress[a:]),
+    ]
+    return {one.name: one for one in every}
+
+
 @checked
 def transition_modulus(network: Network, strain: Deformable) -> TransitionModulus:
     """The modulus at the transition for the affine strain A (d, d), or for the start of a deformation.
