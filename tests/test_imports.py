@@ -28,7 +28,7 @@ PHYSICS = LAYERS[: LAYERS.index("workflow")]
 WITHOUT = {"workflow": {*PHYSICS, "figures"} - {"result", "extensions"}}
 # Modules of the scene that still import an extra.  This list may only become shorter.
 ARROWS = {
-    *("command.main", "command.networks", "critical.manifold", "figures.drawing", "linalg.backends", "linalg.factor"),
+    *("command.main", "command.networks", "figures.drawing", "linalg.backends", "linalg.factor"),
     *("paths.continuation", "paths.start", "paths.strain_path", "paths.tangent", "precision.refinement"),
     *("response.at_transition", "response.elasticity", "response.stiffening", "springs.state"),
 }
