@@ -3,7 +3,7 @@
     needs       other extras that it imports
     kinds       classes of the scene that its package teaches to functions which are `extensible`
     quantities  name, or the part before brackets -> "module:factory" within its folder
-    commands    name -> "module:function" within its folder
+    commands    name -> place, "module:function" within its folder, and help, its line in `critflow --help`
     functions   name -> "module:function" within its folder, of a service that the scene calls by `provided`
 
 The scene reads the declarations and imports an extra when one of its names is used.  It names none of them, so that a
@@ -28,6 +28,14 @@ _KNOWN = Path(__file__).with_name("known_extras.toml")
 
 
 @dataclass(frozen=True)
+class Command:
+    """A subcommand that an extra adds: where its function is, and its line in `critflow --help`."""
+
+    place: str
+    help: str
+
+
+@dataclass(frozen=True)
 class Extra:
     """The declarations of one extra."""
 
@@ -35,7 +43,7 @@ class Extra:
     needs: tuple[str, ...] = ()
     kinds: tuple[str, ...] = ()
     quantities: dict[str, str] = field(default_factory=dict)
-    commands: dict[str, str] = field(default_factory=dict)
+    commands: dict[str, Command] = field(default_factory=dict)
     functions: dict[str, str] = field(default_factory=dict)
 
     @property
@@ -59,7 +67,7 @@ def extras() -> dict[str, Extra]:
             tuple(entries.get("needs", ())),
             tuple(entries.get("kinds", ())),
             entries.get("quantities", {}),
-            entries.get("commands", {}),
+            {command: Command(**entry) for command, entry in entries.get("commands", {}).items()},
             entries.get("functions", {}),
         )
         for name, entries in declared.items()
