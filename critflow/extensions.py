@@ -30,6 +30,14 @@ _KNOWN = Path(__file__).with_name("known_extras.toml")
 
 
 @dataclass(frozen=True)
+class Command:
+    """A subcommand that an extra adds: where its function is, and its line in `critflow --help`."""
+
+    place: str
+    help: str
+
+
+@dataclass(frozen=True)
 class Extra:
     """The declarations of one extra."""
 
@@ -37,7 +45,7 @@ class Extra:
     needs: list[str] = field(default_factory=list)
     kinds: list[str] = field(default_factory=list)
     quantities: dict[str, str] = field(default_factory=dict)
-    commands: dict[str, str] = field(default_factory=dict)
+    commands: dict[str, Command] = field(default_factory=dict)
     functions: dict[str, str] = field(default_factory=dict)
     backends: dict[str, dict[str, Any]] = field(default_factory=dict)
     iterations: dict[str, dict[str, Any]] = field(default_factory=dict)
@@ -62,7 +70,11 @@ def extras() -> dict[str, Extra]:
     """All extras that are there, by name, in alphabetical order."""
     files = sorted(_FOLDER.glob("*/extra.toml"))
     declared = {file.parent.name: tomllib.loads(file.read_text(encoding="utf-8")) for file in files}
-    return {name: Extra(name, **entries) for name, entries in declared.items()}
+    return {name: _extra(name, **entries) for name, entries in declared.items()}
+
+
+def _extra(name: str, commands: dict[str, dict[str, str]] | None = None, **entries: Any) -> Extra:
+    return Extra(name, commands={one: Command(**entry) for one, entry in (commands or {}).items()}, **entries)
 
 
 def quantities() -> dict[str, str]:

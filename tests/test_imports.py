@@ -27,9 +27,6 @@ PHYSICS = LAYERS[: LAYERS.index("workflow")]
 WITHOUT = {"workflow": {*PHYSICS, "figures"} - {"result", "extensions"}}
 # Modules of the scene that still import an extra.  This list may only become shorter.
 ARROWS = {
-    "command.main",
-    "command.networks",
-    "figures.drawing",
     "paths.continuation",
     "paths.start",
     "paths.strain_path",
@@ -40,7 +37,9 @@ ARROWS = {
     "springs.state",
 }
 # Modules that still import a later layer.
-UPWARD = {"extras.explore.command", "optimisation.optimize"}
+UPWARD = {
+    "optimisation.optimize",
+}
 HEAVY = {"xarray", "dask", "distributed", "netCDF4", "typer", "rich"}
 ALLOWED = {
     *("__future__", "abc", "collections", "copy", "dataclasses", "difflib", "enum"),

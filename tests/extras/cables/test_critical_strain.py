@@ -88,7 +88,11 @@ def test_a_free_shear_beside_a_free_side_changes_nothing(name):
     path = deformation_of(name, 2)
     side = critical_strain(NETWORK, LENGTHS, path.freeing("yy"))
     onset = critical_strain(NETWORK, LENGTHS, path.freeing("yy", "xy"))
-    assert onset.ok and all(onset.value.proven) and onset.value.lower < onset.value.strain < onset.value.upper < onset.lower + 1e-9
+    assert (
+        onset.ok
+        and all(onset.value.proven)
+        and onset.value.lower < onset.value.strain < onset.value.upper < onset.lower + 1e-9
+    )
     assert onset.value.strain == pytest.approx(side.strain, rel=1e-10) and abs(onset.value.free[1]) < 1e-12
     chain = LENGTHS[onset.value.taut].sum() / NETWORK.cell[0, 0]
     assert path.gradient(onset.value.strain)[0, 0] == pytest.approx(chain, rel=1e-10)
