@@ -171,9 +171,7 @@ def run(
 
 def _origin(command: str) -> dict[str, str]:
     """Attributes of a dataset about the command that writes it."""
-    from critflow.linalg.backends import available_backends
-
-    return {"history": command, "sparse_solvers": " ".join(available_backends())}
+    return {"history": command}
 
 
 def _print_plan(loaded: StudyFile, requested: Selection, folder: Folder, plan: RunPlan) -> int:
