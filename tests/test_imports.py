@@ -27,17 +27,19 @@ PHYSICS = LAYERS[: LAYERS.index("workflow")]
 WITHOUT = {"workflow": {*PHYSICS, "figures"} - {"result", "extensions"}}
 # Modules of the scene that still import an extra.  This list may only become shorter.
 ARROWS = {
-    *(
-        "command.main",
-        "command.networks",
-        "critical.manifold",
-        "figures.drawing",
-    ),
-    *("paths.continuation", "paths.start", "paths.strain_path", "paths.tangent"),
-    *("response.at_transition", "response.elasticity", "response.stiffening", "springs.state"),
+    "paths.continuation",
+    "paths.start",
+    "paths.strain_path",
+    "paths.tangent",
+    "response.at_transition",
+    "response.elasticity",
+    "response.stiffening",
+    "springs.state",
 }
 # Modules that still import a later layer.
-UPWARD = {"critical.vocabulary", "extras.explore.command", "optimisation.optimize"}
+UPWARD = {
+    "optimisation.optimize",
+}
 HEAVY = {"xarray", "dask", "distributed", "netCDF4", "typer", "rich"}
 ALLOWED = {
     *("__future__", "abc", "collections", "copy", "dataclasses", "difflib", "enum"),
