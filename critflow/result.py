@@ -68,12 +68,7 @@ _MESSAGES = {
 
 
 class Record:
-    """A dataclass that prints in one line: numbers, names, and shapes in place of arrays."""
-
-    def __init_subclass__(cls, **options: Any) -> None:
-        super().__init_subclass__(**options)
-        # `dataclass` keeps a method that the class itself defines.
-        cls.__repr__ = cls.__repr__  # type: ignore[method-assign]
+    """Prints in one line: numbers, names, and shapes in place of arrays.  For classes with `@dataclass(repr=False)`."""
 
     def __repr__(self) -> str:
         return f"{type(self).__name__}({', '.join(_shown_fields(self))})"
@@ -111,7 +106,7 @@ def _brief(value: Any) -> str:
     return f"{text[:_MOST_CHARACTERS]}..." if isinstance(value, str) else f"{type(value).__name__}(...)"
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Stats(Record):
     """Method, work and accuracy of a solve.  Pass the fields by keyword.
 
@@ -130,7 +125,7 @@ class Stats(Record):
     error_bound: Any = np.nan
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Solution(Record, Generic[Value]):
     """The outcome of a solve: `status` says whether `value` is trustworthy, `note` explains it in one sentence.
 
@@ -138,7 +133,7 @@ class Solution(Record, Generic[Value]):
 
     A solve with further results returns a frozen subclass with typed fields, defined next to the solver:
 
-        @dataclass(frozen=True, kw_only=True)
+        @dataclass(frozen=True, kw_only=True, repr=False)
         class Optimum(Solution[CriticalConfiguration]):
             objective: float
     """

@@ -5,12 +5,13 @@ from dataclasses import FrozenInstanceError, dataclass
 
 import numpy as np
 import pytest
+from public import checked_functions
 
 from critflow import CriticalManifold, Solution, SolveError, Status, lattice
-from critflow.result import CritflowError, Stats
+from critflow.result import CritflowError, Record, Stats
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, repr=False)
 class Root(Solution[float]):
     """A solution with a typed field."""
 
@@ -64,6 +65,20 @@ def test_a_failed_solution_raises_its_reason(note):
     assert str(caught.value) == f"no root: {root.reason}"
     assert caught.value.solution is root
     assert isinstance(caught.value, CritflowError)
+
+
+def records(kind):
+    """The dataclasses of the package that derive from a class."""
+    for derived in kind.__subclasses__():
+        if derived.__module__.startswith("critflow.") and "__dataclass_params__" in vars(derived):
+            yield derived
+        yield from records(derived)
+
+
+def test_no_record_replaces_its_representation():
+    assert checked_functions()  # with all modules imported
+    assert len(list(records(Record))) > 20
+    assert [kind.__name__ for kind in records(Record) if kind.__dataclass_params__.repr] == []
 
 
 def test_results_print_in_one_line():

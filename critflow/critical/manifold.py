@@ -45,7 +45,7 @@ CONDENSED_EDGES = 100_000
 SCALED = 4e-15
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class CriticalConfiguration(Record):
     """A network in balance under a stress: σ (N_b,), coordinates x (N_v, d) and bond vectors L (N_b, d).
 
@@ -197,7 +197,7 @@ class Balance:
         return product(self.network.free_incidence, self.factor.solve(product(self.network.divergence, edge_vectors)))
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
+@dataclass(frozen=True, eq=False, kw_only=True, repr=False)
 class ForceBalance(Solution[Value]):
     """The configuration of a stress.
 

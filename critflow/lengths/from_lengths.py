@@ -32,7 +32,7 @@ EVEN = 0.16
 SOLVED = 1e-6  # relative residual of a Newton step that determines the error of its start
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
+@dataclass(frozen=True, eq=False, kw_only=True, repr=False)
 class FromLengths(Solution[CriticalConfiguration]):
     """The critical configuration of rest lengths ℓ.
 

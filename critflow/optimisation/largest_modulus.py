@@ -36,7 +36,7 @@ PARALLEL_FORCES = 1e-9
 _QUARTER_TURN = np.array([[0.0, -1.0], [1.0, 0.0]])
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
+@dataclass(frozen=True, eq=False, kw_only=True, repr=False)
 class Optimum(Solution[CriticalConfiguration]):
     """The best critical configuration by an objective; `stats.residual` is the largest component of dO/dσ.
 
