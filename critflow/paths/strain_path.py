@@ -33,7 +33,7 @@ MEASURES = ("tensors", "moduli", "energy")  # what a path measures at each strai
 _LOOSENED = "the strain loosens the network, which is floppy on this side of the transition: change its sign"
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class StrainPath(Record):
     """Equilibria at strains γ (n,): moduli, energy and forces (n,), Newton steps and status, the states.
 

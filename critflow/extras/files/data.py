@@ -32,7 +32,7 @@ NUMBER = r"[+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?|[Nn]a[Nn]|[+-]?
 EDGE_FIELDS = ("edges", "offsets", "bond_vectors", *EDGE_VALUES, "sides", "edge_numbers")
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class NetworkData(Record):
     """A network as a file or an object holds it.
 

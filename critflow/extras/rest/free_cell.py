@@ -38,7 +38,7 @@ UNFIXED = (
 )
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
+@dataclass(frozen=True, eq=False, kw_only=True, repr=False)
 class FreeCellState(SpringState):
     """Springs in a cell with free components, all in the units of the module.
 
