@@ -1,7 +1,8 @@
 """How extras join the scene: each is a folder of `critflow/extras`, and its file `extra.toml` declares what it adds.
 
     needs       other extras that it imports
-    kinds       classes of the scene that its package teaches to functions which are `extensible`
+    kinds       class -> "module" within its folder, which registers functions of that class with those that are
+                `extensible`; or a list of classes, whose functions the package registers
     quantities  name, or the part before brackets -> "module:factory" within its folder
     commands    name -> "module:function" within its folder
     functions   name -> "module:function" within its folder, of a service that the scene calls by `provided`
@@ -31,7 +32,7 @@ class Extra:
 
     name: str
     needs: tuple[str, ...] = ()
-    kinds: tuple[str, ...] = ()
+    kinds: dict[str, str] = field(default_factory=dict)
     quantities: dict[str, str] = field(default_factory=dict)
     commands: dict[str, str] = field(default_factory=dict)
     functions: dict[str, str] = field(default_factory=dict)
@@ -55,13 +56,17 @@ def extras() -> dict[str, Extra]:
         name: Extra(
             name,
             tuple(entries.get("needs", ())),
-            tuple(entries.get("kinds", ())),
+            _by_module(entries.get("kinds", {})),
             entries.get("quantities", {}),
             entries.get("commands", {}),
             entries.get("functions", {}),
         )
         for name, entries in declared.items()
     }
+
+
+def _by_module(kinds: dict[str, str] | list[str]) -> dict[str, str]:
+    return kinds if isinstance(kinds, dict) else dict.fromkeys(kinds, "")
 
 
 def provided(name: str, purpose: str) -> Any:
@@ -91,15 +96,20 @@ def extensible(function: Callable[..., Any]) -> Any:
         _import_extras_of(type(first))  # type: ignore[arg-type]
         return dispatcher(first, *args, **options)
 
+    def takes(kind: type[Any]) -> bool:
+        """Whether a function is registered for a class, or for one of its bases."""
+        _import_extras_of(kind)  # type: ignore[arg-type]
+        return dispatcher.dispatch(kind) is not function
+
     dispatched.register = dispatcher.register  # type: ignore[attr-defined]
-    dispatched.dispatch = dispatcher.dispatch  # type: ignore[attr-defined]
+    dispatched.takes = takes  # type: ignore[attr-defined]
     return dispatched
 
 
 @cache
 def _import_extras_of(kind: type[Any]) -> None:
-    """Import the packages that declare a class or one of its bases: they register functions of it."""
+    """Import what the extras declare for a class or one of its bases: it registers functions of it."""
     names = {base.__name__ for base in kind.__mro__}
     for extra in extras().values():
-        if names & set(extra.kinds):
-            import_module(extra.package)
+        for module in {extra.kinds[name] for name in names & extra.kinds.keys()}:
+            import_module(f"{extra.package}.{module}" if module else extra.package)

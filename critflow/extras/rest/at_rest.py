@@ -3,7 +3,8 @@
 With affine extensions e_a = L·E_a L/|L| and the rigidity matrix R,
     V ε·Cε = min_u Σ k (e ε + R u)²,
 to which only the self-stresses contribute, the tensions k (e ε + R u) of the minimum (`SelfStressModuli`).
-Springs on the perimeters of faces have the extensions A e, with the sides A, and likewise for motions.
+Springs on the perimeters of faces have the extensions A e, with the sides A, and likewise for motions
+(`FaceSprings.of_edges`).
 
 Springs of moderate contrast are solved by the normal equations, refined on their residual: the number of self-stresses
 is that of `Spectrum`, and none of them is computed.  Those of large contrast, and tissues, are decomposed densely
@@ -12,7 +13,7 @@ is that of `Spectrum`, and none of them is computed.  Those of large contrast, a
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
@@ -20,14 +21,14 @@ import scipy.sparse as sp
 
 from critflow.certificates.spectrum import CLEAR_GAP, ZERO_MODE, Spectrum, edge_without_length, rounding_note
 from critflow.extras.rest.stiffness_contrast import FormAtRest, hierarchical_response
-from critflow.extras.tissue.face_springs import FaceSprings
 from critflow.linalg.matrices import edge_blocks, spread_columns
 from critflow.linalg.tolerances import EPS
 from critflow.networks.deformation import strain_basis
 from critflow.networks.network import Array, Network
+from critflow.response.elasticity import ElasticResponse
 from critflow.response.linear_response import accumulated_rounding
 from critflow.response.tensor import TRUSTED_ERROR, Elasticity, Errors, no_elasticity
-from critflow.result import Solution, Stats, Status
+from critflow.result import Stats, Status
 
 # Up to this contrast the normal equations resolve both the softest springs and the stiffest.
 MODERATE_CONTRAST = 1e6
@@ -46,22 +47,24 @@ _LOCAL = "no strain loads the self-stresses of the network, so every modulus is 
 _ROUNDED = "rounding errors exceed a tenth of the response to strain: use coordinates near zero"
 
 
-@dataclass(frozen=True, kw_only=True)
-class ResponseAtRest(Solution[Elasticity]):
-    """Elasticity of springs at rest.
+class Springs(NamedTuple):
+    """Springs at rest."""
 
-    n_self_stresses  independent self-stresses; those that no strain excites contribute nothing
-    """
-
-    n_self_stresses: int
+    directions: sp.csr_array  # changes of length by unit motions, (n, d·n_free) sparse
+    extension: Array  # by the strains of `strain_basis`, (n, m)
+    stiffness: Array
+    errors: Array  # relative rounding of the directions, (n,)
 
 
 def response_at_rest(
-    network: Network, coordinates: Array, volume: float, faces: FaceSprings | None = None
-) -> ResponseAtRest:
+    network: Network,
+    coordinates: Array,
+    volume: float,
+    perimeters: Callable[[Springs], Springs] | None = None,
+) -> ElasticResponse:
     """Elasticity tensor of springs at rest at coordinates (N_v, d), any number of self-stresses and any stiffnesses.
 
-    faces  whose perimeters are the springs; None: the edges are
+    perimeters  the springs on perimeters of faces from those on edges; None: the edges are the springs
 
     Errors (estimate) are those for the coordinates as given; singular values that are zero to the rounding of the
     coordinates count as zero.
@@ -71,24 +74,25 @@ def response_at_rest(
     """
     d = network.dimension
 
-    def without_value(status: Status, note: str, found: FormAtRest | None = None) -> ResponseAtRest:
+    def without_value(status: Status, note: str, found: FormAtRest | None = None) -> ElasticResponse:
         n_self_stresses, residual = (found.n_self_stresses, found.largest_zero) if found else (0, np.nan)
         value, stats = no_elasticity(d, volume), Stats("self-stress", 1, residual=residual)
-        return ResponseAtRest(value, status, stats, note, n_self_stresses=n_self_stresses)
+        return ElasticResponse(value, status, stats, note, n_self_stresses=n_self_stresses)
 
     L = network.bond_vectors(coordinates)
     length = np.linalg.norm(L, axis=1)
     if note := edge_without_length(length):
         return without_value(Status.singular, note)
-    springs = _springs(network, coordinates, L, length, faces)
+    edges = _springs(network, coordinates, L, length)
+    springs = perimeters(edges) if perimeters else edges
     contrast = float(springs.stiffness.max() / springs.stiffness.min())
-    if contrast <= MODERATE_CONTRAST and faces is None:
+    if contrast <= MODERATE_CONTRAST and springs is edges:
         found = _by_motions(network, coordinates, springs)
     elif len(springs.stiffness) * d * len(network.free) <= LARGEST_RESPONSE:
         found = _by_groups(springs, float(length.mean()))
     else:
         note = f"the stiffnesses differ by {contrast:.1e}, too much for so large a network: remove the softest"
-        return without_value(Status.ill_conditioned, note if faces is None else "the tissue is too large for moduli")
+        return without_value(Status.ill_conditioned, "the tissue is too large for moduli" if perimeters else note)
     if np.isfinite(found.doubtful):
         note = rounding_note(coordinates, length, found.doubtful) or _DOUBTFUL.format(found.doubtful)
         return without_value(Status.singular, note, found)
@@ -102,19 +106,11 @@ def response_at_rest(
         status, note, tensor = Status.floppy, _LOCAL, np.zeros_like(tensor)
     value = Elasticity(tensor, affine, np.zeros((d, d)), volume, Errors.of_tensor(errors, d))
     stats = Stats("self-stress", 1, residual=found.largest_zero)
-    return ResponseAtRest(value, status, stats, note, n_self_stresses=found.n_self_stresses)
+    return ElasticResponse(value, status, stats, note, n_self_stresses=found.n_self_stresses)
 
 
-class _Springs(NamedTuple):
-    """Springs at rest."""
-
-    directions: sp.csr_array  # changes of length by unit motions, (n, d·n_free) sparse
-    extension: Array  # by the strains of `strain_basis`, (n, m)
-    stiffness: Array
-    errors: Array  # relative rounding of the directions, (n,)
-
-
-def _springs(network: Network, coordinates: Array, L: Array, length: Array, faces: FaceSprings | None) -> _Springs:
+def _springs(network: Network, coordinates: Array, L: Array, length: Array) -> Springs:
+    """The springs on edges."""
     extension = np.einsum("aei,ei->ea", L @ strain_basis(network.dimension)[1], L) / length[:, None]
     directions = spread_columns(network, L / length[:, None])
     # Roundings of differences to the grounded vertex, of their differences g x, of the sums g x + b, and of directions.
@@ -123,13 +119,10 @@ def _springs(network: Network, coordinates: Array, L: Array, length: Array, face
     rounded = (abs(g) @ np.abs(x[network.free])) * (not network.pins and bool(coordinates[0].any()))
     rounded += np.where(b != 0, np.abs(g @ x[network.free]), 0.0)
     errors = EPS * (2 + 0.5 * np.linalg.norm(rounded, axis=1) / length)
-    if faces is None:
-        return _Springs(directions, extension, network.stiffness, errors)
-    A = faces.sides
-    return _Springs(sp.csr_array(A @ directions), A @ extension, faces.stiffness, A @ errors)
+    return Springs(directions, extension, network.stiffness, errors)
 
 
-def _by_groups(springs: _Springs, mean: float) -> FormAtRest:
+def _by_groups(springs: Springs, mean: float) -> FormAtRest:
     """By a dense decomposition, for any contrast and springs of this mean length."""
     k = springs.stiffness
     found = hierarchical_response(springs.directions.toarray(), springs.extension / mean, k / k.max(), springs.errors)
@@ -137,7 +130,7 @@ def _by_groups(springs: _Springs, mean: float) -> FormAtRest:
     return found._replace(form=unit * found.form, errors=unit * found.errors)
 
 
-def _by_motions(network: Network, coordinates: Array, springs: _Springs) -> FormAtRest:
+def _by_motions(network: Network, coordinates: Array, springs: Springs) -> FormAtRest:
     """By the motions u that follow the strains, for moderate contrast: V C = rᵀ k r, r = e + R u, Rᵀ k r = 0.
 
     An error of u changes V C by its square, which the work of the last correction estimates.
