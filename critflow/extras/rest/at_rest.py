@@ -74,8 +74,8 @@ def response_at_rest(
     """
     d = network.dimension
 
-    def without_value(status: Status, note: str, found: FormAtRest | None = None) -> ElasticResponse:
-        n_self_stresses, residual = (found.n_self_stresses, found.largest_zero) if found else (0, np.nan)
+    def without_value(status: Status, note: str, solved: FormAtRest | None = None) -> ElasticResponse:
+        n_self_stresses, residual = (solved.n_self_stresses, solved.largest_zero) if solved else (0, np.nan)
         value, stats = no_elasticity(d, volume), Stats("self-stress", 1, residual=residual)
         return ElasticResponse(value, status, stats, note, n_self_stresses=n_self_stresses)
 
@@ -87,26 +87,26 @@ def response_at_rest(
     springs = perimeters(edges) if perimeters else edges
     contrast = float(springs.stiffness.max() / springs.stiffness.min())
     if contrast <= MODERATE_CONTRAST and springs is edges:
-        found = _by_motions(network, coordinates, springs)
+        solved = _by_motions(network, coordinates, springs)
     elif len(springs.stiffness) * d * len(network.free) <= LARGEST_RESPONSE:
-        found = _by_groups(springs, float(length.mean()))
+        solved = _by_groups(springs, float(length.mean()))
     else:
         note = f"the stiffnesses differ by {contrast:.1e}, too much for so large a network: remove the softest"
         return without_value(Status.ill_conditioned, "the tissue is too large for moduli" if perimeters else note)
-    if np.isfinite(found.doubtful):
-        note = rounding_note(coordinates, length, found.doubtful) or _DOUBTFUL.format(found.doubtful)
-        return without_value(Status.singular, note, found)
-    tensor, errors = found.form / volume, (found.errors + found.errors.T) / (2 * volume)
+    if np.isfinite(solved.doubtful):
+        note = rounding_note(coordinates, length, solved.doubtful) or _DOUBTFUL.format(solved.doubtful)
+        return without_value(Status.singular, note, solved)
+    tensor, errors = solved.form / volume, (solved.errors + solved.errors.T) / (2 * volume)
     affine = (springs.extension.T * springs.stiffness) @ springs.extension / volume
-    status, note = Status.ok if found.n_self_stresses else Status.floppy, ""
+    status, note = Status.ok if solved.n_self_stresses else Status.floppy, ""
     if status is Status.ok and errors.max() > TRUSTED_ERROR * np.abs(tensor).max():
         if contrast * errors.max() > EPS * np.abs(affine).max():
-            return without_value(Status.ill_conditioned, _ROUNDED, found)
+            return without_value(Status.ill_conditioned, _ROUNDED, solved)
         # Self-stresses of small parts, which the boundary does not load: tensors of the size of squared roundings.
         status, note, tensor = Status.floppy, _LOCAL, np.zeros_like(tensor)
     value = Elasticity(tensor, affine, np.zeros((d, d)), volume, Errors.of_tensor(errors, d))
-    stats = Stats("self-stress", 1, residual=found.largest_zero)
-    return ElasticResponse(value, status, stats, note, n_self_stresses=found.n_self_stresses)
+    stats = Stats("self-stress", 1, residual=solved.largest_zero)
+    return ElasticResponse(value, status, stats, note, n_self_stresses=solved.n_self_stresses)
 
 
 def _springs(network: Network, coordinates: Array, L: Array, length: Array) -> Springs:
@@ -125,9 +125,9 @@ def _springs(network: Network, coordinates: Array, L: Array, length: Array) -> S
 def _by_groups(springs: Springs, mean: float) -> FormAtRest:
     """By a dense decomposition, for any contrast and springs of this mean length."""
     k = springs.stiffness
-    found = hierarchical_response(springs.directions.toarray(), springs.extension / mean, k / k.max(), springs.errors)
+    solved = hierarchical_response(springs.directions.toarray(), springs.extension / mean, k / k.max(), springs.errors)
     unit = mean**2 * k.max()
-    return found._replace(form=unit * found.form, errors=unit * found.errors)
+    return solved._replace(form=unit * solved.form, errors=unit * solved.errors)
 
 
 def _by_motions(network: Network, coordinates: Array, springs: Springs) -> FormAtRest:
