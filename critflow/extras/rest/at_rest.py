@@ -38,6 +38,7 @@ LARGEST_RESPONSE = 6_000_000
 # Shift of Rᵀ k R in units of the largest k, which stops floppy motions and which corrections remove; most corrections,
 # and the decrease of their work that shows that they converge.
 _SHIFT, _MOST_CORRECTIONS, _DECREASE = 1e-12, 20, 0.25
+_PROBES = 8  # random null vectors that estimate the largest singular value of all
 _DOUBTFUL = (
     "a singular value of {:.1e} of the rigidity matrix is neither zero to rounding nor far from it, so the number of "
     "self-stresses is not certain: move the configuration"
@@ -137,7 +138,7 @@ def _by_motions(network: Network, coordinates: Array, springs: Springs) -> FormA
     """
     k, R, extension, spectrum = springs.stiffness, springs.directions, springs.extension, Spectrum(network, coordinates)
     n_stresses = network.n_edges - spectrum.n_coordinates + spectrum.n_motions
-    m, largest = extension.shape[1], spectrum.largest_zero()
+    m, largest = extension.shape[1], _largest_zero(spectrum, n_stresses)
     nothing = np.zeros((m, m))
     if spectrum.doubt(largest, spectrum.gap[1]):
         near = max(largest, spectrum.gap[1] if spectrum.gap[1] < CLEAR_GAP * ZERO_MODE else 0.0)
@@ -164,3 +165,16 @@ def _by_motions(network: Network, coordinates: Array, springs: Springs) -> FormA
     # Sums over the last axis are pairwise, so that their rounding is that of their terms.
     form = np.sum(tension.T[:, None] * (tension / k[:, None]).T, axis=-1)
     return FormAtRest(form, errors, n_stresses, largest)
+
+
+def _largest_zero(spectrum: Spectrum, n_stresses: int) -> float:
+    """The largest singular value that counts as zero: of large networks an estimate from a few null vectors.
+
+    Tensions and motions share their singular values, so the smaller null space has all that matter.  A value of one
+    of its n vectors appears in p random ones reduced by √(p/n), to a factor of ten or so.
+    """
+    count = min(n_stresses, spectrum.n_motions)
+    if spectrum.dense or not count:
+        return spectrum.gap[0]
+    probes = min(count, _PROBES)
+    return spectrum.null_vectors(probes, n_stresses < spectrum.n_motions)[1] * float(np.sqrt(count / probes))
