@@ -191,14 +191,6 @@ class Solution(Record, Generic[Value]):
     def __bool__(self) -> bool:
         return self.ok
 
-    if not TYPE_CHECKING:
-
-        def __getattr__(self, name: str) -> Any:
-            """What the value has: a solution stands for its value, which is NaN where the solve failed."""
-            if not name.startswith("_") and hasattr(self.__dict__.get("value"), name):
-                return getattr(self.__dict__["value"], name)
-            raise AttributeError(f"{type(self).__name__} has no attribute {name!r}, nor has its value")
-
     @property
     def ok(self) -> bool:
         return self.status is Status.ok

@@ -21,7 +21,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.sparse.linalg import LinearOperator
 
 from critflow.arguments import checked
-from critflow.extras.tissue.pressures import ForceBalance, PressureManifold, PressurisedConfiguration
+from critflow.extensions import provided
 from critflow.linalg.factor import Factor, FixedPattern
 from critflow.linalg.matrices import block_laplacian, laplacian
 from critflow.linalg.products import product
@@ -32,7 +32,7 @@ from critflow.networks.checks import edge_values
 from critflow.networks.network import Array, Network
 from critflow.precision.double_double import Extended, two_product
 from critflow.precision.refinement import Refined, Refinement
-from critflow.result import Deferred, InputError, NetworkError, Stats, Status
+from critflow.result import Deferred, InputError, NetworkError, Solution, Stats, Status, Value
 
 # An edge shorter than this part of the mean length has collapsed: its direction, and what follows from it, has half of
 # its digits or fewer.
@@ -192,6 +192,16 @@ class Balance:
         return product(self.network.free_incidence, self.factor.solve(product(self.network.divergence, edge_vectors)))
 
 
+@dataclass(frozen=True, eq=False, kw_only=True)
+class ForceBalance(Solution[Value]):
+    """The configuration of a stress.
+
+    negative_pivots  number of negative eigenvalues of P(σ)
+    """
+
+    negative_pivots: int
+
+
 class CriticalManifold:
     """The map σ → configuration of one network, its pull-back and its tangents.
 
@@ -246,11 +256,6 @@ class CriticalManifold:
         return block_laplacian(self.network, self.backend)
 
     @cached_property
-    def pressurised(self) -> PressureManifold:
-        """The map of stresses and pressures, of a planar network with faces."""
-        return PressureManifold(self.network, self.backend)
-
-    @cached_property
     def refinement(self) -> Refinement:
         """Refines configurations to the last digit and bounds their errors."""
         return Refinement(self.network)
@@ -258,19 +263,19 @@ class CriticalManifold:
     @overload
     def configuration(self, sigma: ArrayLike, *, throw: bool = True) -> CriticalConfiguration: ...
     @overload
-    def configuration(self, sigma: ArrayLike, pressures: ArrayLike, throw: bool = True) -> PressurisedConfiguration: ...
+    def configuration(self, sigma: ArrayLike, pressures: ArrayLike, throw: bool = True) -> Any: ...
     def configuration(
         self, sigma: ArrayLike, pressures: ArrayLike | None = None, throw: bool = True
-    ) -> CriticalConfiguration | PressurisedConfiguration:
+    ) -> CriticalConfiguration | Any:
         """The configuration x(σ) in balance under σ (N_b,) of any sign (`SelfStressParamaterization_coords`).
 
-        pressures  in the faces of a planar network, (N_f,): the configuration of tissues and foams
+        pressures  in the faces of a planar network, (N_f,): a `PressurisedConfiguration`, of tissues and foams
 
         Raises `NetworkError` for a σ that is not finite or of another shape, `SolveError` where P(σ) is singular or so
         nearly singular that no digit is certain.
         """
         if pressures is not None:
-            return self.pressurised.solve(sigma, pressures, throw).value
+            return provided("pressurised_configuration", "pressures in faces")(self, sigma, pressures, throw)
         return self.solve(sigma, throw).value
 
     def solve(

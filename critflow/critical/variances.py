@@ -57,7 +57,6 @@ class LengthVariance(_RelativeVariance):
     """V_L = ⟨(|L| − ⟨|L|⟩)²⟩/⟨|L|⟩² (`LengthVariance`)."""
 
     name: ClassVar[str] = "V_L"
-    exact: ClassVar[str] = "conic"
     of_tensions: ClassVar[bool] = False
 
 
@@ -135,6 +134,29 @@ class FaceArea(_OfLengths):
         by_L = np.zeros_like(vectors)
         np.add.at(by_L, edges, 0.5 * signs * np.stack([-y, x], axis=1))
         return sides, before, by_L
+
+
+def variance(network: Network, name: str) -> Quantity:
+    """V_L or V_tau."""
+    return LengthVariance() if name == LengthVariance.name else TensionVariance()
+
+
+def edge_length(network: Network, edge: str) -> EdgeLength:
+    """The length of an edge by its number."""
+    return EdgeLength(_counted(f"length[{edge}]", edge, network.n_edges, "edges"))
+
+
+def face_area(network: Network, face: str) -> FaceArea:
+    """The area of a face by its number."""
+    count = 0 if network.faces is None else network.faces.n_faces
+    return FaceArea(_counted(f"area[{face}]", face, count, "faces"))
+
+
+def _counted(name: str, number: str, count: int, noun: str) -> int:
+    """A number below a count."""
+    if int(number) >= count:
+        raise InputError(f"{name} does not exist: the network has {count} {noun}, counted from 0")
+    return int(number)
 
 
 def _divisors(length: Array) -> Array:

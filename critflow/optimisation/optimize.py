@@ -16,7 +16,8 @@ from numpy.typing import ArrayLike
 from critflow.arguments import checked
 from critflow.critical.manifold import CriticalConfiguration, CriticalManifold, require_one_self_stress
 from critflow.critical.quantity import Evaluation, Quantity, evaluate, evaluate_at
-from critflow.critical.transition import PenalisedModulus, dilation
+from critflow.critical.transition import PenalisedModulus, TransitionModulus, dilation
+from critflow.critical.variances import LengthVariance
 from critflow.critical.vocabulary import only_positive, quantity
 from critflow.lengths.from_lengths import critical_from_lengths
 from critflow.lengths.length_iteration import iterate_lengths
@@ -128,9 +129,8 @@ class _Problem:
     @cached_property
     def is_bulk(self) -> bool:
         """Whether the objective is the modulus of a dilation."""
-        d = self.manifold.network.dimension
-        of_stress = self.goal.of_stress(d)
-        return of_stress is not None and of_stress.squared and np.array_equal(of_stress.strain, dilation(d))
+        A = dilation(self.manifold.network.dimension)
+        return isinstance(self.goal, TransitionModulus) and np.array_equal(self.goal.symmetric, A)
 
 
 def _problem(manifold: CriticalManifold, objective: str | Quantity, signs: str, threshold: float) -> _Problem:
@@ -171,10 +171,9 @@ def _best_descent(
 def _closed_form(problem: _Problem) -> Optimum:
     """The largest modulus in closed form."""
     manifold, goal = problem.manifold, problem.goal
-    of_stress = goal.of_stress(manifold.network.dimension)
-    if goal.exact != "closed_form" or of_stress is None:
+    if not isinstance(goal, TransitionModulus):
         raise InputError("a closed form is known for moduli without a penalty only: choose another method")
-    optimum = largest_modulus(manifold, of_stress.strain)
+    optimum = largest_modulus(manifold, goal.symmetric)
     compressed = int(np.sum(optimum.value.sigma < 0))
     if compressed and problem.positive:
         raise InputError(
@@ -206,13 +205,13 @@ def _bulk_error(goal: Quantity, optimum: Optimum) -> float:
 def _closed_form_pays(problem: _Problem) -> bool:
     """Whether a configuration of the largest value is known, with no more compression than the signs allow."""
     plane = problem.manifold.network.dimension == 2
-    return problem.goal.exact == "closed_form" and (problem.is_bulk or (not problem.positive and plane))
+    return isinstance(problem.goal, TransitionModulus) and (problem.is_bulk or (not problem.positive and plane))
 
 
 def _cone_program(problem: _Problem) -> Optimum:
     """The configuration of equal lengths, whose length variance is zero."""
     manifold, goal = problem.manifold, problem.goal
-    if goal.exact != "conic":
+    if not isinstance(goal, LengthVariance):
         raise InputError("the cone program finds the least length variance only: choose another method")
     found = critical_from_lengths(manifold, np.ones(manifold.network.n_edges), throw=False)
     here = evaluate(manifold, goal, found.value.sigma) if found.ok else None
@@ -240,7 +239,7 @@ def _equal_lengths(problem: _Problem, tolerance: float) -> Optimum | None:
     """
     manifold, goal = problem.manifold, problem.goal
     n_edges = manifold.network.n_edges
-    if goal.exact != "conic" or not problem.positive:
+    if not isinstance(goal, LengthVariance) or not problem.positive:
         return None
     if tolerance * n_edges < ROUGH:
         exact = _cone_program(problem)

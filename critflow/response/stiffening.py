@@ -72,14 +72,14 @@ def stiffening(
     >>> round(found.C_B / found.bulk_0, 6)  # −1/2 of springs as stiff as their stress
     -0.5
     """
-    critical = of_kind("critical", critical, (CriticalConfiguration,), stiffening_along.takes)
+    critical = of_kind("critical", critical, (CriticalConfiguration,), exact_stiffening.takes)
     path = deformation_of(deformation, critical.network.dimension)
-    solution: StiffeningSolution = stiffening_along(critical, path, law, manifold)
+    solution: StiffeningSolution = exact_stiffening(critical, path, law, manifold)
     return solution.or_raise("no stiffening coefficients") if throw else solution
 
 
 @extensible
-def stiffening_along(
+def exact_stiffening(
     critical: CriticalConfiguration, path: Deformation, law: SpringLaw, manifold: CriticalManifold | None
 ) -> StiffeningSolution:
     """The coefficients by the kind of springs; those on edges here."""

@@ -17,7 +17,7 @@ from critflow.networks.deformation import Deformation
 from critflow.response.at_transition import strain_rates, tensor_of_self_stress
 from critflow.response.coefficients import Stiffening, StiffeningSolution, coefficients, failed, with_status
 from critflow.response.elasticity import AT_REST, ElasticResponse, Options, elastic_response, of_one_self_stress
-from critflow.response.stiffening import stiffening_along
+from critflow.response.stiffening import exact_stiffening
 from critflow.response.tensor import Elasticity
 from critflow.result import InputError, Status
 from critflow.springs.laws import HOOKEAN, SpringLaw
@@ -49,7 +49,7 @@ def _of_self_stress(tissue: CriticalTissue, volume: float) -> Elasticity:
     return tensor_of_self_stress(tissue.face_tensions, rates, 1 / faces.stiffness, tissue.network.dimension, volume)
 
 
-@stiffening_along.register(CriticalTissue)
+@exact_stiffening.register(CriticalTissue)
 def _stiffening(
     tissue: CriticalTissue, path: Deformation, law: SpringLaw, _manifold: CriticalManifold | None
 ) -> StiffeningSolution:
