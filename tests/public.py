@@ -19,6 +19,7 @@ def checked_functions():
             continue
         for name, f in vars(import_module(module.name)).items():
             if inspect.isfunction(f) and hasattr(f, "__wrapped__") and f.__module__ == module.name:
-                if not name.startswith("_"):
+                # Those that are registered by the kind of their first argument have it checked by their caller.
+                if not name.startswith("_") and not hasattr(f, "register"):
                     functions.setdefault(name, f)
     return functions
