@@ -70,14 +70,13 @@ _HINTS: dict[str, tuple[str | None, str, Callable[[Any], Any]]] = {
     "volume": ("V", "Volume to which moduli refer without a cell: a number, or hull.", value_of),
     "pixel": (
         "SIZE",
-        "Size of a pixel of a picture; three numbers for a stack, pages first.",
-        partial(numbers_of, "pixel", "'0.5' or '2 0.5 0.5'"),
+        "Size of a pixel of a label mask; two numbers for rows and columns.",
+        partial(numbers_of, "pixel", "'0.5' or '0.5 0.4'"),
     ),
-    "labels": (None, "The values of a picture number the cells of a tissue; else it is fibres.", bool),
+    "labels": (None, "The file is a picture whose values number the cells of a tissue.", bool),
     "nearest": (None, "Accept nearest images of long edges.", bool),
     "strict": (None, "Refuse a file that needs a repair.", bool),
     "contract": (None, "Join the edges of vertices of two edges in series.", bool),
-    "join_crossings": (None, "Put a vertex where two edges cross in the plane.", bool),
 }
 _Case = Annotated[
     list[str], typer.Option("--set", metavar="AXIS=VALUE", help="The case of a critflow dataset; may be repeated.")
