@@ -8,6 +8,7 @@ import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial, wraps
+from importlib import import_module
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -18,7 +19,6 @@ from critflow.extras.files.convert import network_from
 from critflow.extras.files.data import number, require_regular
 from critflow.extras.files.repair import ImportedNetwork
 from critflow.result import InputError
-from critflow.workflow.dataset import opened_dataset
 from critflow.workflow.selected import choose_case
 
 FilesArgument = Annotated[
@@ -142,7 +142,8 @@ def read(files: Sequence[Path], hints: Hints) -> ImportedNetwork:
         return network_from(labels=file, **keywords)
     if file.suffix != ".nc":
         return network_from(file if len(files) == 1 else files, **keywords)
-    with opened_dataset(file) as dataset:
+    # Its xarray and dask would delay the commands on all other files.
+    with import_module("critflow.workflow.dataset").opened_dataset(file) as dataset:
         return network_from(choose_case(dataset, hints.case).load(), **keywords)
 
 
