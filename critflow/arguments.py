@@ -147,6 +147,15 @@ def held(holder: Any, kinds: tuple[type, ...]) -> Any:
     return None
 
 
+def of_kind(name: str, value: Any, kinds: tuple[type, ...], takes: Callable[[type], bool]) -> Any:
+    """What an argument is or holds of these kinds, or of its own kind if a function takes it, else an `InputError`."""
+    own = type(value.value if isinstance(value, Solution) else value)
+    words = {kind.__name__: kind for kind in (*kinds, *((own,) if takes(own) else ()))}
+    annotation = " | ".join(words)
+    kind = inspect.Parameter(name, inspect.Parameter.POSITIONAL_OR_KEYWORD, annotation=annotation)
+    return _Kinds(kind, words).converted(name, value)
+
+
 def generator(seed: int | np.random.Generator) -> np.random.Generator:
     """The random generator itself, or that of a seed."""
     if isinstance(seed, np.random.Generator):

@@ -31,9 +31,6 @@ ARROWS = {
     "paths.start",
     "paths.strain_path",
     "paths.tangent",
-    "response.at_transition",
-    "response.elasticity",
-    "response.stiffening",
     "springs.state",
 }
 # Modules that still import a later layer.

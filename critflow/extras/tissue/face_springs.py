@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 import scipy.sparse as sp
@@ -79,6 +80,14 @@ class FaceSprings(Record):
         else:
             least = eigsh(gram, 2, sigma=-1e-6 * scale, v0=quasi_random(n) - 0.5, return_eigenvectors=False)
         return bool(np.sum(least < UNLOADED * scale) > 1)
+
+    def of_edges(self, edges: Any) -> Any:
+        """Springs on perimeters from springs on edges, `Springs` at rest, whose extensions and motions add up."""
+        A = self.sides
+        directions, extension = sp.csr_array(A @ edges.directions), A @ edges.extension
+        return edges._replace(
+            directions=directions, extension=extension, stiffness=self.stiffness, errors=A @ edges.errors
+        )
 
     @cached_property
     def overlap(self) -> sp.coo_array:
