@@ -69,9 +69,8 @@ def optimize(
     observe    called with (step, value, σ, L) at the start and after every step of a descent; when it returns a true
                value the descent ends there, with `Status.step_limit`
 
-    The statistics contain condition and error bound of the configuration for its stress; these and its coordinates are
-    computed when one of them is read first.  With stresses of any sign a descent may cross stresses whose prestress
-    matrix is singular, which have no configuration.
+    The statistics contain condition and error bound of the configuration for its stress.  With stresses of any sign a
+    descent may cross stresses whose prestress matrix is singular, which have no configuration.
 
     An optimum that is not attained has a status: `Status.edge_collapse` for a tension variance whose infimum has an
     edge of zero length, `Status.slack_edges` for a length variance whose infimum has slack edges, `Status.singular`
@@ -88,15 +87,10 @@ def optimize(
     """
     network = of_kind(Network, CriticalManifold, network=network)
     objective = of_kind(str, Quantity, objective=objective)
-    of_kind(str, method=method, signs=signs)
-    of_kind(np.ndarray, None, start=start)
     starts = of_kind(int, starts=starts)
-    rng = of_kind(np.random.Generator, None, rng=rng)
-    of_kind(float, threshold=threshold, tolerance=tolerance)
     max_steps = of_kind(int, None, max_steps=max_steps)
-    of_kind(Callable, None, observe=observe)
     of_kind(bool, throw=throw)
-    _check_options(method, tolerance, max_steps)
+    _check_options(method, signs, threshold, tolerance, max_steps, observe)
     problem = _problem(CriticalManifold.of(network), objective, signs, threshold)
     if method == "newton" and not problem.goal.has_differential:
         raise InputError(f"Newton's method needs {problem.goal.name}.differential: define it, or choose 'lbfgs'")
@@ -112,12 +106,17 @@ def optimize(
     return optimum.or_raise("no optimum") if throw else optimum
 
 
-def _check_options(method: str, tolerance: float, max_steps: int | None) -> None:
+def _check_options(
+    method: str, signs: str, threshold: float, tolerance: float, max_steps: int | None, observe: Observer | None
+) -> None:
+    of_kind(str, method=method, signs=signs)
+    of_kind(float, threshold=threshold, tolerance=tolerance)
+    of_kind(Callable, None, observe=observe)
     if method not in METHODS:
         raise InputError(f"no method is called {method!r}: choose one of {', '.join(METHODS)}")
     if not tolerance > 0:
         raise InputError(f"the tolerance must be positive, not {tolerance}")
-    if max_steps is not None and (not isinstance(max_steps, int | np.integer) or max_steps < 0):
+    if max_steps is not None and max_steps < 0:
         raise InputError(f"max_steps must be a whole number of at least 0, or None, not {max_steps!r}")
 
 
@@ -158,6 +157,8 @@ def _problem(manifold: CriticalManifold, objective: str | Quantity, signs: str, 
 
 def _starts(problem: _Problem, start: ArrayLike | None, n: int, rng: np.random.Generator | None) -> list[Array]:
     """Stresses (N_b,) of all starts: the given one or σ = 1, then random ones."""
+    of_kind(np.ndarray, None, start=start)
+    of_kind(np.random.Generator, None, rng=rng)
     m = problem.manifold.network.n_edges
     if n < 1 or (n > 1 and rng is None):
         raise InputError("starts must be at least 1, and more than one start needs a random generator rng")

@@ -14,19 +14,22 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from critflow.arguments import checked, shown
+from critflow.arguments import of_kind, shown
+from critflow.critical.manifold import CriticalConfiguration
 from critflow.extras.cables.floppy import unstressed_part
+from critflow.extras.tissue.tissue import CriticalTissue
 from critflow.linalg.factor import FixedPattern
 from critflow.networks.deformation import Deformable, Deformation, deformation_of
 from critflow.networks.network import Array
 from critflow.paths.continuation import Course, Progress, Step, advance, begin, refused
 from critflow.paths.start import Beginning, Start, balanced, start_of
-from critflow.progress import counted
+from critflow.progress import counted, running
 from critflow.response.tensor import Elasticity
 from critflow.result import InputError, Record, Solution, Stats, Status
 from critflow.springs.equilibrium import relaxation_method
 from critflow.springs.laws import SpringLaw
 from critflow.springs.state import SpringState
+from critflow.threads import one_blas_thread
 
 LOOSENING_WORK = 1e-9  # work of a strain on the stress of a transition, relative to its size, below which it loosens
 MEASURES = ("tensors", "moduli", "energy")  # what a path measures at each strain, in falling order of time
@@ -108,7 +111,8 @@ class PathSolver:
     pattern: FixedPattern | None = None
 
 
-@checked
+@running("strain_path")
+@one_blas_thread()
 def strain_path(
     start: Start,
     strains: ArrayLike,
@@ -157,6 +161,11 @@ def strain_path(
     >>> path.bulk_modulus.round(6)
     array([0.296637, 0.296489])
     """
+    start = of_kind(CriticalConfiguration, CriticalTissue, SpringState, Solution, start=start)
+    of_kind(np.ndarray, strains=strains)
+    of_kind(SpringLaw, None, law=law)
+    of_kind(bool, taut_only=taut_only, throw=throw)
+    solver = of_kind(PathSolver, None, solver=solver)
     first, options = start_of(start, law, taut_only), solver or PathSolver()
     gamma, method = check_strains(strains, signed=True, zero=first.stress is None), relaxation_method(options.method)
     path = deformation_of(deformation, first.springs.network.dimension)

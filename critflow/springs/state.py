@@ -16,7 +16,7 @@ import numpy as np
 import scipy.sparse as sp
 from numpy.typing import ArrayLike
 
-from critflow.arguments import checked
+from critflow.arguments import of_kind
 from critflow.extras.tissue.face_springs import FaceSprings
 from critflow.linalg.factor import Factor, FixedPattern
 from critflow.linalg.matrices import block_laplacian, edge_blocks, pair_laplacian
@@ -296,7 +296,6 @@ def _names(kind: type[Any]) -> tuple[str, ...]:
     return tuple(field.name for field in fields(kind))
 
 
-@checked
 def spring_state(
     network: Network, rest_lengths: ArrayLike, coordinates: ArrayLike, law: SpringLaw = HOOKEAN
 ) -> SpringState:
@@ -309,6 +308,9 @@ def spring_state(
     >>> round(state.energy, 6)
     0.06
     """
+    network = of_kind(Network, network=network)
+    of_kind(np.ndarray, rest_lengths=rest_lengths, coordinates=coordinates)
+    of_kind(SpringLaw, law=law)
     rest = edge_values(rest_lengths, network.n_edges, "rest_lengths")
     x, L = edge_directions(network, coordinates)
     return SpringState(network, rest, x, L, checked_law(law, rest, network.stiffness))

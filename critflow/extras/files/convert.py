@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from critflow.arguments import checked, shown
+from critflow.arguments import of_kind, shown
 from critflow.extras.files.boundaries import Pins, hull_volume, with_offsets, with_pins
 from critflow.extras.files.data import NetworkData, from_zero
 from critflow.extras.files.formats import READ_PICTURES, format_of_object, is_frame, readable_format, writable_format
@@ -29,7 +29,6 @@ from critflow.result import CritflowError, InputError, NetworkError, Solution
 _MOST_EDGES = 10_000_000
 
 
-@checked
 def network_from(
     source: Any = None,
     *,
@@ -62,6 +61,9 @@ def network_from(
     >>> cf.network_from(edges=[[0, 1], [1, 2]], positions=[[0, 0], [1, 1], [2, 0]], pins=[0, 2]).network
     Network(3 vertices, 2 edges, 2 dimensions, 2 pins, z = 1.333)
     """
+    of_kind(np.ndarray, None, cell=cell)
+    of_kind(bool, nearest=nearest, strict=strict, contract=contract)
+    of_kind(float, str, None, volume=volume)
     data = _record(source, given)
     if (vectors := data.cell if cell is None else floats(cell, "the cell")) is not None:
         d = data.dimension
@@ -76,7 +78,6 @@ def network_from(
     return _referring(found, data.volume if volume is None else volume)
 
 
-@checked
 def write_network(
     network: Any,
     path: str | PathLike[str],
@@ -108,6 +109,9 @@ def write_network(
     >>> print(cf.network_from(path).network)
     Network(8 vertices, 12 edges, 2 dimensions, periodic, z = 3)
     """
+    path = of_kind(str, PathLike, path=path)
+    of_kind(np.ndarray, None, coordinates=coordinates, rest_lengths=rest_lengths, force_densities=force_densities)
+    copies = of_kind(int, Sequence, copies=copies)
     target, data = Path(path), data_of(network, coordinates, rest_lengths, force_densities)
     known = writable_format(target, data.dimension, options)
     assert known.write is not None
