@@ -30,7 +30,7 @@ WITHOUT = {"workflow": {*PHYSICS, "figures"} - {"result", "extensions"}}
 ARROWS = {
     *("command.main", "command.networks", "critical.manifold", "figures.drawing", "linalg.backends", "linalg.factor"),
     *("paths.continuation", "paths.start", "paths.strain_path", "paths.tangent", "precision.refinement"),
-    *("response.at_transition", "response.elasticity", "response.stiffening", "springs.state"),
+    *("response.at_transition", "response.elasticity", "response.stiffening"),
 }
 # Modules that still import a later layer.
 UPWARD = {"critical.vocabulary", "extras.explore.command", "optimisation.optimize"}

@@ -22,6 +22,7 @@ from critflow.critical.backbone import backbone, taut_edges, taut_networks
 from critflow.critical.manifold import CriticalConfiguration
 from critflow.extras.rest.at_rest import ResponseAtRest, response_at_rest
 from critflow.extras.tissue.face_springs import FaceSprings
+from critflow.extras.tissue.state import TissueState
 from critflow.extras.tissue.tissue import CriticalTissue
 from critflow.networks.network import Network, validated_coordinates
 from critflow.response.at_transition import elasticity_at_transition, tissue_at_transition
@@ -102,7 +103,9 @@ def elasticity(
 
 def _at_rest(springs: SpringState, volume: float) -> ResponseAtRest:
     """The response of springs whose stress is rounding; its effect is part of the errors."""
-    found = response_at_rest(springs.network, springs.coordinates, volume, springs.faces)
+    found = response_at_rest(
+        springs.network, springs.coordinates, volume, springs.faces if isinstance(springs, TissueState) else None
+    )
     value, stress = found.value, float(np.abs(springs.sigma).max() / np.abs(springs.edge_stiffness).max())
     if not stress:
         return found
