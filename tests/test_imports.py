@@ -29,7 +29,7 @@ WITHOUT = {"workflow": {*PHYSICS, "figures"} - {"result", "extensions"}}
 # Modules of the scene that still import an extra.  This list may only become shorter.
 ARROWS = {
     *("command.main", "command.networks", "critical.manifold", "figures.drawing", "linalg.backends", "linalg.factor"),
-    *("paths.continuation", "paths.start", "paths.strain_path", "paths.tangent", "precision.refinement"),
+    "precision.refinement",
     *("response.at_transition", "response.elasticity", "response.stiffening"),
 }
 # Modules that still import a later layer.

@@ -1,1 +1,3 @@
 """Springs on the perimeters of faces, and pressures of faces."""
+
+from critflow.extras.tissue import path_start as path_start
