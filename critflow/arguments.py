@@ -178,7 +178,7 @@ class _Kinds:
         """Where the value contains a suitable one."""
         if np.random.Generator in self.classes and is_number(value):
             return f": use numpy.random.default_rng({value})"
-        if reason := getattr(value, "alone", ""):
+        if reason := getattr(value.value if isinstance(value, Solution) else value, "alone", ""):
             return f": {reason}"
         if isinstance(value, Solution):
             return ": use its .value"

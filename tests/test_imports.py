@@ -31,7 +31,6 @@ ARROWS = {
     "paths.start",
     "paths.strain_path",
     "paths.tangent",
-    "springs.state",
 }
 # Modules that still import a later layer.
 UPWARD = {

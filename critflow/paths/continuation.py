@@ -117,7 +117,7 @@ class Course:
     def relaxed(self, start: SpringState, cell: Cell) -> tuple[Equilibrium[SpringState], Factor | None, Cell]:
         """The equilibrium from a prediction, a factor of the Hessian near it, and its cell."""
         if len(cell.stretch):
-            free = FreeCellState.of(start, cell.stretch, cell.free_strains)
+            free = FreeCellState(start, cell.stretch, cell.free_strains)
             solution, factor, q = relaxed_with_cell(free, self.reference, cell.affine, self.pattern, self.tolerance)
             return solution, factor, replace(cell, stretch=q)
         # Predictions are within reach of the last correction of Newton's method, but for cables, which tighten.
@@ -338,7 +338,7 @@ def attempt(course: Course, point: Point, strain: float) -> Step:
     end = Step(cell, solution.value, predicted, solution.stats.steps, coordinate_error=solution.stats.error_bound)
     if len(cell.stretch) and solution.status is Status.ill_conditioned and _weakly_stressed(end.state, strain):
         # Nearly balanced stresses remain that the tolerance of the forces hides, though all lengths can be kept.
-        near = FreeCellState.of(end.state, cell.stretch, cell.free_strains).near_rest(course.pattern)
+        near = FreeCellState(end.state, cell.stretch, cell.free_strains).near_rest(course.pattern).springs
         if _keeps_lengths(near, strain):
             return replace(end.failed(Status.floppy, _FLOPPY.format(strain)), curable=False)
     if not solution.ok:
@@ -396,7 +396,7 @@ def _departing(course: Course, point: Point, stress: Array, strain: float) -> Po
     stressed = replace(springs, rest_lengths=rest, law=springs.law if cables else HOOKEAN)
     factor = stressed.factorize(course.pattern, FLOPPY_SHIFT * springs.stiffness_scale)
     # Where all edges are tense the stress resists all motions.
-    definite = stressed.faces is None and stressed.sigma.min() > 0
+    definite = stressed.taut(0.0)
     along = course.tangent(stressed, rates, factor) if definite or not factor.indefinite else None
     if along is None:
         return point

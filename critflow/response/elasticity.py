@@ -133,8 +133,7 @@ def of_one_self_stress(value: Elasticity, residual: float) -> ElasticResponse:
 def _of_state(state: SpringState, volume: float, options: Options) -> Solution[Elasticity]:
     if under_stress(state, options.tolerance):
         return linear_response(state, volume)
-    perimeters = None if state.faces is None else state.faces.of_edges
-    response: ElasticResponse = provided("state_at_rest", AT_REST)(state, volume, perimeters)
+    response: ElasticResponse = provided("state_at_rest", AT_REST)(state, volume)
     return response
 
 
