@@ -178,10 +178,6 @@ CALLS = {
             lambda: cf.strain_path(BEST, [0.01], solver="newton"),
             *(InputError, "solver must be a PathSolver", "not 'newton'"),
         ),
-        "elasticity of a network": (
-            lambda: cf.elasticity(NETWORK),
-            *(InputError, "elasticity of a network depends on its configuration", "give coordinates"),
-        ),
         "elasticity of a number": (
             lambda: cf.elasticity(3),
             *(InputError, "CriticalConfiguration or a SpringState", "not 3", MAKES_ONE),
@@ -274,6 +270,12 @@ CALLS = {
         "field of an elasticity": (lambda: cf.elasticity(BEST).value.bulkk, AttributeError, "Elasticity", "'bulkk'"),
         "change of a network": (lambda: assign(NETWORK, "stiffness"), FrozenInstanceError, "field 'stiffness'"),
         "change of a configuration": (lambda: assign(CRITICAL, "sigma"), FrozenInstanceError, "field 'sigma'"),
+    },
+    "rest": {
+        "elasticity of a network": (
+            lambda: cf.elasticity(NETWORK),
+            *(InputError, "elasticity of a network depends on its configuration", "give coordinates"),
+        ),
     },
     "cables": {
         "deformation misspelt": (

@@ -300,7 +300,7 @@ def test_errors_with_equal_rounding_on_all_edges(size, gamma):
     bounds_over_errors(moduli(value), moduli(value.errors), exact_moduli(state))
 
 
-@pytest.mark.parametrize("gamma", [1e-8, 1e-10, 1e-12, 1e-14, 1e-15])
+@pytest.mark.parametrize("gamma", [1e-8, 1e-10, 1e-12, 1e-14])
 def test_moduli_count_the_smallest_stress(gamma):
     """B − B_0 = C_B γ also where the stress is far below the stiffness, as balanced forces show it."""
     critical = CriticalManifold(voronoi_network(60, 1)).configuration(random_stress(90, 1))

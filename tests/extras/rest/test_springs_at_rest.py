@@ -2,22 +2,42 @@
 
 import numpy as np
 import pytest
-from problems import UNPINNED, critical_of, random_stress, slack_lattice, stressed_lines, taut_rows
+from problems import (
+    UNPINNED,
+    critical_of,
+    random_stress,
+    slack_lattice,
+    stressed_lines,
+    taut_rows,
+    with_random_stiffness,
+)
 from refusals import refused
 
 from critflow import (
     CriticalManifold,
+    Hookean,
+    InputError,
     PowerLaw,
     Status,
     elasticity,
     equilibrium,
     lattice,
+    self_stresses,
     spring_state,
     strain_path,
     voronoi_network,
 )
 from critflow.critical.backbone import backbone
 from critflow.critical.manifold import CriticalConfiguration
+from critflow.critical.transition import pure_shear
+
+
+class Pulling(Hookean):
+    """Springs with a tension at their rest length."""
+
+    def tension(self, extension, rest, stiffness):
+        return stiffness * (extension + 0.1)
+
 
 HEXAGONS = lattice("honeycomb", 2, 2)
 NOISE = 0.1 * np.random.default_rng(1).standard_normal((8, 2))
@@ -67,6 +87,30 @@ def test_disconnected_taut_parts_add_up():
 def test_all_self_stresses_of_a_configuration_resist(n):
     solution = elasticity(stressed_lines(n))
     assert solution.n_self_stresses == 2 * n and solution.value.bulk == pytest.approx(0.25, rel=1e-12)
+
+
+@pytest.mark.parametrize("name, sizes", [("triangular", (4, 3)), ("triangular", (1, 2)), ("cubic", (2, 3, 2))])
+def test_the_modulus_is_the_largest_of_all_self_stresses(name, sizes):
+    """μ = max over the self-stresses σ of (σ·ḣ)²/(V σᵀK⁻¹σ)."""
+    network = with_random_stiffness(lattice(name, *sizes), 4)
+    critical = CriticalManifold(network).configuration(random_stress(network.n_edges, 5))
+    basis, L, A = self_stresses(critical).value.basis, critical.bond_vectors, pure_shear(network.dimension)
+    hdot, flexibility = np.einsum("ad,ad->a", L, L @ A), np.sum(L**2, axis=1) / network.stiffness
+    works = basis @ hdot
+    most = works @ np.linalg.solve((basis * flexibility) @ basis.T, works) / network.volume
+    assert elasticity(network, critical.coordinates).value.shear == pytest.approx(most, rel=1e-9)
+
+
+def test_moduli_of_a_stress_of_rounding_are_those_of_the_transition():
+    critical = CriticalManifold(voronoi_network(60, 1)).configuration(random_stress(90, 1))
+    solution, known = elasticity(strain_path(critical, [1e-15]).value.states[0]), elasticity(critical).value
+    assert solution.stats.method == "self-stress" and solution.n_self_stresses == 1
+    assert abs(solution.value.bulk - known.bulk) < solution.value.errors.bulk + 1e-14
+
+
+def test_springs_under_tension_at_their_rest_length_are_refused():
+    with pytest.raises(InputError, match="rest"):
+        elasticity(HEXAGONS, HEXAGONS.positions, law=Pulling())
 
 
 def test_an_uncertain_number_of_self_stresses_has_a_status():
