@@ -149,6 +149,8 @@ def held(holder: Any, kinds: tuple[type, ...]) -> Any:
 
 def of_kind(name: str, value: Any, kinds: tuple[type, ...], takes: Callable[[type], bool]) -> Any:
     """What an argument is or holds of these kinds, or of its own kind if a function takes it, else an `InputError`."""
+    if isinstance(value, kinds):
+        return value
     own = type(value.value if isinstance(value, Solution) else value)
     words = {kind.__name__: kind for kind in (*kinds, *((own,) if takes(own) else ()))}
     annotation = " | ".join(words)
