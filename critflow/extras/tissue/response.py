@@ -39,7 +39,7 @@ _SAMPLES, _SAMPLE_MARGIN = 2, 10.0
 
 
 @elastic_response.register(CriticalTissue)
-def _elasticity(tissue: CriticalTissue, volume: float, _: Options) -> ElasticResponse:
+def _at_transition(tissue: CriticalTissue, volume: float, _: Options) -> ElasticResponse:
     """The response of the perimeters in tension, at rest where these have several self-stresses."""
     critical, tense = tissue.configuration, tissue.face_tensions > SLACK_FACE * tissue.face_tensions.max()
     faces = FaceSprings(tissue.faces.sides[tense], tissue.faces.stiffness[tense])
@@ -65,6 +65,14 @@ def _of_self_stress(tissue: CriticalTissue, volume: float) -> Elasticity:
     configuration, faces = tissue.configuration, tissue.faces
     rates = (strain_rates(configuration.bond_vectors) / configuration.lengths) @ faces.sides.T
     return tensor_of_self_stress(tissue.face_tensions, rates, 1 / faces.stiffness, tissue.network.dimension, volume)
+
+
+@elastic_response.register(TissueState)
+def _of_state(state: TissueState, volume: float, options: Options) -> Solution[Elasticity]:
+    if under_stress(state, options.tolerance):
+        return linear_response(state, volume)
+    response: ElasticResponse = provided("state_at_rest", AT_REST)(state, volume, state.faces.of_edges)
+    return response
 
 
 @exact_stiffening.register(CriticalTissue)
