@@ -272,7 +272,7 @@ class Analytic(Function):
         gradient = self._gradient(x)
         return Point(x, float(self._value(x)), gradient, float(np.abs(gradient).max()))
 
-    def stiff_diagonal(self, point):
+    def preconditioner(self, point):
         return self._diagonal
 
     def hessian_product(self, point, direction):

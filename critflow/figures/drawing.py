@@ -16,7 +16,6 @@ from matplotlib.figure import Figure, SubFigure
 from numpy.typing import ArrayLike
 
 from critflow.arguments import checked
-from critflow.extras.files.formats import require_folder
 from critflow.figures.plot import (
     COLOURS,
     TENSION_MAP,
@@ -30,6 +29,7 @@ from critflow.figures.plot import (
 )
 from critflow.networks.network import Array, Network
 from critflow.result import InputError, Solution
+from critflow.workflow.output import require_folder
 
 # Colour of edges without values.
 _PLAIN = "0.35"

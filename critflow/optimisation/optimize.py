@@ -16,7 +16,8 @@ from numpy.typing import ArrayLike
 from critflow.arguments import checked
 from critflow.critical.manifold import CriticalConfiguration, CriticalManifold, require_one_self_stress
 from critflow.critical.quantity import Evaluation, Quantity, evaluate, evaluate_at
-from critflow.critical.transition import PenalisedModulus, dilation
+from critflow.critical.transition import PenalisedModulus, TransitionModulus, dilation
+from critflow.critical.variances import LengthVariance
 from critflow.critical.vocabulary import only_positive, quantity
 from critflow.lengths.from_lengths import critical_from_lengths
 from critflow.lengths.length_iteration import iterate_lengths
@@ -27,7 +28,7 @@ from critflow.optimisation.descent import DESCENTS, Observer, descend
 from critflow.optimisation.largest_modulus import Optimum, largest_modulus
 from critflow.optimisation.stress_objective import SignedStressObjective, StressObjective
 from critflow.response.at_transition import transition_modulus_error
-from critflow.result import InputError, Solution, Stats
+from critflow.result import InputError, Solution
 
 # Tolerance of dO/dσ times N_b above which the iteration towards equal lengths alone is faster than with Newton's method
 # at its end: the same 15 to 35 steps for 100 to 10,000 vertices.
@@ -128,9 +129,8 @@ class _Problem:
     @cached_property
     def is_bulk(self) -> bool:
         """Whether the objective is the modulus of a dilation."""
-        d = self.manifold.network.dimension
-        of_stress = self.goal.of_stress(d)
-        return of_stress is not None and of_stress.squared and np.array_equal(of_stress.strain, dilation(d))
+        A = dilation(self.manifold.network.dimension)
+        return isinstance(self.goal, TransitionModulus) and np.array_equal(self.goal.symmetric, A)
 
 
 def _problem(manifold: CriticalManifold, objective: str | Quantity, signs: str, threshold: float) -> _Problem:
@@ -171,10 +171,9 @@ def _best_descent(
 def _closed_form(problem: _Problem) -> Optimum:
     """The largest modulus in closed form."""
     manifold, goal = problem.manifold, problem.goal
-    of_stress = goal.of_stress(manifold.network.dimension)
-    if goal.exact != "closed_form" or of_stress is None:
+    if not isinstance(goal, TransitionModulus):
         raise InputError("a closed form is known for moduli without a penalty only: choose another method")
-    optimum = largest_modulus(manifold, of_stress.strain)
+    optimum = largest_modulus(manifold, goal.symmetric)
     compressed = int(np.sum(optimum.value.sigma < 0))
     if compressed and problem.positive:
         raise InputError(
@@ -183,13 +182,9 @@ def _closed_form(problem: _Problem) -> Optimum:
         )
     if not optimum.ok:
         return replace(optimum, stats=replace(optimum.stats, residual=np.nan))
-    stats = Stats.deferred(
-        lambda: replace(optimum.stats, residual=_residual(evaluate(manifold, goal, optimum.value.sigma))),
-        method="closed_form",
-        steps=0,
-    )
+    stats = replace(optimum.stats, residual=_residual(evaluate(manifold, goal, optimum.value.sigma)))
     if problem.is_bulk:
-        error = partial(_bulk_error, goal, optimum)
+        error = partial(transition_modulus_error, dilation(manifold.network.dimension), optimum.value)
     else:
         # Value and bound are both rounded, and the value is at most the exact bound.
         rounding = EPS * manifold.network.n_edges * optimum.bound
@@ -197,22 +192,16 @@ def _closed_form(problem: _Problem) -> Optimum:
     return replace(optimum, stats=stats, error_of=error)
 
 
-def _bulk_error(goal: Quantity, optimum: Optimum) -> float:
-    """The error bound of the refined configuration, and the difference of the value, which is that of the plain one."""
-    difference = abs(goal.evaluate(optimum.value)[0] - optimum.objective)
-    return difference + transition_modulus_error(dilation(optimum.value.network.dimension), optimum.value)
-
-
 def _closed_form_pays(problem: _Problem) -> bool:
     """Whether a configuration of the largest value is known, with no more compression than the signs allow."""
     plane = problem.manifold.network.dimension == 2
-    return problem.goal.exact == "closed_form" and (problem.is_bulk or (not problem.positive and plane))
+    return isinstance(problem.goal, TransitionModulus) and (problem.is_bulk or (not problem.positive and plane))
 
 
 def _cone_program(problem: _Problem) -> Optimum:
     """The configuration of equal lengths, whose length variance is zero."""
     manifold, goal = problem.manifold, problem.goal
-    if goal.exact != "conic":
+    if not isinstance(goal, LengthVariance):
         raise InputError("the cone program finds the least length variance only: choose another method")
     found = critical_from_lengths(manifold, np.ones(manifold.network.n_edges), throw=False)
     here = evaluate(manifold, goal, found.value.sigma) if found.ok else None
@@ -223,12 +212,11 @@ def _cone_program(problem: _Problem) -> Optimum:
 def _least_variance(
     found: Solution[CriticalConfiguration], manifold: CriticalManifold, method: str, steps: int, here: Evaluation | None
 ) -> Optimum:
-    """The optimum at a configuration of equal lengths, whose coordinates are computed when they are read."""
+    """The optimum at a configuration of equal lengths."""
     variance, residual = (here.value, _residual(here)) if here else (np.nan, np.nan)
     # An optimum of the stresses is of springs, without rest lengths.
-    known = {"network": manifold.network, "sigma": found.value.sigma, "rest_lengths": None, "manifold": manifold}
-    value = CriticalConfiguration.deferred(lambda: found.value, **known)
-    stats = Stats.deferred(lambda: found.stats, method=method, steps=steps, residual=residual)
+    value = replace(found.value, rest_lengths=None)
+    stats = replace(found.stats, method=method, steps=steps, residual=residual)
     # The least variance is zero.
     return Optimum(value, found.status, stats, objective=variance, error_of=partial(float, variance))
 
@@ -240,7 +228,7 @@ def _equal_lengths(problem: _Problem, tolerance: float) -> Optimum | None:
     """
     manifold, goal = problem.manifold, problem.goal
     n_edges = manifold.network.n_edges
-    if goal.exact != "conic" or not problem.positive:
+    if not isinstance(goal, LengthVariance) or not problem.positive:
         return None
     if tolerance * n_edges < ROUGH:
         exact = _cone_program(problem)
@@ -250,7 +238,7 @@ def _equal_lengths(problem: _Problem, tolerance: float) -> Optimum | None:
             continue  # The gradient, which costs as much as a step, is about two deviations an edge.
         here = evaluate_at(balance, goal)
         if _residual(here) < tolerance:
-            found = manifold.solve_when_read(balance.sigma, balance)
+            found = manifold.solve(balance.sigma, balance=balance)
             return _least_variance(found, manifold, "iteration", step, here)
     return None
 

@@ -49,7 +49,9 @@ def start_of(start: Start, law: SpringLaw | None, taut_only: bool) -> Beginning:
     if known is not None:
         return start_of(known, law, taut_only)
     advice = getattr(start, "alone", "") or _ADVICE
-    raise InputError(f"start must be a CriticalConfiguration, a SpringState or a Solution, not {shown(start)}: {advice}")
+    raise InputError(
+        f"start must be a critical configuration, a state or a solution, not {shown(start)}: {advice}"
+    )
 
 
 @start_of.register

@@ -39,7 +39,7 @@ from critflow.springs.state import SpringState
 MEASURES = ("tensors", "moduli", "energy")  # what a path measures at each strain, in falling order of time
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class StrainPath(Record):
     """Equilibria at strains γ (n,): moduli, energy and forces (n,), Newton steps and status, the states.
 

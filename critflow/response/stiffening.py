@@ -43,7 +43,7 @@ BALANCED_TISSUE = 1e-8
 _SAMPLES, _SAMPLE_MARGIN = 2, 10.0
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Stiffening(Record):
     """Moduli at the transition and their first derivatives with strain.
 
@@ -59,7 +59,7 @@ class Stiffening(Record):
     C: float
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, repr=False)
 class StiffeningSolution(Solution[Stiffening]):
     """Coefficients of the moduli.
 

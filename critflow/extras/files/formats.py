@@ -15,6 +15,7 @@ from critflow.extras.files.particles import from_atoms, read_gsd, read_lammps, w
 from critflow.extras.files.pictures import read_fibres
 from critflow.extras.files.tables import read_tables, write_tables
 from critflow.result import InputError
+from critflow.workflow.output import require_folder
 
 
 @dataclass(frozen=True)
@@ -108,14 +109,6 @@ def writable_format(path: Path, dimension: int = 2, options: Iterable[str] = ())
     for package in known.packages:
         optional(package)
     return known
-
-
-def require_folder(path: Path) -> None:
-    """Raise `InputError` where a file cannot be written for want of its folder, or is a folder itself."""
-    if not path.parent.is_dir():
-        raise InputError(f"there is no folder {path.parent} for {path.name}: make it, or choose another")
-    if path.is_dir():
-        raise InputError(f"{path} is a folder: give the name of a file in it")
 
 
 def _format_of(path: Path, task: str) -> Format:

@@ -32,7 +32,7 @@ _FAR = 1e100
 _FLAT = 1e-9
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
+@dataclass(frozen=True, eq=False, kw_only=True, repr=False)
 class ImportedNetwork(Solution[Network]):
     """A network from another program; `print` shows how it was read and repaired.
 

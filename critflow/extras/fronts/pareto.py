@@ -19,9 +19,10 @@ from numpy.typing import ArrayLike, NDArray
 
 from critflow.arguments import checked
 from critflow.critical.manifold import Balance, CriticalConfiguration, CriticalManifold, require_one_self_stress
-from critflow.critical.vocabulary import quantity, same
+from critflow.critical.vocabulary import quantity
 from critflow.extras.targets.constrained import Minimum, Point, minimise_constrained
 from critflow.extras.targets.problem import Target, edge_limits, parse_targets
+from critflow.extras.targets.stress_form import same
 from critflow.extras.targets.stresses import Stresses
 from critflow.linalg.vectors import norms
 from critflow.networks.network import Array, Network
@@ -51,7 +52,7 @@ _LIMIT_EDGES = "limit the edges, as by within={'force_densities': (0.2, None)}"
 _BACKWARDS = "a multiplier is negative: here an objective improves without cost, so the point is not on the front"
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
+@dataclass(frozen=True, eq=False, kw_only=True, repr=False)
 class Front(Solution[tuple[CriticalConfiguration, ...]]):
     """Configurations of a front in the order of the first objective, from its best value on.
 

@@ -46,7 +46,7 @@ _LOCAL = "no strain loads the self-stresses of the network, so every modulus is 
 _ROUNDED = "rounding errors exceed a tenth of the response to strain: use coordinates near zero"
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, repr=False)
 class ResponseAtRest(Solution[Elasticity]):
     """Elasticity of springs at rest.
 

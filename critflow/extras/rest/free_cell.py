@@ -214,7 +214,7 @@ class BorderedFactor(Factor):
 
     def __init__(self, vertices: Factor, coupling: Array, corner: Array, size: float):
         self.vertices, self._coupling = vertices, coupling
-        self._shift, self._singular, self._pivots, self._multigrid = 0.0, False, None, None
+        self._shift, self._singular, self._pivots = 0.0, False, None
         m = len(corner)
         # H⁻¹ X, (n, m).
         self.response = np.full_like(coupling, np.nan)

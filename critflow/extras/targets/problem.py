@@ -16,8 +16,9 @@ from numpy.typing import NDArray
 
 from critflow.critical.manifold import Balance
 from critflow.critical.quantity import Quantity
-from critflow.critical.vocabulary import quantity, same
+from critflow.critical.vocabulary import quantity
 from critflow.extras.targets.constrained import Minimum, Point, Problem, minimise_constrained
+from critflow.extras.targets.stress_form import same
 from critflow.networks.checks import edge_values
 from critflow.networks.network import Array, Network
 from critflow.result import InputError, Solution
