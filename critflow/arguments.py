@@ -147,15 +147,10 @@ def held(holder: Any, kinds: tuple[type, ...]) -> Any:
     return None
 
 
-def of_kind(name: str, value: Any, kinds: tuple[type, ...], takes: Callable[[type], bool]) -> Any:
-    """What an argument is or holds of these kinds, or of its own kind if a function takes it, else an `InputError`."""
-    if isinstance(value, kinds):
-        return value
-    own = type(value.value if isinstance(value, Solution) else value)
-    words = {kind.__name__: kind for kind in (*kinds, *((own,) if takes(own) else ()))}
-    annotation = " | ".join(words)
-    kind = inspect.Parameter(name, inspect.Parameter.POSITIONAL_OR_KEYWORD, annotation=annotation)
-    return _Kinds(kind, words).converted(name, value)
+def of_known_kind(function: Any, *kinds: type[Any], **values: Any) -> Any:
+    """As `of_kind`, where a function that is `extensible` also takes the kinds that are registered for it."""
+    own = (type(value.value if isinstance(value, Solution) else value) for value in values.values())
+    return of_kind(*kinds, *(kind for kind in own if kind not in kinds and function.takes(kind)), **values)
 
 
 def generator(seed: int | np.random.Generator) -> np.random.Generator:
