@@ -10,7 +10,6 @@ the business of the function.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -95,10 +94,10 @@ def held(holder: Any, kinds: tuple[type, ...]) -> Any:
     return None
 
 
-def own_kind(value: Any, takes: Callable[[type], bool]) -> tuple[type, ...]:
-    """The kind of a value, or of that of a solution, if a function takes it: a further kind for `of_kind`."""
-    own = type(value.value if isinstance(value, Solution) else value)
-    return (own,) if takes(own) else ()
+def of_known_kind(function: Any, *kinds: type[Any], **values: Any) -> Any:
+    """As `of_kind`, where a function that is `extensible` also takes the kinds that are registered for it."""
+    own = (type(value.value if isinstance(value, Solution) else value) for value in values.values())
+    return of_kind(*kinds, *(kind for kind in own if kind not in kinds and function.takes(kind)), **values)
 
 
 def generator(seed: int | np.random.Generator) -> np.random.Generator:

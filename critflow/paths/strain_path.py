@@ -168,8 +168,7 @@ def strain_path(
     """
     of_kind(SpringLaw, None, law=law)
     of_kind(bool, taut_only=taut_only, throw=throw)
-    options = of_kind(PathSolver, None, solver=solver) or PathSolver()
-    first = start_of(start, law, taut_only)
+    first, options = start_of(start, law, taut_only), of_kind(PathSolver, None, solver=solver) or PathSolver()
     gamma, method = check_strains(strains, signed=True, zero=first.stress is None), relaxation_method(options.method)
     path = deformation_of(deformation, first.springs.network.dimension)
     for strain in gamma.tolist():

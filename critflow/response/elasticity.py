@@ -17,7 +17,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from critflow.arguments import of_kind, own_kind
+from critflow.arguments import of_kind, of_known_kind
 from critflow.certificates.uniqueness import count_self_stresses
 from critflow.critical.backbone import backbone
 from critflow.critical.manifold import CriticalConfiguration
@@ -97,8 +97,7 @@ def elasticity(
     >>> round(tensor.bulk, 6), round(tensor.shear, 6), round(tensor.poisson(0.0), 6)
     (0.866025, 0.433013, 0.333333)
     """
-    also = own_kind(springs, elastic_response.takes)
-    springs = of_kind(CriticalConfiguration, SpringState, Network, *also, springs=springs)
+    springs = of_known_kind(elastic_response, CriticalConfiguration, SpringState, Network, springs=springs)
     of_kind(np.ndarray, None, coordinates=coordinates, rest_lengths=rest_lengths, taut=taut)
     of_kind(SpringLaw, law=law)
     of_kind(float, None, volume=volume)

@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 
-from critflow.arguments import of_kind, own_kind
+from critflow.arguments import of_kind, of_known_kind
 from critflow.certificates.prestress import stabilises
 from critflow.certificates.uniqueness import require_only_self_stress
 from critflow.critical.backbone import backbone
@@ -75,7 +75,7 @@ def stiffening(
     >>> round(found.C_B / found.bulk_0, 6)  # −1/2 of springs as stiff as their stress
     -0.5
     """
-    critical = of_kind(CriticalConfiguration, *own_kind(critical, exact_stiffening.takes), critical=critical)
+    critical = of_known_kind(exact_stiffening, CriticalConfiguration, critical=critical)
     of_kind(bool, throw=throw)
     of_kind(SpringLaw, law=law)
     manifold = of_kind(CriticalManifold, None, manifold=manifold)
