@@ -25,7 +25,7 @@ CONSISTENT_RESPONSE = 1e-9
 NO_WORK = 100.0  # A strain that does less work on the self-stress than this number times its rounding does none
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Stiffening(Record):
     """Moduli at the transition and their first derivatives with strain.
 
@@ -41,7 +41,7 @@ class Stiffening(Record):
     C: float
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, repr=False)
 class StiffeningSolution(Solution[Stiffening]):
     """Coefficients of the moduli.
 

@@ -37,7 +37,7 @@ BALANCED = 0.1
 AT_REST = "moduli of springs at rest"
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, repr=False)
 class ElasticResponse(Solution[Elasticity]):
     """Elasticity of springs without stress, which resist by their self-stresses.
 

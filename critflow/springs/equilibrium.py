@@ -38,7 +38,7 @@ _REFINEMENT = 1e-3
 _TIME_STEP, _LONGEST_MOVE = 0.075, 0.3
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, repr=False)
 class Equilibrium(Solution[State]):
     """A relaxed state with bounds of its errors.
 

@@ -23,7 +23,7 @@ from critflow.springs.newton import FLOPPY_SHIFT
 from critflow.springs.state import EdgeMatrix, SpringState
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class HessianSplit(Record):
     """H = response ᵀ · diag(stiffness) · response + prestress, over the free coordinates in the order (vertex, axis).
 

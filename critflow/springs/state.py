@@ -42,7 +42,7 @@ def times(matrix: EdgeMatrix, values: Array) -> Array:
     return matrix * values if isinstance(matrix, np.ndarray) else np.asarray((matrix @ values.T).T)
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class SpringState(Record):
     """Springs in a configuration: rest lengths ℓ (N_b,), coordinates x (N_v, d), bond vectors L (N_b, d), their law.
 

@@ -53,7 +53,7 @@ PREFERENCES: dict[str, type[Quantity]] = {"V_L": LengthVariance, "V_tau": Tensio
 CHANGES = ("stress", "stiffness", "faces", "rest_lengths", "pressures")
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Achieved(Record):
     """What a design has of one target.
 
@@ -70,7 +70,7 @@ class Achieved(Record):
     independence: float
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
+@dataclass(frozen=True, eq=False, kw_only=True, repr=False)
 class Design(Solution[Value]):
     """A configuration or a state with requested properties.
 

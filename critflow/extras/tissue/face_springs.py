@@ -28,7 +28,7 @@ UNLOADED = 1e-11
 SMALL_GRAM = 50  # number of faces up to which all singular values are computed
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class FaceSprings(Record):
     """Springs on the perimeters of faces: sides A (N_f, N_b) sparse, A ≥ 0, and stiffness κ (N_f,).
 

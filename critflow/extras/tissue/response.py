@@ -51,6 +51,15 @@ def _at_transition(tissue: CriticalTissue, volume: float, _: Options) -> Elastic
     return response
 
 
+@elastic_response.register(TissueState)
+def _of_state(state: TissueState, volume: float, options: Options) -> Solution[Elasticity]:
+    """The response of perimeters under stress, or of those at rest."""
+    if under_stress(state, options.tolerance):
+        return linear_response(state, volume)
+    response: ElasticResponse = provided("state_at_rest", AT_REST)(state, volume, state.faces.of_edges)
+    return response
+
+
 def _of_self_stress(tissue: CriticalTissue, volume: float) -> Elasticity:
     """V C_ab = (T·ṗ_a)(T·ṗ_b)/Σ T²/κ of the tensions T and the rates ṗ_a of the perimeters; errors are unknown."""
     configuration, faces = tissue.configuration, tissue.faces

@@ -23,7 +23,7 @@ from critflow.springs.state import TAUT, SpringState
 COLLAPSING_LENGTH = 1e-3  # in a failed relaxation an edge below this part of the mean length is reported as collapsing
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class TissueState(SpringState):
     """Springs on the perimeters of `faces`, of rest lengths p0 (N_f,): a `SpringState` with (N_f,) for its springs."""
 

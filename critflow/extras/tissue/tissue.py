@@ -65,7 +65,7 @@ def tissue(
     return TissueState(network, p0, *edge_directions(network, x), faces=faces)
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class CriticalTissue(Record):
     """A critical configuration whose edge tensions come from faces: σ|L| ∝ Aᵀ T, face tensions T (N_f,) of mean 1."""
 
@@ -99,7 +99,7 @@ class CriticalTissue(Record):
         return self.perimeters / np.sqrt(self.network.volume / len(self.face_tensions))
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
+@dataclass(frozen=True, eq=False, kw_only=True, repr=False)
 class PerimeterFit(Solution[CriticalTissue]):
     """A critical configuration of given perimeter ratios.
 

@@ -35,7 +35,7 @@ _RAISE = 10.0  # of the shift of an indefinite Hessian, until it is positive def
 _STEP = 1e-3
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class WeakSpringState(SpringState):
     """Springs with a weak energy κU(x, F): the state of `SpringState` after the deformation F of the cell."""
 
@@ -86,7 +86,7 @@ class WeakSpringState(SpringState):
         return factor
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class WeakEquilibria(Record):
     """Equilibria at strains γ from the transition, (n,); NaN where none was found.
 
