@@ -67,14 +67,6 @@ def _of_self_stress(tissue: CriticalTissue, volume: float) -> Elasticity:
     return tensor_of_self_stress(tissue.face_tensions, rates, 1 / faces.stiffness, tissue.network.dimension, volume)
 
 
-@elastic_response.register(TissueState)
-def _of_state(state: TissueState, volume: float, options: Options) -> Solution[Elasticity]:
-    if under_stress(state, options.tolerance):
-        return linear_response(state, volume)
-    response: ElasticResponse = provided("state_at_rest", AT_REST)(state, volume, state.faces.of_edges)
-    return response
-
-
 @exact_stiffening.register(CriticalTissue)
 def _stiffening(
     tissue: CriticalTissue, path: Deformation, law: SpringLaw, _manifold: CriticalManifold | None
