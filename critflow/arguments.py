@@ -147,15 +147,10 @@ def held(holder: Any, kinds: tuple[type, ...]) -> Any:
     return None
 
 
-def of_kind(name: str, value: Any, kinds: tuple[type, ...], takes: Callable[[type], bool]) -> Any:
-    """What an argument is or holds of these kinds, or of its own kind if a function takes it, else an `InputError`."""
-    if isinstance(value, kinds):
-        return value
+def own_kind(value: Any, takes: Callable[[type], bool]) -> tuple[type, ...]:
+    """The kind of a value, or of that of a solution, if a function takes it: a further kind for `of_kind`."""
     own = type(value.value if isinstance(value, Solution) else value)
-    words = {kind.__name__: kind for kind in (*kinds, *((own,) if takes(own) else ()))}
-    annotation = " | ".join(words)
-    kind = inspect.Parameter(name, inspect.Parameter.POSITIONAL_OR_KEYWORD, annotation=annotation)
-    return _Kinds(kind, words).converted(name, value)
+    return (own,) if takes(own) else ()
 
 
 def generator(seed: int | np.random.Generator) -> np.random.Generator:

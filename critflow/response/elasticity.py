@@ -17,7 +17,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from critflow.arguments import checked, of_kind
+from critflow.arguments import checked, of_kind, own_kind
 from critflow.certificates.uniqueness import count_self_stresses
 from critflow.critical.backbone import backbone
 from critflow.critical.manifold import CriticalConfiguration
@@ -94,7 +94,8 @@ def elasticity(
     >>> round(tensor.bulk, 6), round(tensor.shear, 6), round(tensor.poisson(0.0), 6)
     (0.866025, 0.433013, 0.333333)
     """
-    springs = of_kind("springs", springs, (CriticalConfiguration, SpringState, Network), elastic_response.takes)
+    also = own_kind(springs, elastic_response.takes)
+    springs = of_kind(CriticalConfiguration, SpringState, Network, *also, springs=springs)
     V = (springs if isinstance(springs, Network) else springs.network).volume if volume is None else volume
     if not 0 < V < np.inf:
         raise InputError(f"the volume must be positive and finite, not {V}")
