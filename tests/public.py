@@ -19,6 +19,7 @@ def checked_functions():
             continue
         for name, f in vars(import_module(module.name)).items():
             if inspect.isfunction(f) and hasattr(f, "__wrapped__") and f.__module__ == module.name:
-                if not name.startswith("_"):
+                # One for each kind of quantity, `singledispatch`, is a step of others.
+                if not name.startswith("_") and not hasattr(f, "registry"):
                     functions.setdefault(name, f)
     return functions

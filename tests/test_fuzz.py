@@ -24,7 +24,6 @@ from scipy.sparse.linalg import LinearOperator
 
 import critflow
 from critflow import CritflowError, CriticalManifold, Hookean, Network, PowerLaw, Solution, WormLike
-from critflow.critical.curvature import StereographicChart
 from critflow.critical.transition import transition_modulus
 from critflow.extras.fronts.leverage import EdgeLeverage
 from critflow.extras.tissue.tissue import FaceSprings
@@ -148,11 +147,6 @@ CALLS = {
     ),
     "stress_hessian": lambda p, r: call.stress_hessian(critical_of(p), r.choice(["bulk_modulus", "length_variance"])),
     "flat_directions": lambda p, r: call.flat_directions(critical_of(p)),
-    "principal_curvatures": lambda p, r: call.principal_curvatures(CriticalManifold(p.network), p.sigma),
-    "principal_curvatures few": lambda p, r: call.principal_curvatures(CriticalManifold(p.network), p.sigma, 1),
-    "surface_geometry": lambda p, r: call.surface_geometry(
-        CriticalManifold(p.network), StereographicChart.about(p.sigma), numbers(r, len(p.sigma) - 1)
-    ),
     "isogonal_modes": lambda p, r: call.isogonal_modes(critical_of(p)),
     "face_modes": lambda p, r: call.face_modes(critical_of(p)),
     "design faces": lambda p, r: call.design(
