@@ -1,22 +1,27 @@
 """The names of all extras, as `critflow/known_extras.toml` lists them; run this file to write that one again."""
 
+import ast
 from pathlib import Path
-
-from extras_there import PUBLIC
 
 import critflow
 from critflow.extensions import extras
 
 LIST = Path(critflow.__file__).with_name("known_extras.toml")
+STUB = Path(critflow.__file__).with_suffix(".pyi")
+
+
+def public_names(extra):
+    """The public names of critflow that live in an extra."""
+    nodes = [node for node in ast.parse(STUB.read_text(encoding="utf-8")).body if isinstance(node, ast.ImportFrom)]
+    return {alias.name for node in nodes for alias in node.names if node.module.startswith(f"extras.{extra.name}.")}
 
 
 def declared():
     """All names of each extra that is installed: public names, quantities, commands and services."""
-    names = {}
-    for name, extra in extras().items():
-        public = {one for one, owner in PUBLIC.items() if owner == name}
-        names[name] = sorted({*public, *extra.quantities, *extra.commands, *extra.functions}, key=str.casefold)
-    return names
+    return {
+        name: sorted({*public_names(extra), *extra.quantities, *extra.commands, *extra.functions}, key=str.casefold)
+        for name, extra in extras().items()
+    }
 
 
 def text(names):

@@ -20,7 +20,7 @@ import scipy.sparse as sp
 from numpy.typing import ArrayLike, NDArray
 from scipy.sparse.linalg import LinearOperator
 
-from critflow.arguments import checked
+from critflow.arguments import of_kind
 from critflow.extensions import provided
 from critflow.linalg.factor import Factor, FixedPattern
 from critflow.linalg.matrices import block_laplacian, laplacian
@@ -217,8 +217,9 @@ class CriticalManifold:
     backend    sparse solver of all matrices (`critflow.linalg.backends`)
     """
 
-    @checked
     def __init__(self, network: Network, backend: str = "auto"):
+        network = of_kind(Network, network=network)
+        of_kind(str, backend=backend)
         if network.cell is None:
             check_opened(network.edges, network.offsets, None, network.pins, network.n_vertices)
         self.network, self.backend = network, backend

@@ -18,7 +18,7 @@ from typing import ClassVar
 import numpy as np
 import scipy.linalg
 
-from critflow.arguments import checked
+from critflow.arguments import of_kind
 from critflow.critical.manifold import CriticalManifold
 from critflow.critical.quantity import Balanced, Partials, SpringResponse
 from critflow.linalg.vectors import dot
@@ -328,7 +328,6 @@ def _tensor_quantities(d: int) -> dict[str, SpringResponse]:
     return {one.name: one for one in every}
 
 
-@checked
 def transition_modulus(network: Network, strain: Deformable) -> TransitionModulus:
     """The modulus at the transition for the affine strain A (d, d), or for the start of a deformation.
 
@@ -341,6 +340,7 @@ def transition_modulus(network: Network, strain: Deformable) -> TransitionModulu
     >>> abs(found.objective - cf.upper_bound(network, 'B_0')) < 1e-9
     True
     """
+    network = of_kind(Network, network=network)
     deformation = deformation_of(strain, network.dimension)
     if deformation.free:
         raise InputError(f"free components leave no modulus at the transition: fix those of {deformation.name}")

@@ -12,7 +12,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from critflow.arguments import checked
+from critflow.arguments import of_kind
 from critflow.critical.manifold import COLLAPSED, CriticalConfiguration, CriticalManifold
 from critflow.lengths.boundary_path import BoundaryPath
 from critflow.lengths.cone import fit_lengths
@@ -25,7 +25,9 @@ from critflow.networks.deformation import Deformation
 from critflow.networks.network import Array, Network
 from critflow.precision.double_double import divide, dot, extended, multiply, scaled, subtract, total, two_product
 from critflow.precision.geometry import ExtendedGeometry
+from critflow.progress import running
 from critflow.result import Solution, Stats, Status
+from critflow.threads import one_blas_thread
 
 # Spread of log ℓ above which most networks of 1,000 vertices have slack edges (study `percolation`).
 EVEN = 0.16
@@ -46,7 +48,8 @@ class FromLengths(Solution[CriticalConfiguration]):
     polish_steps: int = 0
 
 
-@checked
+@running("critical_from_lengths")
+@one_blas_thread()
 def critical_from_lengths(
     network: Network | CriticalManifold, rest_lengths: ArrayLike, *, throw: bool = True
 ) -> FromLengths:
@@ -66,6 +69,9 @@ def critical_from_lengths(
     >>> solution.ok, bool(np.ptp(solution.value.lengths) < 1e-12)
     (True, True)
     """
+    network = of_kind(Network, CriticalManifold, network=network)
+    of_kind(np.ndarray, rest_lengths=rest_lengths)
+    of_kind(bool, throw=throw)
     manifold = CriticalManifold.of(network)
     lengths = edge_values(rest_lengths, manifold.network.n_edges, "rest_lengths")
     solution = _configuration_of(manifold, lengths)

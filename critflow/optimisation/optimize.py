@@ -7,13 +7,14 @@ stresses of that scale.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from critflow.arguments import checked
+from critflow.arguments import of_kind
 from critflow.critical.manifold import CriticalConfiguration, CriticalManifold, require_one_self_stress
 from critflow.critical.quantity import Evaluation, Quantity, evaluate, evaluate_at
 from critflow.critical.transition import PenalisedModulus, TransitionModulus, dilation
@@ -27,15 +28,18 @@ from critflow.networks.network import Array, Network
 from critflow.optimisation.descent import DESCENTS, Observer, descend
 from critflow.optimisation.largest_modulus import Optimum, largest_modulus
 from critflow.optimisation.stress_objective import SignedStressObjective, StressObjective
+from critflow.progress import running
 from critflow.response.at_transition import transition_modulus_error
 from critflow.result import InputError, Solution
+from critflow.threads import one_blas_thread
 
 # Tolerance of dO/dσ times N_b above which the iteration towards equal lengths alone is faster than with Newton's method
 # at its end: the same 15 to 35 steps for 100 to 10,000 vertices.
 ROUGH = 1e-5
 
 
-@checked
+@running("optimize")
+@one_blas_thread()
 def optimize(
     network: Network | CriticalManifold,
     objective: str | Quantity,
@@ -82,6 +86,16 @@ def optimize(
     >>> abs(found.objective - found.bound) < 1e-12
     True
     """
+    network = of_kind(Network, CriticalManifold, network=network)
+    objective = of_kind(str, Quantity, objective=objective)
+    of_kind(str, method=method, signs=signs)
+    of_kind(np.ndarray, None, start=start)
+    starts = of_kind(int, starts=starts)
+    rng = of_kind(np.random.Generator, None, rng=rng)
+    of_kind(float, threshold=threshold, tolerance=tolerance)
+    max_steps = of_kind(int, None, max_steps=max_steps)
+    of_kind(Callable, None, observe=observe)
+    of_kind(bool, throw=throw)
     _check_options(method, tolerance, max_steps)
     problem = _problem(CriticalManifold.of(network), objective, signs, threshold)
     if method == "newton" and not problem.goal.has_differential:

@@ -17,7 +17,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from critflow.arguments import checked, of_kind
+from critflow.arguments import checked, of_known_kind
 from critflow.certificates.uniqueness import count_self_stresses
 from critflow.critical.backbone import backbone
 from critflow.critical.manifold import CriticalConfiguration
@@ -94,7 +94,7 @@ def elasticity(
     >>> round(tensor.bulk, 6), round(tensor.shear, 6), round(tensor.poisson(0.0), 6)
     (0.866025, 0.433013, 0.333333)
     """
-    springs = of_kind("springs", springs, (CriticalConfiguration, SpringState, Network), elastic_response.takes)
+    springs = of_known_kind(elastic_response, CriticalConfiguration, SpringState, Network, springs=springs)
     V = (springs if isinstance(springs, Network) else springs.network).volume if volume is None else volume
     if not 0 < V < np.inf:
         raise InputError(f"the volume must be positive and finite, not {V}")
@@ -133,8 +133,7 @@ def of_one_self_stress(value: Elasticity, residual: float) -> ElasticResponse:
 def _of_state(state: SpringState, volume: float, options: Options) -> Solution[Elasticity]:
     if under_stress(state, options.tolerance):
         return linear_response(state, volume)
-    perimeters = None if state.faces is None else state.faces.of_edges
-    response: ElasticResponse = provided("state_at_rest", AT_REST)(state, volume, perimeters)
+    response: ElasticResponse = provided("state_at_rest", AT_REST)(state, volume)
     return response
 
 

@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 
-from critflow.arguments import checked, of_kind
+from critflow.arguments import checked, of_known_kind
 from critflow.certificates.prestress import stabilises
 from critflow.certificates.uniqueness import require_only_self_stress
 from critflow.critical.backbone import backbone
@@ -72,7 +72,7 @@ def stiffening(
     >>> round(found.C_B / found.bulk_0, 6)  # −1/2 of springs as stiff as their stress
     -0.5
     """
-    critical = of_kind("critical", critical, (CriticalConfiguration,), exact_stiffening.takes)
+    critical = of_known_kind(exact_stiffening, CriticalConfiguration, critical=critical)
     path = deformation_of(deformation, critical.network.dimension)
     solution: StiffeningSolution = exact_stiffening(critical, path, law, manifold)
     return solution.or_raise("no stiffening coefficients") if throw else solution

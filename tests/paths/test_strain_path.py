@@ -319,7 +319,9 @@ def test_strains_between_the_bounds_on_an_onset_are_undecided():
     network, lengths = slack_lattice()[:2]
     start = spring_state(network, 1.2 * lengths, critical_of(network).coordinates, Cable())
     onset = critical_strain(network, 1.2 * lengths, "pure_shear")
-    solution = strain_path(start, [0.5 * onset.value.strain, onset.strain, 2 * onset.strain], "pure_shear", throw=False)
+    solution = strain_path(
+        start, [0.5 * onset.value.strain, onset.value.strain, 2 * onset.value.strain], "pure_shear", throw=False
+    )
     assert solution.status is Status.undecided and "bounds" in solution.note
     np.testing.assert_array_equal(solution.value.energy, [0.0, np.nan, np.nan])
 

@@ -186,7 +186,7 @@ def _variables(
         if not isinstance(start, CriticalConfiguration):
             raise InputError("change='faces' starts from a critical configuration: give one")
         return FaceAmplitudes(start, limits)
-    if not isinstance(start, SpringState) or start.faces is not None:
+    if type(start) is not SpringState:
         raise InputError(f"change={change!r} starts from springs on edges: give spring_state(network, ...)")
     return Stiffnesses(start, initial, limits) if change == "stiffness" else RestLengths(start, ratios, initial)
 

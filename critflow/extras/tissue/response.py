@@ -10,16 +10,25 @@ import numpy as np
 from critflow.critical.manifold import CriticalManifold
 from critflow.extensions import provided
 from critflow.extras.tissue.face_springs import FaceSprings
+from critflow.extras.tissue.state import TissueState
 from critflow.extras.tissue.tissue import CriticalTissue
 from critflow.extras.tissue.tissue_energy import PerimeterSystem, TissueEnergy, balanced_system
 from critflow.linalg.tolerances import EPS
 from critflow.networks.deformation import Deformation
 from critflow.response.at_transition import strain_rates, tensor_of_self_stress
 from critflow.response.coefficients import Stiffening, StiffeningSolution, coefficients, failed, with_status
-from critflow.response.elasticity import AT_REST, ElasticResponse, Options, elastic_response, of_one_self_stress
+from critflow.response.elasticity import (
+    AT_REST,
+    ElasticResponse,
+    Options,
+    elastic_response,
+    of_one_self_stress,
+    under_stress,
+)
+from critflow.response.linear_response import linear_response
 from critflow.response.stiffening import exact_stiffening
 from critflow.response.tensor import Elasticity
-from critflow.result import InputError, Status
+from critflow.result import InputError, Solution, Status
 from critflow.springs.laws import HOOKEAN, SpringLaw
 
 SLACK_FACE = 1e-9  # tension of a face without any, relative to the largest
@@ -30,7 +39,7 @@ _SAMPLES, _SAMPLE_MARGIN = 2, 10.0
 
 
 @elastic_response.register(CriticalTissue)
-def _elasticity(tissue: CriticalTissue, volume: float, _: Options) -> ElasticResponse:
+def _at_transition(tissue: CriticalTissue, volume: float, _: Options) -> ElasticResponse:
     """The response of the perimeters in tension, at rest where these have several self-stresses."""
     critical, tense = tissue.configuration, tissue.face_tensions > SLACK_FACE * tissue.face_tensions.max()
     faces = FaceSprings(tissue.faces.sides[tense], tissue.faces.stiffness[tense])
@@ -39,6 +48,15 @@ def _elasticity(tissue: CriticalTissue, volume: float, _: Options) -> ElasticRes
     response: ElasticResponse = provided("response_at_rest", AT_REST)(
         critical.network, critical.coordinates, volume, faces.of_edges
     )
+    return response
+
+
+@elastic_response.register(TissueState)
+def _of_state(state: TissueState, volume: float, options: Options) -> Solution[Elasticity]:
+    """The response of perimeters under stress, or of those at rest."""
+    if under_stress(state, options.tolerance):
+        return linear_response(state, volume)
+    response: ElasticResponse = provided("state_at_rest", AT_REST)(state, volume, state.faces.of_edges)
     return response
 
 

@@ -16,6 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from critflow.extras.tissue.face_springs import FaceSprings
+from critflow.extras.tissue.state import TissueState
 from critflow.extras.tissue.tissue import CriticalTissue
 from critflow.linalg.saddle import CONDENSED_WEIGHT, CONTRACTION, REFINED
 from critflow.linalg.tolerances import EPS, MOST_REFINEMENTS
@@ -23,7 +24,6 @@ from critflow.linalg.vectors import dot, norms
 from critflow.networks.network import Array
 from critflow.response.linear_response import accumulated_rounding
 from critflow.response.third_order import Term, ThirdDerivative
-from critflow.springs.state import SpringState
 
 _CORRECTIONS = 3  # of coordinates and tensions by one factor; each gains the accuracy of the cone program's answer
 
@@ -44,7 +44,7 @@ class PerimeterSystem:
         faces = FaceSprings(self.sides, self._weight)
         self._constraints = faces.rates(self.network, bond_vectors)
         x = tissue.configuration.coordinates
-        stiff = SpringState(self.network, perimeters, x, bond_vectors, faces=faces)
+        stiff = TissueState(self.network, perimeters, x, bond_vectors, faces=faces)
         couplings = stiff.couplings(stiff.edge_stiffness, self.sigma)
         self._factor = stiff.pattern().factorize(stiff.blocks(couplings, self.sigma))
         self.soft = self._factor.indefinite
