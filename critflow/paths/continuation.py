@@ -33,9 +33,8 @@ from critflow.linalg.factor import Factor, FixedPattern
 from critflow.linalg.tolerances import EPS
 from critflow.networks.deformation import Deformation
 from critflow.networks.network import Array, Network
-from critflow.paths.predictor import Predictor
 from critflow.paths.start import Beginning
-from critflow.paths.tangent import Tangent, tangent_of_response, tangent_of_springs
+from critflow.paths.tangent import Predictor, Tangent, tangent_of_response, tangent_of_springs
 from critflow.response.linear_response import linear_response, strains_of
 from critflow.response.tensor import Elasticity
 from critflow.result import Status

@@ -166,13 +166,11 @@ def strain_path(
     first, options = start_of(start, law, taut_only), solver or PathSolver()
     gamma, method = check_strains(strains, signed=True, zero=first.stress is None), relaxation_method(options.method)
     path = deformation_of(deformation, first.springs.network.dimension)
-    for strain in gamma.tolist():
-        path.gradient(strain)  # refuses those that invert the cell
     if not isinstance(measure, str) or measure not in MEASURES:
         raise InputError(f"a path measures one of {', '.join(MEASURES)}, not {shown(measure)}")
     springs, network = first.springs, first.springs.network
     pattern = (None if first.part else options.pattern) or springs.pattern()
-    unknowns = unknowns_of(springs, path, pattern, method, options.tolerance)
+    unknowns = unknowns_of(springs, path, gamma, pattern, method, options.tolerance)
     exact = method == "newton"
     branch = BranchTest(EXPECTED_STEPS, MOST_ITERATIONS) if exact else BranchTest(np.inf, np.inf)
     has_moduli = measure != "energy" and network.has_volume and network.dimension > 1
