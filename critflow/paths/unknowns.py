@@ -17,6 +17,7 @@ from critflow.result import InputError, Status
 from critflow.springs.equilibrium import LOOSEST_TOLERANCE, relaxed
 from critflow.springs.state import SpringState
 
+NONE_FREE = np.zeros(0)  # q of a cell without free components
 LOOSENING_WORK = 1e-9  # work of a strain on the stress of a transition, relative to its size, below which it loosens
 _LOOSENED = "the strain loosens the network, which is floppy on this side of the transition: change its sign"
 
@@ -57,7 +58,7 @@ class Vertices:
 
     def cell(self, strain: float, free: Array | None = None) -> Cell:
         """The cell F(γ)."""
-        return Cell(strain, self.gradient(strain))
+        return Cell(strain, self.gradient(strain), NONE_FREE)
 
     def gradient(self, strain: float) -> Array:
         """F(γ), (d, d)."""
