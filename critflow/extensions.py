@@ -5,6 +5,8 @@
     quantities  name, such as "onset[D]" -> "module:factory" within its folder, as in `critical.vocabulary`
     commands    name -> "module:function" within its folder
     functions   name -> "module:function" within its folder, of a service that the scene calls by `provided`
+    backends    name -> place and crossovers of a sparse solver, as `critflow.linalg.backends` describes
+    iterations  likewise of an iterative one
 
 The scene reads the declarations and imports an extra when one of its names is used.  It names none of them, so that a
 folder can be added or deleted without an edit.  The data file `known_extras.toml` lists the names of all extras of
@@ -28,15 +30,25 @@ _KNOWN = Path(__file__).with_name("known_extras.toml")
 
 
 @dataclass(frozen=True)
+class Command:
+    """A subcommand that an extra adds: where its function is, and its line in `critflow --help`."""
+
+    place: str
+    help: str
+
+
+@dataclass(frozen=True)
 class Extra:
     """The declarations of one extra."""
 
     name: str
-    needs: tuple[str, ...] = ()
-    kinds: tuple[str, ...] = ()
+    needs: list[str] = field(default_factory=list)
+    kinds: list[str] = field(default_factory=list)
     quantities: dict[str, str] = field(default_factory=dict)
-    commands: dict[str, str] = field(default_factory=dict)
+    commands: dict[str, Command] = field(default_factory=dict)
     functions: dict[str, str] = field(default_factory=dict)
+    backends: dict[str, dict[str, Any]] = field(default_factory=dict)
+    iterations: dict[str, dict[str, Any]] = field(default_factory=dict)
 
     @property
     def package(self) -> str:
@@ -58,17 +70,11 @@ def extras() -> dict[str, Extra]:
     """All extras that are there, by name, in alphabetical order."""
     files = sorted(_FOLDER.glob("*/extra.toml"))
     declared = {file.parent.name: tomllib.loads(file.read_text(encoding="utf-8")) for file in files}
-    return {
-        name: Extra(
-            name,
-            tuple(entries.get("needs", ())),
-            tuple(entries.get("kinds", ())),
-            entries.get("quantities", {}),
-            entries.get("commands", {}),
-            entries.get("functions", {}),
-        )
-        for name, entries in declared.items()
-    }
+    return {name: _extra(name, **entries) for name, entries in declared.items()}
+
+
+def _extra(name: str, commands: dict[str, dict[str, str]] | None = None, **entries: Any) -> Extra:
+    return Extra(name, commands={one: Command(**entry) for one, entry in (commands or {}).items()}, **entries)
 
 
 def quantities() -> dict[str, str]:
@@ -121,8 +127,13 @@ def extensible(function: Callable[..., Any]) -> Any:
         _import_extras_of(type(first))  # type: ignore[arg-type]
         return dispatcher(first, *args, **options)
 
+    def takes(kind: type[Any]) -> bool:
+        """Whether a function is registered for a class, or for one of its bases."""
+        _import_extras_of(kind)  # type: ignore[arg-type]
+        return dispatcher.dispatch(kind) is not function
+
     dispatched.register = dispatcher.register  # type: ignore[attr-defined]
-    dispatched.dispatch = dispatcher.dispatch  # type: ignore[attr-defined]
+    dispatched.takes = takes  # type: ignore[attr-defined]
     return dispatched
 
 

@@ -18,7 +18,7 @@ from typing import ClassVar
 import numpy as np
 import scipy.linalg
 
-from critflow.arguments import checked
+from critflow.arguments import of_kind
 from critflow.critical.manifold import CriticalManifold
 from critflow.critical.quantity import Balanced, Partials, SpringResponse
 from critflow.linalg.vectors import dot
@@ -51,7 +51,7 @@ class _WorkAndCost:
         return np.asarray(self.sigma**2 * self.flexibility / self.k)
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class TransitionModulus(SpringResponse):
     """Modulus at the transition for b → (1 + γA) b: μ_A = (Σ σḣ)²/(V Σ σ²|L|²/k), ḣ = L·A L (`GenericModulus`).
 
@@ -83,7 +83,7 @@ class TransitionModulus(SpringResponse):
         return 0.5 * (self.strain + self.strain.T)
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class PenalisedModulus(SpringResponse):
     """μ_A − (u/N_b) Σ (s_α/r)^(−10), s = σ scaled to Σs² = N_b (`ShearMod+Constraint`): keeps every s above about r.
 
@@ -133,7 +133,7 @@ class PenalisedModulus(SpringResponse):
         return self.unit(balance.network) * (tenth * (tenth**2) ** 2), square
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class StressComponent(SpringResponse):
     """Component S:A/√D of the stress, S = Σσ L⊗L, D = Σσ²|L|²/k: all that linear elasticity is at the transition.
 
@@ -161,7 +161,7 @@ class StressComponent(SpringResponse):
         return float(np.sqrt(network.stiffness.mean())) * network.spacing
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class TensorComponent(SpringResponse):
     """Component C_ab of the elasticity tensor; at the transition C_ab = S_a S_b/(V D).
 
@@ -276,7 +276,6 @@ def _tensor_quantities(d: int) -> dict[str, SpringResponse]:
     return {one.name: one for one in every}
 
 
-@checked
 def transition_modulus(network: Network, strain: Deformable) -> TransitionModulus:
     """The modulus at the transition for the affine strain A (d, d), or for the start of a deformation.
 
@@ -289,6 +288,7 @@ def transition_modulus(network: Network, strain: Deformable) -> TransitionModulu
     >>> abs(found.objective - cf.upper_bound(network, 'B_0')) < 1e-9
     True
     """
+    network = of_kind(Network, network=network)
     deformation = deformation_of(strain, network.dimension)
     if deformation.free:
         raise InputError(f"free components leave no modulus at the transition: fix those of {deformation.name}")

@@ -37,7 +37,7 @@ class _RelativeVariance(_OfLengths):
         return value, (self.of_tensions * derivative * length, (derivative * weight / _divisors(length))[:, None] * L)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class LengthVariance(_RelativeVariance):
     """V_L = ⟨(|L| − ⟨|L|⟩)²⟩/⟨|L|⟩² (`LengthVariance`)."""
 
@@ -45,7 +45,7 @@ class LengthVariance(_RelativeVariance):
     of_tensions: ClassVar[bool] = False
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class TensionVariance(_RelativeVariance):
     """V_τ = ⟨(τ − ⟨τ⟩)²⟩/⟨τ⟩² of the tensions τ = σ|L| (`TensionVariance`)."""
 
@@ -53,7 +53,7 @@ class TensionVariance(_RelativeVariance):
     of_tensions: ClassVar[bool] = True
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class EdgeLength(_OfLengths):
     """The length |L_α| of one edge."""
 
@@ -74,7 +74,7 @@ class EdgeLength(_OfLengths):
         return length.item(), (np.zeros_like(balance.sigma), by_L)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class FaceArea(_OfLengths):
     """The area ½ Σ_(i<j) s_i × s_j of one face of a planar network, of its sides s in turn."""
 

@@ -12,7 +12,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from critflow.arguments import checked
+from critflow.arguments import of_kind
 from critflow.critical.manifold import COLLAPSED, CriticalConfiguration, CriticalManifold
 from critflow.lengths.boundary_path import BoundaryPath
 from critflow.lengths.cone import fit_lengths
@@ -25,14 +25,16 @@ from critflow.networks.deformation import Deformation
 from critflow.networks.network import Array, Network
 from critflow.precision.double_double import divide, dot, extended, multiply, scaled, subtract, total, two_product
 from critflow.precision.geometry import ExtendedGeometry
+from critflow.progress import running
 from critflow.result import Solution, Stats, Status
+from critflow.threads import one_blas_thread
 
 # Spread of log ℓ above which most networks of 1,000 vertices have slack edges (study `percolation`).
 EVEN = 0.16
 SOLVED = 1e-6  # relative residual of a Newton step that determines the error of its start
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
+@dataclass(frozen=True, eq=False, kw_only=True, repr=False)
 class FromLengths(Solution[CriticalConfiguration]):
     """The critical configuration of rest lengths ℓ.
 
@@ -46,7 +48,8 @@ class FromLengths(Solution[CriticalConfiguration]):
     polish_steps: int = 0
 
 
-@checked
+@running("critical_from_lengths")
+@one_blas_thread()
 def critical_from_lengths(
     network: Network | CriticalManifold, rest_lengths: ArrayLike, *, throw: bool = True
 ) -> FromLengths:
@@ -66,6 +69,9 @@ def critical_from_lengths(
     >>> solution.ok, bool(np.ptp(solution.value.lengths) < 1e-12)
     (True, True)
     """
+    network = of_kind(Network, CriticalManifold, network=network)
+    of_kind(np.ndarray, rest_lengths=rest_lengths)
+    of_kind(bool, throw=throw)
     manifold = CriticalManifold.of(network)
     lengths = edge_values(rest_lengths, manifold.network.n_edges, "rest_lengths")
     solution = _configuration_of(manifold, lengths)
@@ -104,20 +110,14 @@ def _configuration_of(manifold: CriticalManifold, lengths: Array) -> FromLengths
     if len(slack):
         status = Status.slack_edges
         note = f"{len(slack)} of {network.n_edges} edges are slack, edge {slack[0]} among them; narrow the lengths"
-
-    def accuracy() -> Stats:
-        x, sigma = value.coordinates, value.sigma
-        error = np.nan if len(slack) else newton_error(manifold.saddle, network, lengths, x, sigma)
-        return Stats("conic", condition=balanced.stats.condition, error_bound=2 * error)
-
-    def cables() -> CriticalConfiguration:
-        return replace(balanced.value, rest_lengths=np.where(end.taut, balanced.value.lengths, ratio * lengths))
-
-    value = CriticalConfiguration.deferred(cables, network=network, sigma=balanced.value.sigma, manifold=manifold)
+    value = replace(balanced.value, rest_lengths=np.where(end.taut, balanced.value.lengths, ratio * lengths))
+    error = np.nan
+    if not len(slack):
+        error = 2 * newton_error(manifold.saddle, network, lengths, value.coordinates, value.sigma)
     return FromLengths(
         value=value,
         status=status,
-        stats=Stats.deferred(accuracy, method="conic", steps=steps, residual=end.error),
+        stats=Stats("conic", steps, end.error, balanced.stats.condition, error),
         note=note,
         slack_edges=slack,
         ratio=ratio,
@@ -166,7 +166,7 @@ def _balanced(
     """
     network, taut, part = manifold.network, end.taut, end.part
     if taut.all():
-        balance = manifold.solve_when_read(end.sigma)
+        balance = manifold.solve(end.sigma)
         return balance if balance.ok else None
     if part is None or part.several:
         return None

@@ -7,13 +7,14 @@ stresses of that scale.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from critflow.arguments import checked
+from critflow.arguments import of_kind
 from critflow.critical.manifold import CriticalConfiguration, CriticalManifold, require_one_self_stress
 from critflow.critical.quantity import Evaluation, Quantity, evaluate, evaluate_at, require_exact_hessian
 from critflow.critical.transition import PenalisedModulus, TransitionModulus, dilation
@@ -27,15 +28,18 @@ from critflow.networks.network import Array, Network
 from critflow.optimisation.descent import DESCENTS, Observer, descend
 from critflow.optimisation.largest_modulus import Optimum, largest_modulus
 from critflow.optimisation.stress_objective import SignedStressObjective, StressObjective
+from critflow.progress import running
 from critflow.response.at_transition import transition_modulus_error
-from critflow.result import InputError, Solution, Stats
+from critflow.result import InputError, Solution
+from critflow.threads import one_blas_thread
 
 # Tolerance of dO/dσ times N_b above which the iteration towards equal lengths alone is faster than with Newton's method
 # at its end: the same 15 to 35 steps for 100 to 10,000 vertices.
 ROUGH = 1e-5
 
 
-@checked
+@running("optimize")
+@one_blas_thread()
 def optimize(
     network: Network | CriticalManifold,
     objective: str | Quantity,
@@ -65,9 +69,8 @@ def optimize(
     observe    called with (step, value, σ, L) at the start and after every step of a descent; when it returns a true
                value the descent ends there, with `Status.step_limit`
 
-    The statistics contain condition and error bound of the configuration for its stress; these and its coordinates are
-    computed when one of them is read first.  With stresses of any sign a descent may cross stresses whose prestress
-    matrix is singular, which have no configuration.
+    The statistics contain condition and error bound of the configuration for its stress.  With stresses of any sign a
+    descent may cross stresses whose prestress matrix is singular, which have no configuration.
 
     An optimum that is not attained has a status: `Status.edge_collapse` for a tension variance whose infimum has an
     edge of zero length, `Status.slack_edges` for a length variance whose infimum has slack edges, `Status.singular`
@@ -82,7 +85,12 @@ def optimize(
     >>> abs(found.objective - found.bound) < 1e-12
     True
     """
-    _check_options(method, tolerance, max_steps)
+    network = of_kind(Network, CriticalManifold, network=network)
+    objective = of_kind(str, Quantity, objective=objective)
+    starts = of_kind(int, starts=starts)
+    max_steps = of_kind(int, None, max_steps=max_steps)
+    of_kind(bool, throw=throw)
+    _check_options(method, signs, threshold, tolerance, max_steps, observe)
     problem = _problem(CriticalManifold.of(network), objective, signs, threshold)
     if method == "newton":
         require_exact_hessian(problem.manifold, problem.goal)
@@ -98,12 +106,17 @@ def optimize(
     return optimum.or_raise("no optimum") if throw else optimum
 
 
-def _check_options(method: str, tolerance: float, max_steps: int | None) -> None:
+def _check_options(
+    method: str, signs: str, threshold: float, tolerance: float, max_steps: int | None, observe: Observer | None
+) -> None:
+    of_kind(str, method=method, signs=signs)
+    of_kind(float, threshold=threshold, tolerance=tolerance)
+    of_kind(Callable, None, observe=observe)
     if method not in METHODS:
         raise InputError(f"no method is called {method!r}: choose one of {', '.join(METHODS)}")
     if not tolerance > 0:
         raise InputError(f"the tolerance must be positive, not {tolerance}")
-    if max_steps is not None and (not isinstance(max_steps, int | np.integer) or max_steps < 0):
+    if max_steps is not None and max_steps < 0:
         raise InputError(f"max_steps must be a whole number of at least 0, or None, not {max_steps!r}")
 
 
@@ -144,6 +157,8 @@ def _problem(manifold: CriticalManifold, objective: str | Quantity, signs: str, 
 
 def _starts(problem: _Problem, start: ArrayLike | None, n: int, rng: np.random.Generator | None) -> list[Array]:
     """Stresses (N_b,) of all starts: the given one or σ = 1, then random ones."""
+    of_kind(np.ndarray, None, start=start)
+    of_kind(np.random.Generator, None, rng=rng)
     m = problem.manifold.network.n_edges
     if n < 1 or (n > 1 and rng is None):
         raise InputError("starts must be at least 1, and more than one start needs a random generator rng")
@@ -182,24 +197,14 @@ def _closed_form(problem: _Problem) -> Optimum:
         )
     if not optimum.ok:
         return replace(optimum, stats=replace(optimum.stats, residual=np.nan))
-    stats = Stats.deferred(
-        lambda: replace(optimum.stats, residual=_residual(evaluate(manifold, goal, optimum.value.sigma))),
-        method="closed_form",
-        steps=0,
-    )
+    stats = replace(optimum.stats, residual=_residual(evaluate(manifold, goal, optimum.value.sigma)))
     if problem.is_bulk:
-        error = partial(_bulk_error, goal, optimum)
+        error = partial(transition_modulus_error, dilation(manifold.network.dimension), optimum.value)
     else:
         # Value and bound are both rounded, and the value is at most the exact bound.
         rounding = EPS * manifold.network.n_edges * optimum.bound
         error = partial(float, abs(optimum.bound - optimum.objective) + rounding)
     return replace(optimum, stats=stats, error_of=error)
-
-
-def _bulk_error(goal: Quantity, optimum: Optimum) -> float:
-    """The error bound of the refined configuration, and the difference of the value, which is that of the plain one."""
-    difference = abs(goal.evaluate(optimum.value)[0] - optimum.objective)
-    return difference + transition_modulus_error(dilation(optimum.value.network.dimension), optimum.value)
 
 
 def _closed_form_pays(problem: _Problem) -> bool:
@@ -222,12 +227,11 @@ def _cone_program(problem: _Problem) -> Optimum:
 def _least_variance(
     found: Solution[CriticalConfiguration], manifold: CriticalManifold, method: str, steps: int, here: Evaluation | None
 ) -> Optimum:
-    """The optimum at a configuration of equal lengths, whose coordinates are computed when they are read."""
+    """The optimum at a configuration of equal lengths."""
     variance, residual = (here.value, _residual(here)) if here else (np.nan, np.nan)
     # An optimum of the stresses is of springs, without rest lengths.
-    known = {"network": manifold.network, "sigma": found.value.sigma, "rest_lengths": None, "manifold": manifold}
-    value = CriticalConfiguration.deferred(lambda: found.value, **known)
-    stats = Stats.deferred(lambda: found.stats, method=method, steps=steps, residual=residual)
+    value = replace(found.value, rest_lengths=None)
+    stats = replace(found.stats, method=method, steps=steps, residual=residual)
     # The least variance is zero.
     return Optimum(value, found.status, stats, objective=variance, error_of=partial(float, variance))
 
@@ -249,7 +253,7 @@ def _equal_lengths(problem: _Problem, tolerance: float) -> Optimum | None:
             continue  # The gradient, which costs as much as a step, is about two deviations an edge.
         here = evaluate_at(balance, goal)
         if _residual(here) < tolerance:
-            found = manifold.solve_when_read(balance.sigma, balance)
+            found = manifold.solve(balance.sigma, balance=balance)
             return _least_variance(found, manifold, "iteration", step, here)
     return None
 

@@ -23,7 +23,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from critflow.arguments import checked
+from critflow.arguments import of_kind
 from critflow.certificates.counts import rigidity
 from critflow.critical.backbone import Backbone, backbone
 from critflow.critical.manifold import CriticalConfiguration, CriticalManifold, critical_configuration
@@ -51,7 +51,9 @@ from critflow.lengths.taut_set import (
 from critflow.networks.checks import edge_values
 from critflow.networks.deformation import Deformable, deformation_of
 from critflow.networks.network import Array, Network
+from critflow.progress import running
 from critflow.result import InputError, Record, Solution, Stats, Status
+from critflow.threads import one_blas_thread
 
 ONSET_GAP = 1e-9  # largest gap of the bounds on a strain with status `ok`, relative to 1 + |γ|
 # det F of a cell with free sides at which an onset without bounds is that of a flat cell: the program with ROUGH_CONE
@@ -61,7 +63,7 @@ UNRESOLVED = "the bounds on the strain hold, but the weakest stresses were not s
 ESTIMATED = "a bound on the strain is only an estimate: see `proven`"
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class CriticalStrain(Record):
     """The onset of rigidity on a path of deformations.
 
@@ -126,7 +128,8 @@ class CriticalStrain(Record):
         return counted.ok and counts.n_self_stresses == 1 and not counts.first_order_rigid
 
 
-@checked
+@running("critical_strain")
+@one_blas_thread()
 def critical_strain(
     network: Network | CriticalManifold,
     rest_lengths: ArrayLike,
@@ -161,6 +164,10 @@ def critical_strain(
     >>> round(onset.strain, 6)  # (1.1)² − 1 of the area
     0.21
     """
+    network = of_kind(Network, CriticalManifold, network=network)
+    of_kind(np.ndarray, rest_lengths=rest_lengths)
+    direction = of_kind(int, direction=direction)
+    of_kind(bool, throw=throw)
     manifold = CriticalManifold.of(network)
     network = manifold.network
     lengths = edge_values(rest_lengths, network.n_edges, "rest_lengths")

@@ -11,7 +11,7 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import ArrayLike
 
-from critflow.arguments import checked
+from critflow.arguments import of_kind
 from critflow.certificates.counts import Rigidity, rigidity
 from critflow.certificates.spectrum import CLEAR_GAP
 from critflow.extras.cables.critical_strain import CriticalStrain, critical_strain
@@ -28,8 +28,10 @@ from critflow.linalg.vectors import norms
 from critflow.networks.checks import edge_values
 from critflow.networks.digits import Digits
 from critflow.networks.network import Array, Network, validated_coordinates
+from critflow.progress import running
 from critflow.response.elasticity import elasticity
 from critflow.result import CritflowError, InputError, NetworkError, Solution, SolveError, Status
+from critflow.threads import one_blas_thread
 
 Result = TypeVar("Result")
 
@@ -47,7 +49,8 @@ _USABLE = (Status.ok, Status.edge_collapse, Status.slack_edges, *UNFINISHED)
 DEFORMATIONS = ("dilation", "simple_shear", "pure_shear", "uniaxial")
 
 
-@checked
+@running("examine")
+@one_blas_thread()
 def examine(
     network: Network | ImportedNetwork | str | PathLike,
     coordinates: ArrayLike | None = None,
@@ -72,6 +75,11 @@ def examine(
     >>> examination.order, examination.n_self_stresses
     ('critical', 1)
     """
+    network = of_kind(str, Network, ImportedNetwork, PathLike, network=network)
+    of_kind(np.ndarray, None, coordinates=coordinates, rest_lengths=rest_lengths)
+    decimals = of_kind(int, None, decimals=decimals)
+    of_kind(Sequence, deformations=deformations)
+    of_kind(Callable, progress=progress)
     if isinstance(network, str | PathLike):
         network = read_held(partial(network_from, network), progress)
     if decimals is not None and not 0 <= decimals <= 15:

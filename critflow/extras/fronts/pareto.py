@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from critflow.arguments import checked
+from critflow.arguments import of_kind
 from critflow.critical.manifold import Balance, CriticalConfiguration, CriticalManifold, require_one_self_stress
 from critflow.critical.vocabulary import quantity
 from critflow.extras.targets.constrained import Minimum, Point, minimise_constrained
@@ -27,8 +27,9 @@ from critflow.extras.targets.stresses import Stresses
 from critflow.linalg.vectors import norms
 from critflow.networks.network import Array, Network
 from critflow.optimisation.descent import COLLAPSING, FADED, SOUND
-from critflow.progress import counted
+from critflow.progress import counted, running
 from critflow.result import InputError, Solution, Stats, Status
+from critflow.threads import one_blas_thread
 
 FRONT_OPTIMAL = 2e-9  # gradient at which the search for a point ends, in units of the ends of the front
 FRONT_CERTIFIED = 1e-5  # largest relative residual of the first-order conditions of a certified point
@@ -52,7 +53,7 @@ _LIMIT_EDGES = "limit the edges, as by within={'force_densities': (0.2, None)}"
 _BACKWARDS = "a multiplier is negative: here an objective improves without cost, so the point is not on the front"
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
+@dataclass(frozen=True, eq=False, kw_only=True, repr=False)
 class Front(Solution[tuple[CriticalConfiguration, ...]]):
     """Configurations of a front in the order of the first objective, from its best value on.
 
@@ -77,7 +78,8 @@ class Front(Solution[tuple[CriticalConfiguration, ...]]):
     dominated: NDArray[np.bool_] = field(repr=False)
 
 
-@checked
+@running("pareto")
+@one_blas_thread()
 def pareto(
     network: Network | CriticalManifold,
     objectives: Mapping[Any, str] | Sequence[Any],
@@ -107,6 +109,12 @@ def pareto(
     Raises `InputError` for unknown objectives, for two that have the same best configuration or no front without limits
     of the edges, and networks with several self-stresses; `SolveError` where a point is not certified and `throw`.
     """
+    network = of_kind(Network, CriticalManifold, network=network)
+    of_kind(Mapping, Sequence, objectives=objectives)
+    n, max_steps = of_kind(int, n=n, max_steps=max_steps)
+    of_kind(Mapping, None, within=within)
+    of_kind(np.ndarray, None, start=start)
+    of_kind(bool, throw=throw)
     manifold = CriticalManifold.of(network)
     if n < 2:
         raise InputError(f"a front has at least its two ends, n = 2 points, not {n}")

@@ -14,7 +14,7 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import ArrayLike
 
-from critflow.arguments import checked
+from critflow.arguments import of_kind
 from critflow.critical.manifold import Balance, CriticalConfiguration, CriticalManifold
 from critflow.critical.quantity import Quantity
 from critflow.critical.variances import LengthVariance, TensionVariance
@@ -35,8 +35,10 @@ from critflow.extras.targets.stiffnesses import Stiffnesses
 from critflow.extras.targets.stresses import Stresses, StressesAndPressures
 from critflow.extras.tissue.pressures import PressurisedConfiguration
 from critflow.networks.network import Array, Network, validated_coordinates
+from critflow.progress import running
 from critflow.result import InputError, Record, Solution, Stats, Status
 from critflow.springs.state import SpringState
+from critflow.threads import one_blas_thread
 
 # Least eigenvalue of the cosines of the gradients of targets that can be changed independently.
 INDEPENDENT_TARGETS = 1e-6
@@ -53,7 +55,7 @@ PREFERENCES: dict[str, type[Quantity]] = {"V_L": LengthVariance, "V_tau": Tensio
 CHANGES = ("stress", "stiffness", "faces", "rest_lengths", "pressures")
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Achieved(Record):
     """What a design has of one target.
 
@@ -70,7 +72,7 @@ class Achieved(Record):
     independence: float
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
+@dataclass(frozen=True, eq=False, kw_only=True, repr=False)
 class Design(Solution[Value]):
     """A configuration or a state with requested properties.
 
@@ -96,7 +98,8 @@ class Design(Solution[Value]):
         return bool(np.isfinite(self.gram).all() and np.linalg.eigvalsh(self.gram)[0] > INDEPENDENT_TARGETS)
 
 
-@checked
+@running("design")
+@one_blas_thread()
 def design(
     start: Network | CriticalManifold | CriticalConfiguration | PressurisedConfiguration | SpringState,
     targets: Mapping[Any, Any],
@@ -137,12 +140,19 @@ def design(
     `stats.residual` is the largest error of a target relative to its size.
     Raises `InputError` for unknown or contradictory targets and wrong shapes or signs, `SolveError` with `throw`.
     """
+    start = of_kind(
+        Network, CriticalManifold, CriticalConfiguration, PressurisedConfiguration, SpringState, start=start
+    )
+    of_kind(Mapping, targets=targets)
+    prefer = of_kind(np.ndarray, str, CriticalConfiguration, prefer=prefer)
+    max_steps = of_kind(int, max_steps=max_steps)
+    of_kind(bool, throw=throw)
     if max_steps < 0:
         raise InputError(f"max_steps must not be negative, not {max_steps}")
     network = start if isinstance(start, Network) else start.network
     parsed = parse_targets(network, targets)
     ratios = change == "rest_lengths" and isinstance(prefer, str) and prefer == "ratios"
-    variables = _variables(start, change, within or {}, signs, free, initial, ratios)
+    variables = _variables(start, change, {} if within is None else within, signs, free, initial, ratios)
     refusal = variables.excluded(parsed)
     goal = next((target for target in parsed if target.goal), None)
     preference = preference_of(variables, network, "least_change" if ratios else prefer, goal)
@@ -169,6 +179,10 @@ def _variables(
     ratios: bool,
 ) -> Variables:
     """The variables of the arguments of `design`."""
+    of_kind(str, change=change)
+    of_kind(Mapping, within=within)
+    of_kind(np.ndarray, str, None, signs=signs)
+    of_kind(np.ndarray, None, free=free, initial=initial)
     if change not in CHANGES:
         raise InputError(f"no change is called {change!r:.40}: choose from {', '.join(CHANGES)}")
     network = start if isinstance(start, Network) else start.network
@@ -186,7 +200,7 @@ def _variables(
         if not isinstance(start, CriticalConfiguration):
             raise InputError("change='faces' starts from a critical configuration: give one")
         return FaceAmplitudes(start, limits)
-    if not isinstance(start, SpringState) or start.faces is not None:
+    if type(start) is not SpringState:
         raise InputError(f"change={change!r} starts from springs on edges: give spring_state(network, ...)")
     return Stiffnesses(start, initial, limits) if change == "stiffness" else RestLengths(start, ratios, initial)
 

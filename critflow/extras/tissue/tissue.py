@@ -1,7 +1,8 @@
 """Tissues: springs on the perimeters of faces, a vertex model without area term, and their critical configurations.
 
 E = ½ Σ_f κ_f (p_f − p0_f)² with perimeters p = A|L|, A (N_f, N_b) being 1 where an edge is a side of a face.  A tissue
-is a `SpringState` whose springs are these perimeters, so that paths, equilibria and elasticity are those of springs.
+is a `SpringState` whose springs are these perimeters (`state`), so that paths, equilibria and elasticity are those of
+springs.
 """
 
 from __future__ import annotations
@@ -13,15 +14,18 @@ import numpy as np
 import scipy.sparse as sp
 from numpy.typing import ArrayLike, NDArray
 
-from critflow.arguments import checked
+from critflow.arguments import of_kind
 from critflow.critical.manifold import CriticalConfiguration, critical_configuration
 from critflow.extras.tissue.face_springs import FaceSprings
+from critflow.extras.tissue.state import TissueState
 from critflow.lengths.cone import fit_perimeters
 from critflow.linalg.tolerances import EPS
 from critflow.networks.network import Array, Network
+from critflow.progress import running
 from critflow.result import InputError, Record, Solution, Stats, Status
 from critflow.springs.equilibrium import equilibrium
-from critflow.springs.state import SpringState, edge_directions
+from critflow.springs.state import edge_directions
+from critflow.threads import one_blas_thread
 
 # Edges below this part of the mean length are collapsed: ten times the accuracy of the cone program, about 1e-6.
 COLLAPSED_EDGE = 1e-5
@@ -32,7 +36,6 @@ FITTED_PERIMETERS = 1e-11  # relative error of perimeters and forces after polis
 _PENALTY, _MOST_ITERATIONS, _DECREASE = 100.0, 40, 0.7
 
 
-@checked
 def tissue(
     network: Network,
     perimeters: ArrayLike,
@@ -40,7 +43,7 @@ def tissue(
     *,
     stiffness: ArrayLike = 1.0,
     sides: sp.sparray | ArrayLike | None = None,
-) -> SpringState:
+) -> TissueState:
     """Springs on the perimeters of the faces of a network, at coordinates (N_v, d) or its positions.
 
     perimeters  at rest, p0 (N_f,)
@@ -55,15 +58,19 @@ def tissue(
     >>> cf.tissue(network, np.full(4, 5.0)).spring_lengths
     array([6., 6., 6., 6.])
     """
+    network = of_kind(Network, network=network)
+    of_kind(np.ndarray, perimeters=perimeters, stiffness=stiffness)
+    of_kind(np.ndarray, None, coordinates=coordinates)
+    sides = of_kind(np.ndarray, sp.sparray, None, sides=sides)
     faces = FaceSprings.of(network, stiffness, sides)
     x = network.positions if coordinates is None else coordinates
     if x is None:
         raise InputError("this network has no positions: give coordinates")
     p0 = faces.perimeters(perimeters)
-    return SpringState(network, p0, *edge_directions(network, x), faces=faces)
+    return TissueState(network, p0, *edge_directions(network, x), faces=faces)
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class CriticalTissue(Record):
     """A critical configuration whose edge tensions come from faces: σ|L| ∝ Aᵀ T, face tensions T (N_f,) of mean 1."""
 
@@ -84,10 +91,10 @@ class CriticalTissue(Record):
         """p = A|L|, (N_f,)."""
         return self.faces.sides @ self.configuration.lengths
 
-    def at_rest(self) -> SpringState:
+    def at_rest(self) -> TissueState:
         """The tissue with its perimeters as those at rest, p0 = p."""
         critical = self.configuration
-        return SpringState(
+        return TissueState(
             critical.network, self.perimeters, critical.coordinates, critical.bond_vectors, faces=self.faces
         )
 
@@ -97,7 +104,7 @@ class CriticalTissue(Record):
         return self.perimeters / np.sqrt(self.network.volume / len(self.face_tensions))
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
+@dataclass(frozen=True, eq=False, kw_only=True, repr=False)
 class PerimeterFit(Solution[CriticalTissue]):
     """A critical configuration of given perimeter ratios.
 
@@ -111,7 +118,8 @@ class PerimeterFit(Solution[CriticalTissue]):
     collapsed_edges: NDArray[np.intp]
 
 
-@checked
+@running("critical_from_perimeters")
+@one_blas_thread()
 def critical_from_perimeters(
     network: Network,
     perimeters: ArrayLike,
@@ -136,6 +144,10 @@ def critical_from_perimeters(
     >>> round(float(found.value.shape_index.mean()), 2)
     3.82
     """
+    network = of_kind(Network, network=network)
+    of_kind(np.ndarray, perimeters=perimeters, stiffness=stiffness)
+    sides = of_kind(np.ndarray, sp.sparray, None, sides=sides)
+    of_kind(bool, throw=throw)
     faces = FaceSprings.of(network, stiffness, sides)
     A, p0 = faces.sides, faces.perimeters(perimeters)
     cone = fit_perimeters(network.free_incidence, network.boundary_vectors, A, p0, 1e-12)

@@ -14,18 +14,20 @@ import numpy as np
 import scipy.sparse as sp
 from numpy.typing import ArrayLike, NDArray
 
-from critflow.arguments import checked
+from critflow.arguments import of_kind
 from critflow.critical.manifold import CriticalConfiguration
-from critflow.extras.weak.weak_energies import WeakEnergy, WeakFunction, weak_function
+from critflow.extras.weak.weak_energies import ENERGIES, WeakEnergy, WeakFunction, weak_function
 from critflow.linalg.factor import Entries, Factor, FixedPattern
 from critflow.linalg.matrices import block_entries, n_block_values
 from critflow.networks.checks import floats
 from critflow.networks.deformation import Deformable, Deformation, deformation_of
 from critflow.networks.network import Array, Network
+from critflow.progress import running
 from critflow.result import InputError, Record, Solution, Stats, Status
 from critflow.springs.laws import HOOKEAN, Cable, SpringLaw, checked_law
 from critflow.springs.newton import newton
-from critflow.springs.state import SpringState
+from critflow.springs.state import TAUT, SpringState
+from critflow.threads import one_blas_thread
 
 TOLERANCE = 1e-13  # of forces, in units of stiffness times length: ten roundings
 _MOST_STEPS = 300
@@ -35,7 +37,7 @@ _RAISE = 10.0  # of the shift of an indefinite Hessian, until it is positive def
 _STEP = 1e-3
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class WeakSpringState(SpringState):
     """Springs with a weak energy κU(x, F): the state of `SpringState` after the deformation F of the cell."""
 
@@ -61,8 +63,7 @@ class WeakSpringState(SpringState):
         tension = -np.asarray(self.network.divergence @ (self.sigma[:, None] * self.bond_vectors))
         return tension - self._weak[1]
 
-    @property
-    def taut(self) -> bool:
+    def taut(self, least: float = TAUT) -> bool:
         # Weak energies may soften motions.
         return False
 
@@ -87,7 +88,7 @@ class WeakSpringState(SpringState):
         return factor
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class WeakEquilibria(Record):
     """Equilibria at strains γ from the transition, (n,); NaN where none was found.
 
@@ -106,7 +107,8 @@ class WeakEquilibria(Record):
     states: tuple[WeakSpringState | None, ...]
 
 
-@checked
+@running("weak_equilibrium")
+@one_blas_thread()
 def weak_equilibrium(
     critical: CriticalConfiguration,
     energy: WeakEnergy,
@@ -134,6 +136,12 @@ def weak_equilibrium(
     >>> bool((found.tension > 0).all())
     True
     """
+    critical = of_kind(CriticalConfiguration, critical=critical)
+    of_kind(*ENERGIES, energy=energy)
+    of_kind(np.ndarray, strains=strains)
+    of_kind(float, kappa=kappa)
+    of_kind(SpringLaw, None, law=law)
+    of_kind(bool, throw=throw)
     gammas = np.atleast_1d(floats(strains, "strains"))
     if gammas.ndim != 1 or not gammas.size or not np.isfinite(gammas).all():
         raise InputError("strains must be one or more finite numbers in one row: leave out the others")
