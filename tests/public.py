@@ -12,7 +12,6 @@ NAMES = sorted(critflow.__all__)
 IN_MODULES = {
     "certificates.counts": ("zero_modes",),
     "critical.backbone": ("backbone",),
-    "critical.curvature": ("surface_geometry", "principal_curvatures"),
     "critical.isogonal": ("face_modes",),
     "critical.properties": ("stress_hessian", "flat_directions"),
     "critical.transition": ("transition_modulus",),

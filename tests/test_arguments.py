@@ -14,7 +14,6 @@ from public import checked_functions
 
 from critflow import AngleSprings, CritflowError, CriticalManifold, InputError, Network, examine, lattice, spring_state
 from critflow.arguments import generator, of_kind
-from critflow.critical.curvature import StereographicChart
 
 NETWORK = square_octagon()
 MANIFOLD = CriticalManifold(NETWORK)
@@ -59,7 +58,6 @@ RIGHT = {
     "edge": 0,
     "tail": 0,
     "head": 1,
-    "chart": StereographicChart.about(CRITICAL.sigma),
     "s": np.zeros(5),
     "deformation": "dilation",
     "thing": CRITICAL,

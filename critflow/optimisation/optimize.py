@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike
 
 from critflow.arguments import of_kind
 from critflow.critical.manifold import CriticalConfiguration, CriticalManifold, require_one_self_stress
-from critflow.critical.quantity import Evaluation, Quantity, evaluate, evaluate_at
+from critflow.critical.quantity import Evaluation, Quantity, evaluate, evaluate_at, require_exact_hessian
 from critflow.critical.transition import PenalisedModulus, TransitionModulus, dilation
 from critflow.critical.variances import LengthVariance
 from critflow.critical.vocabulary import only_positive, quantity
@@ -92,8 +92,8 @@ def optimize(
     of_kind(bool, throw=throw)
     _check_options(method, signs, threshold, tolerance, max_steps, observe)
     problem = _problem(CriticalManifold.of(network), objective, signs, threshold)
-    if method == "newton" and not problem.goal.has_differential:
-        raise InputError(f"Newton's method needs {problem.goal.name}.differential: define it, or choose 'lbfgs'")
+    if method == "newton":
+        require_exact_hessian(problem.manifold, problem.goal)
     given = _starts(problem, start, starts, rng)
     if method == "closed_form" or (method == "auto" and _closed_form_pays(problem)):
         optimum = _closed_form(problem)

@@ -6,10 +6,12 @@ derivatives by the unknowns x are those of σ(x) without its scaling to Σσ² =
 
 from __future__ import annotations
 
+from functools import cached_property
+
 import numpy as np
 
 from critflow.critical.manifold import CriticalManifold
-from critflow.critical.quantity import Evaluation, Quantity, evaluate
+from critflow.critical.quantity import Evaluation, Quantity, evaluate, has_exact_hessian
 from critflow.networks.network import Array
 from critflow.optimisation.minimize import Function, Point
 
@@ -25,6 +27,11 @@ class StressObjective(Function):
         self.manifold, self.goal = manifold, goal
         # A value of O over that of a point.
         self.unit = (-1.0 if goal.maximise else 1.0) * goal.unit(manifold.network)
+
+    @cached_property
+    def exact(self) -> bool:
+        """Whether products with the Hessian are exact."""
+        return has_exact_hessian(self.manifold, self.goal)
 
     def unknowns(self, sigma: Array) -> Array:
         """θ of a stress σ (N_b,)."""
@@ -65,10 +72,11 @@ class StressObjective(Function):
         return self.goal.preconditioner(point.state.balance) / abs(self.unit)
 
     def hessian_product(self, point: Point, direction: Array) -> Array:
-        """The Hessian at a point times a direction (N_b,), by two solves; by differences without a differential."""
+        """The Hessian at a point times a direction (N_b,), by two solves; of some quantities by differences."""
         evaluation: Evaluation = point.state
+        product = evaluation.hessian_product if self.exact else evaluation.hessian_difference
         rate, second = self.rate(point.x, evaluation.balance.sigma)
-        curved = rate * evaluation.hessian_product(rate * direction)
+        curved = rate * product(rate * direction)
         return (second * direction * evaluation.gradient + curved) / self.unit
 
 

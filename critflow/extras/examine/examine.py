@@ -85,17 +85,17 @@ def examine(
     if decimals is not None and not 0 <= decimals <= 15:
         raise InputError(f"decimals must be from 0 to 15, not {decimals}: leave them out where all digits are known")
     subject, attempts = _subject(network, coordinates, rest_lengths, decimals), _Attempts(progress)
-    found = _judged(subject, attempts)
-    strains = _critical_strains(found, subject, deformations, attempts)
+    judged = _judged(subject, attempts)
+    strains = _critical_strains(judged, subject, deformations, attempts)
     moduli = leverage = None
-    if found.network.dimension < 2:
+    if judged.network.dimension < 2:
         attempts.failures.append("the moduli: in one dimension there is no shear")
-    elif not found.nearly_critical:
-        moduli = attempts.value("the moduli", lambda: elasticity(found.network, subject.x))
-    if (critical := found.critical) is not None and critical.network.n_edges <= _MOST_CUTS:
+    elif not judged.nearly_critical:
+        moduli = attempts.value("the moduli", lambda: elasticity(judged.network, subject.x))
+    if (critical := judged.critical) is not None and critical.network.n_edges <= _MOST_CUTS:
         leverage = attempts.value("the cuts of edges", lambda: edge_leverage(critical).value)
     failures = tuple(attempts.failures)
-    return replace(found, critical_strains=strains, elasticity=moduli, leverage=leverage, failures=failures)
+    return replace(judged, critical_strains=strains, elasticity=moduli, leverage=leverage, failures=failures)
 
 
 def read_held(read: Callable[..., ImportedNetwork], progress: Callable[[str], None]) -> ImportedNetwork:
@@ -234,12 +234,12 @@ def _nearest(network: Network, x: Array, counts: Rigidity, attempts: _Attempts, 
 
 
 def _critical_strains(
-    found: Examination, subject: _Subject, deformations: Sequence[str], attempts: _Attempts
+    judged: Examination, subject: _Subject, deformations: Sequence[str], attempts: _Attempts
 ) -> dict[str, Solution[CriticalStrain]]:
     """Critical strains of the rest lengths; none where the network is rigid at strain zero."""
-    network, rest = found.network, subject.rest
+    network, rest = judged.network, subject.rest
     lengths, rounding = norms(network.bond_vectors(subject.x)), 4 * EPS * np.abs(subject.x).max()
-    if found.order not in ("floppy", "undecided") and np.allclose(rest, lengths, rtol=0, atol=rounding):
+    if judged.order not in ("floppy", "undecided") and np.allclose(rest, lengths, rtol=0, atol=rounding):
         return {}
     onsets: dict[str, Solution[CriticalStrain]] = {}
     if deformations and not (rest > 0).all():

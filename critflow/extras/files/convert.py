@@ -74,8 +74,8 @@ def network_from(
         data = replace(data, cell=vectors[:d, :d])
     check(data)
     data = in_its_plane(data)
-    found = imported(with_pins(with_offsets(data, nearest), pins), strict, contract)
-    return _referring(found, data.volume if volume is None else volume)
+    read = imported(with_pins(with_offsets(data, nearest), pins), strict, contract)
+    return _referring(read, data.volume if volume is None else volume)
 
 
 def write_network(
@@ -154,22 +154,22 @@ def _tiled(data: NetworkData, copies: int | Sequence[int]) -> NetworkData:
     )
 
 
-def _referring(found: ImportedNetwork, volume: float | str | None) -> ImportedNetwork:
+def _referring(read: ImportedNetwork, volume: float | str | None) -> ImportedNetwork:
     """The network with the volume to which its moduli refer: that of the convex hull where none is named."""
-    network, note = found.value, ""
+    network, note = read.value, ""
     if volume is None and (network.cell is not None or network.dimension == 1):
-        return found
+        return read
     if volume is None or volume == "hull":
         try:
-            hull = hull_volume(found.positions)
+            hull = hull_volume(read.positions)
         except InputError:
             if volume is None:
-                return found
+                return read
             raise
         volume, note = hull, f"moduli refer to the convex hull, V = {hull:.8g}, unless another volume is given"
     if isinstance(volume, str):
         raise InputError(f"the volume must be a number or 'hull', not {volume!r}")
-    return replace(found, value=network.with_volume(volume), data=found.data.noting(*([note] if note else [])))
+    return replace(read, value=network.with_volume(volume), data=read.data.noting(*([note] if note else [])))
 
 
 def data_of(
