@@ -140,15 +140,8 @@ def design(
     `stats.residual` is the largest error of a target relative to its size.
     Raises `InputError` for unknown or contradictory targets and wrong shapes or signs, `SolveError` with `throw`.
     """
-    start = of_kind(
-        Network, CriticalManifold, CriticalConfiguration, PressurisedConfiguration, SpringState, start=start
-    )
-    of_kind(Mapping, targets=targets)
-    prefer = of_kind(np.ndarray, str, CriticalConfiguration, prefer=prefer)
-    max_steps = of_kind(int, max_steps=max_steps)
     of_kind(bool, throw=throw)
-    if max_steps < 0:
-        raise InputError(f"max_steps must not be negative, not {max_steps}")
+    start, prefer, max_steps = _checked(start, targets, change, prefer, max_steps)
     network = start if isinstance(start, Network) else start.network
     parsed = parse_targets(network, targets)
     ratios = change == "rest_lengths" and isinstance(prefer, str) and prefer == "ratios"
@@ -169,6 +162,20 @@ def design(
     return solution.or_raise("no design with these properties was found") if throw else solution
 
 
+def _checked(start: Any, targets: Any, change: Any, prefer: Any, max_steps: Any) -> tuple[Any, Any, int]:
+    """The start, the preference and the limit of the steps, of the kinds that `design` takes."""
+    start = of_kind(
+        Network, CriticalManifold, CriticalConfiguration, PressurisedConfiguration, SpringState, start=start
+    )
+    of_kind(Mapping, targets=targets)
+    of_kind(str, change=change)
+    prefer = of_kind(np.ndarray, str, CriticalConfiguration, prefer=prefer)
+    max_steps = of_kind(int, max_steps=max_steps)
+    if max_steps < 0:
+        raise InputError(f"max_steps must not be negative, not {max_steps}")
+    return start, prefer, max_steps
+
+
 def _variables(
     start: Network | CriticalManifold | CriticalConfiguration | PressurisedConfiguration | SpringState,
     change: str,
@@ -179,7 +186,6 @@ def _variables(
     ratios: bool,
 ) -> Variables:
     """The variables of the arguments of `design`."""
-    of_kind(str, change=change)
     of_kind(Mapping, within=within)
     of_kind(np.ndarray, str, None, signs=signs)
     of_kind(np.ndarray, None, free=free, initial=initial)
