@@ -203,6 +203,8 @@ def has_exact_hessian(manifold: CriticalManifold, quantity: Quantity) -> bool:
     with np.errstate(all="ignore"):
         try:
             exact = derivatives_along(quantity, here, dsigma, dL)
+        except InputError:  # which would meet real numbers as well
+            raise
         except (TypeError, ValueError, np.exceptions.ComplexWarning):
             return False
         above, below = (

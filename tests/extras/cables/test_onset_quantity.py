@@ -12,6 +12,7 @@ def test_onsets_are_named():
     assert "onset[simple_shear]" in names(network)
 
 
-def test_an_onset_is_no_quantity_of_a_stress():
+@pytest.mark.parametrize("method", ["auto", "newton"])
+def test_an_onset_is_no_quantity_of_a_stress(method):
     with pytest.raises(InputError, match="rest_lengths"):
-        optimize(lattice("honeycomb", 2, 2), "onset[simple_shear]")
+        optimize(lattice("honeycomb", 2, 2), "onset[simple_shear]", method)
