@@ -107,7 +107,7 @@ class PathSolver:
     """How the springs of a path are relaxed: method and tolerance of `equilibrium`.
 
     tolerance  for FIRE, cables, and free components of the cell; Newton's answer is otherwise exact to rounding
-    pattern    of the Hessian, made for each path if it is not given; for many paths of one network
+    pattern    of the Hessian; by default that of the manifold that made the start, or one made for the path
     """
 
     method: str = "auto"
@@ -173,7 +173,7 @@ def strain_path(
     if not isinstance(measure, str) or measure not in MEASURES:
         raise InputError(f"a path measures one of {', '.join(MEASURES)}, not {shown(measure)}")
     springs, network = first.springs, first.springs.network
-    pattern = (None if first.part else options.pattern) or springs.pattern()
+    pattern = (None if first.part else options.pattern) or first.pattern or springs.pattern()
     unknowns = unknowns_of(springs, path, gamma, pattern, method, options.tolerance)
     exact = method == "newton"
     branch = BranchTest(EXPECTED_STEPS, MOST_ITERATIONS) if exact else BranchTest(np.inf, np.inf)
