@@ -33,7 +33,7 @@ ARROWS = {
     *("response.at_transition", "response.elasticity", "response.stiffening", "springs.state"),
 }
 # Modules that still import a later layer.
-UPWARD = {"critical.vocabulary", "extras.explore.command", "optimisation.optimize"}
+UPWARD = {"critical.vocabulary", "extras.explore.command"}
 HEAVY = {"xarray", "dask", "distributed", "netCDF4", "typer", "rich"}
 ALLOWED = {
     *("__future__", "abc", "collections", "copy", "dataclasses", "difflib", "enum"),

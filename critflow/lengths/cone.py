@@ -19,11 +19,11 @@ import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
 
+from critflow.critical.edge_lengths import NO_DIRECTION
+
 Array = NDArray[np.float64]
 Outcome = Literal["solved", "unbounded", "infeasible", "stalled"]
 _OUTCOMES: dict[str, Outcome] = {"Solved": "solved", "DualInfeasible": "unbounded", "PrimalInfeasible": "infeasible"}
-# Length below which tension per length would overflow.
-_NO_LENGTH = 1e-150
 
 
 @dataclass(frozen=True, eq=False)
@@ -170,7 +170,7 @@ def _solve(
     tension, parameters = multipliers[: (d + 1) * m].reshape(m, d + 1)[:, 0], y[: len(rates)]
     length = np.linalg.norm(incidence @ x + offsets + np.einsum("kad,k->ad", rates, parameters), axis=1)
     # Tension per length; zero for edges that collapse, whose direction is not known.
-    sigma = np.divide(tension, length, out=np.zeros_like(length), where=length > _NO_LENGTH)
+    sigma = np.divide(tension, length, out=np.zeros_like(length), where=length > NO_DIRECTION)
     allowed, ratio = (lengths, 1.0) if extents is None else (extents @ y, float(y[-1]))
     with np.errstate(divide="ignore", invalid="ignore"):
         # Sides of a cell may collapse.

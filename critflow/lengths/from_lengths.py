@@ -13,7 +13,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from critflow.arguments import checked
-from critflow.critical.manifold import COLLAPSED, CriticalConfiguration, CriticalManifold
+from critflow.critical.edge_lengths import COLLAPSED
+from critflow.critical.manifold import CriticalConfiguration, CriticalManifold
 from critflow.lengths.boundary_path import BoundaryPath
 from critflow.lengths.cone import fit_lengths
 from critflow.lengths.length_iteration import NEAR, iterate_lengths

@@ -9,7 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from critflow.critical.backbone import backbone
-from critflow.critical.manifold import COLLAPSED, CriticalConfiguration
+from critflow.critical.edge_lengths import COLLAPSED
+from critflow.critical.manifold import CriticalConfiguration
 from critflow.extras.tissue.tissue import CriticalTissue
 from critflow.networks.network import Array
 from critflow.result import InputError, Solution, Status

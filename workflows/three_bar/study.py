@@ -8,7 +8,7 @@ import numpy as np
 
 from critflow import CriticalManifold, Status, rigidity, three_bar_linkage
 from critflow.critical.curvature import StereographicChart, SurfaceGeometry, dense, unit_response
-from critflow.critical.manifold import COLLAPSED
+from critflow.critical.edge_lengths import COLLAPSED
 from critflow.result import StudyError
 from critflow.workflow import Axis, Coordinate, Study, decimals, stable_rng
 

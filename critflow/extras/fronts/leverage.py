@@ -21,6 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from critflow.arguments import checked
+from critflow.critical.edge_lengths import NO_LENGTH
 from critflow.critical.manifold import CriticalConfiguration, CriticalManifold
 from critflow.critical.quantity import Quantity
 from critflow.critical.vocabulary import quantity
@@ -34,7 +35,6 @@ from critflow.result import InputError, Record, Solution, Stats, Status
 # Rounding of columns that were updated, and of refined ones, relative to r: 1 − σ_α r below its square times Σ|σ|/|σ_α|
 # is that of a bridge, and Σσ²|L|²/k below it times the terms of the sum that of a network that collapses.
 UPDATED, EXACT = 1e-9, 1e-14
-NO_LENGTH = 1e-10  # longest edge, relative to all, of a network that has collapsed
 # Corrections of a column below this part of it have converged; most corrections, and the least decrease of each.
 _REFINED, _MOST_CORRECTIONS, _DECREASE = 1e-13, 10, 0.5
 # Ratio of stresses beyond which corrections of columns may not converge: P then keeps no digit of the smallest.

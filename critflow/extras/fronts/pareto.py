@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from critflow.arguments import checked
+from critflow.critical.edge_lengths import COLLAPSING, SOUND
 from critflow.critical.manifold import Balance, CriticalConfiguration, CriticalManifold, require_one_self_stress
 from critflow.critical.vocabulary import quantity, same
 from critflow.extras.targets.constrained import Minimum, Point, minimise_constrained
@@ -25,7 +26,7 @@ from critflow.extras.targets.problem import Target, edge_limits, parse_targets
 from critflow.extras.targets.stresses import Stresses
 from critflow.linalg.vectors import norms
 from critflow.networks.network import Array, Network
-from critflow.optimisation.descent import COLLAPSING, FADED, SOUND
+from critflow.optimisation.descent_end import FADED
 from critflow.progress import counted
 from critflow.result import InputError, Solution, Stats, Status
 

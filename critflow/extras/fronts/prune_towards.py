@@ -21,6 +21,7 @@ import numpy as np
 from scipy.linalg.blas import dger
 
 from critflow.arguments import checked, generator
+from critflow.critical.edge_lengths import NO_LENGTH
 from critflow.critical.manifold import CriticalConfiguration, CriticalManifold
 from critflow.extras.fronts.leverage import Mask, Part, values_after
 from critflow.extras.targets.problem import Target, parse_targets
@@ -28,7 +29,6 @@ from critflow.linalg.tolerances import LARGEST_DENSE
 from critflow.linalg.vectors import norms
 from critflow.networks.network import Array, IntArray, Network
 from critflow.networks.pruning import pruned
-from critflow.optimisation.largest_modulus import NO_LENGTH
 from critflow.progress import tell
 from critflow.result import InputError, Solution, Stats, Status
 
