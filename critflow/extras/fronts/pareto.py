@@ -22,7 +22,7 @@ from critflow.critical.edge_lengths import COLLAPSING, SOUND
 from critflow.critical.manifold import Balance, CriticalConfiguration, CriticalManifold, require_one_self_stress
 from critflow.critical.vocabulary import quantity, same
 from critflow.extras.targets.constrained import Minimum, Point, minimise_constrained
-from critflow.extras.targets.problem import Target, edge_limits, parse_targets
+from critflow.extras.targets.problem import POWERS, Target, edge_limits, parse_targets
 from critflow.extras.targets.stresses import Stresses
 from critflow.linalg.vectors import norms
 from critflow.networks.network import Array, Network
@@ -49,6 +49,9 @@ _SHAKEN = 0.3
 _FRONTS = 3
 _BEST = {-1: "largest", 1: "smallest"}
 _LIMIT_EDGES = "limit the edges, as by within={'force_densities': (0.2, None)}"
+_OUTSIDE = "the front has no point at this position: relax a limit of the edges"
+_STEPS = "its steps are used up before the first-order conditions hold: raise max_steps"
+_ROUNDED = f"rounding stops its search before the first-order conditions hold: give another start, or {_LIMIT_EDGES}"
 _BACKWARDS = "a multiplier is negative: here an objective improves without cost, so the point is not on the front"
 
 
@@ -111,7 +114,7 @@ def pareto(
     if n < 2:
         raise InputError(f"a front has at least its two ends, n = 2 points, not {n}")
     pair = _pair(manifold, objectives)
-    stresses = Stresses(manifold, start, limits=edge_limits(manifold.network.n_edges, within or {}))
+    stresses = Stresses(manifold, start, limits=edge_limits(manifold.network.n_edges, within or {}, tuple(POWERS)))
     search = _Search(stresses, pair, max_steps)
     solution = _front(stresses, pair, search.points(n), search.units)
     return solution.or_raise("the front is not complete") if throw else solution
@@ -295,15 +298,16 @@ class _Search:
         _, values, gradients = self.objectives(found.point.z)
         # Where both objectives are stationary, as B_0 and C_B at σ = k, the gradients are rounding.
         residual = found.residual / max(float(np.abs(weights[:, None] * gradients).max()), FRONT_FLAT)
-        status, note = found.status, ""
         if not found.reached:
-            status, note = Status.not_reached, "the front has no point at this position: relax a limit of the edges"
+            status, note = Status.not_reached, _OUTSIDE
         elif weights.min() < -FRONT_CERTIFIED:
             status, note = Status.not_reached, _BACKWARDS
         elif residual < FRONT_CERTIFIED:
-            status = Status.ok
-        elif status is Status.ok:
-            status = Status.stalled
+            status, note = Status.ok, ""
+        elif found.status is Status.step_limit:
+            status, note = Status.step_limit, _STEPS
+        else:
+            status, note = Status.stalled, _ROUNDED
         limits = found.multipliers[problem.n_prescribed :]
         return _Point(found, values, weights, limits, residual, status, note)
 

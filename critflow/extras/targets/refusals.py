@@ -26,7 +26,7 @@ BOUND_ROUNDING = 1e-12  # rounding of a closed-form bound, relative
 ONLY_STIFFEST = 1e-9  # relative distance from the largest B_0 within which its own relations count as attained
 
 
-def excluded(manifold: CriticalManifold, targets: Sequence[Target], positive: bool) -> str:
+def refusal_of(manifold: CriticalManifold, targets: Sequence[Target], positive: bool) -> str:
     """A sentence where a closed-form bound excludes the targets, else an empty string.
 
     positive  whether all stresses are positive
