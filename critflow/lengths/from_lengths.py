@@ -15,14 +15,13 @@ from numpy.typing import ArrayLike, NDArray
 from critflow.arguments import checked
 from critflow.critical.edge_lengths import COLLAPSED
 from critflow.critical.manifold import CriticalConfiguration, CriticalManifold
-from critflow.lengths.boundary_path import BoundaryPath
+from critflow.lengths.boundary import Expansion
 from critflow.lengths.cone import fit_lengths
 from critflow.lengths.length_iteration import NEAR, iterate_lengths
 from critflow.lengths.taut_edges import OnsetState, newton_taut, unknown_configuration
 from critflow.lengths.taut_set import EXACT_CONE, polish_taut, resolved, stressed
 from critflow.linalg.saddle import Saddle
 from critflow.networks.checks import edge_values
-from critflow.networks.deformation import Deformation
 from critflow.networks.network import Array, Network
 from critflow.precision.double_double import divide, dot, extended, multiply, scaled, subtract, total, two_product
 from critflow.precision.geometry import ExtendedGeometry
@@ -87,7 +86,7 @@ def _configuration_of(manifold: CriticalManifold, lengths: Array) -> FromLengths
     if lengths.min() <= COLLAPSED * lengths.mean():
         note = f"the target length of edge {lengths.argmin()} is below the rounding of coordinates: lengthen it"
         return replace(nothing, note=note)
-    path = BoundaryPath(manifold, Deformation.linear(np.eye(network.dimension)))
+    path = Expansion(manifold)
     for end, ratio, n in _attempts(manifold, path, lengths):
         steps += n
         # A slack edge that is longer than its rest length shows a wrong set of taut edges.
@@ -136,7 +135,7 @@ def _fixed_edge(network: Network, lengths: Array, end: OnsetState | None) -> str
 
 
 def _attempts(
-    manifold: CriticalManifold, path: BoundaryPath, lengths: Array
+    manifold: CriticalManifold, path: Expansion, lengths: Array
 ) -> Iterator[tuple[OnsetState | None, float, int]]:
     """Ends of Newton's method from one start after another, with the ratio t of their lengths and the steps so far."""
     network = manifold.network
@@ -157,9 +156,7 @@ def _attempts(
         yield polish_taut(path, cone.ratio * lengths, start), cone.ratio, cone.steps
 
 
-def _balanced(
-    manifold: CriticalManifold, path: BoundaryPath, end: OnsetState
-) -> Solution[CriticalConfiguration] | None:
+def _balanced(manifold: CriticalManifold, path: Expansion, end: OnsetState) -> Solution[CriticalConfiguration] | None:
     """The configuration in exact balance under the stress of the taut edges.
 
     Newton's method reduces the errors of lengths and forces together.  Vertices off the taut edges keep their

@@ -13,7 +13,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from critflow.critical.quantity import Quantity
-from critflow.extras.cables.critical_strain import CriticalStrain, critical_strain
+from critflow.extras.cables.critical_strain import critical_strain
+from critflow.extras.cables.onset_end import CriticalStrain
 from critflow.extras.targets.constrained import RESTORED, Minimum, Problem, minimise_constrained
 from critflow.extras.targets.problem import DesignOptions, DesignResult, Target, Variables
 from critflow.lengths.from_lengths import critical_from_lengths
