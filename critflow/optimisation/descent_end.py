@@ -3,22 +3,22 @@
 In units in which Σσ² = N_b, the mean length ⟨|L|⟩ is 1 and the quantity O has its natural unit; f is what is minimised,
 ±O, and ∂f/∂θ its gradient by θ = log σ.
 
-    status         condition                                                       value and objective
-    -------------  --------------------------------------------------------------  --------------------------------
-    ok             max |dO/dσ| < tolerance, without negative curvature if tested    the last configuration, O there
-    step_limit     the steps are used up, or an observer has ended it               the last configuration, O there
-    stalled        rounding hides every decrease, also of a step off a saddle       the last configuration, O there
-    stalled        a stress σ < FADED as well                                       the same, the edge in the note
-    stalled        σ < UNRESOLVED_STRESS, or |L| < COLLAPSED                        the last configuration, O there
-    stalled        an edge |L| < SOUND² at any such end                             the last sound one, the last O
-    slack_edges    σ < FADED with ∂f/∂θ > 0: these edges fall slack                 the last sound one, limit of O
-    edge_collapse  |L| < COLLAPSING under tension with ∂f/∂θ < 0: they vanish       the last sound one, limit of O
-    singular       P nearly singular for TRAPPED steps (stresses of any sign)       the last regular one, the last O
-    any other      the last stress has no configuration, as a singular start        NaN
+    status         condition                                                    value; objective
+    -------------  -----------------------------------------------------------  --------------------------------
+    ok             max |dO/dσ| < tolerance; no negative curvature, if tested    the last configuration; O
+    step_limit     the steps are used up, or an observer has ended it           the last configuration; O
+    stalled        rounding hides every decrease, also of a step off a saddle,  the last configuration; O
+                   or σ < UNRESOLVED_STRESS, or |L| < COLLAPSED
+    stalled        one of these where an edge |L| < SOUND²                      the last sound one; the last O
+    stalled        one of these where σ < FADED                                 the last configuration; O
+    slack_edges    σ < FADED with ∂f/∂θ > 0: these edges fall slack             the last sound one; limit of O
+    edge_collapse  |L| < COLLAPSING under tension with ∂f/∂θ < 0: they vanish   the last sound one; limit of O
+    singular       P nearly singular for TRAPPED steps (stresses of any sign)   the last regular one; the last O
+    any other      the last stress has no configuration, as a singular start    NaN; NaN
 
-A descent ends at the limits slack_edges and edge_collapse only where the gradient of all other edges is small,
-Σ |∂f/∂θ| < CONVERGED_REST |f|: it else goes on.  A configuration is sound with |L| > SOUND and σ > SOUND².
-The three endings stalled, slack_edges and edge_collapse, and singular at σ > 0, are first tried again (`descent`).
+A descent ends as slack_edges or edge_collapse only where the gradient of all other edges is small,
+Σ |∂f/∂θ| < CONVERGED_REST |f|; else it goes on.  A configuration is sound with |L| > SOUND and σ > SOUND².  Over
+positive stresses a descent that ends stalled, slack_edges, edge_collapse or singular is first repeated (`descent`).
 """
 
 from __future__ import annotations

@@ -7,7 +7,7 @@ from problems import dense_free, random_stress
 from critflow import CriticalManifold, Network, critical_from_lengths, voronoi_network
 from critflow.lengths.boundary import Expansion
 from critflow.lengths.cone import fit_lengths
-from critflow.lengths.from_lengths import newton_error
+from critflow.lengths.lengths_end import newton_error
 from critflow.lengths.taut_edges import OnsetState, newton_taut
 from critflow.lengths.taut_set import polish_taut
 from critflow.linalg.matrices import balanced_part
