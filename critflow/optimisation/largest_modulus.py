@@ -54,22 +54,22 @@ def largest_modulus(network: Network | CriticalManifold, strain: Deformable) -> 
     bound, zero = float(np.trace(F @ moment @ F.T)) / network.volume, vanishes(F, moment, A)
     if zero or is_dilation(A):
         # F = A of a dilation is isotropic: the configuration is L* itself.
-        found: Solution[CriticalConfiguration] = manifold.solve_when_read(balance.sigma, balance)
+        solution: Solution[CriticalConfiguration] = manifold.solve_when_read(balance.sigma, balance)
         x = network.all_coordinates(balance.coordinates)
         here = CriticalConfiguration(network, balance.sigma, x, balance.bond_vectors)
     else:
-        found, shortest = _closed(manifold, balance.bond_vectors, F, A, bound)
-        here = found.value
-    if not found.ok or len(here.collapsed_edges):
-        here = found.value
-    stats = Stats.deferred(lambda: found.stats, method="closed_form", steps=0, residual=here.residual)
-    optimum = Optimum(found.value, Status.ok, stats, objective=modulus.evaluate(here)[0], bound=bound)
+        solution, shortest = _closed(manifold, balance.bond_vectors, F, A, bound)
+        here = solution.value
+    if not solution.ok or len(here.collapsed_edges):
+        here = solution.value
+    stats = Stats.deferred(lambda: solution.stats, method="closed_form", steps=0, residual=here.residual)
+    optimum = Optimum(solution.value, Status.ok, stats, objective=modulus.evaluate(here)[0], bound=bound)
     if here.residual < BALANCED and (zero or abs(optimum.gap) < BALANCED) and shortest > NO_LENGTH:
         edges = here.collapsed_edges
         note = f"edges {', '.join(map(str, edges))} have no length there" if len(edges) else ""
         return replace(optimum, collapsed_edges=edges, note=note)
     # Forces that are all parallel, or an edge that vanishes: the bound is approached, not attained.
-    status = Status.edge_collapse if shortest <= NO_LENGTH else Status.singular if found.ok else found.status
+    status = Status.edge_collapse if shortest <= NO_LENGTH else Status.singular if solution.ok else solution.status
     return replace(optimum, value=unknown_configuration(network), status=status, objective=bound)
 
 
@@ -86,10 +86,10 @@ def _closed(
         else:
             L = _across(manifold, L_star, L_star @ F.T @ _QUARTER_TURN.T)
         square = dot(L, L)
-        found = manifold.solve(k * dot(L_star @ F.T, L) / np.maximum(square, np.finfo(float).tiny))
-        if parallel or abs(TransitionModulus(A).evaluate(found.value)[0] / bound - 1) < BALANCED:
+        solution = manifold.solve(k * dot(L_star @ F.T, L) / np.maximum(square, np.finfo(float).tiny))
+        if parallel or abs(TransitionModulus(A).evaluate(solution.value)[0] / bound - 1) < BALANCED:
             break
-    return found, float(np.sqrt(square.min()) / np.sqrt(square).mean())
+    return solution, float(np.sqrt(square.min()) / np.sqrt(square).mean())
 
 
 def _across(manifold: CriticalManifold, start: Array, normals: Array) -> Array:

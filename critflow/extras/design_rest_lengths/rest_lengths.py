@@ -77,7 +77,7 @@ class RestLengths(Variables):
 
     def refusal(self, targets: Sequence[Target]) -> str:
         for target in targets:
-            if target.goal or not (target.low == target.high and np.isfinite(target.low) and target.low != 0):
+            if target.sense or not (target.low == target.high and np.isfinite(target.low) and target.low != 0):
                 raise InputError(f"the strain of {target.name} must be a number other than zero")
         if self.ratios and len(targets) > 1:
             raise InputError("rest lengths in given ratios have one onset only: give one target")

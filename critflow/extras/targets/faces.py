@@ -124,7 +124,7 @@ class FaceAmplitudes(Variables):
 
     def refusal(self, targets: Sequence[Target]) -> str:
         """A sentence where a closed form excludes the target of C_B, else an empty string."""
-        target = next((target for target in targets if target.quantity.name == "C_B" and not target.goal), None)
+        target = next((target for target in targets if target.quantity.name == "C_B" and not target.sense), None)
         if target is None:
             return ""
         bulk_modulus = quantity(self.network, "B_0")
@@ -143,7 +143,7 @@ class FaceAmplitudes(Variables):
         amplitudes[: self.n_modes] = self.unit * z
         value = self.modes.walk(amplitudes)
         values, rows = self.values(self.at(z), quantities)
-        # The configuration of the same stress, solved anew, bounds the errors of the one that was walked to.
+        # The configuration of the same stress, solved again, bounds the errors of the one that was walked to.
         solved = self.manifold.solve(value.sigma)
         errors = np.full(len(quantities), np.nan)
         if solved.ok:

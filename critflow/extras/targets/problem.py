@@ -24,7 +24,7 @@ from critflow.networks.network import Array, Network
 from critflow.result import InputError, Solution
 from critflow.springs.state import SpringState
 
-GOALS = ("largest", "smallest")
+EXTREMES = ("largest", "smallest")
 # Powers of σ and |L| in the quantities of an edge that a stress sets.
 POWERS = {"lengths": (0, 1), "tensions": (1, 1), "force_densities": (1, 0)}
 ABSOLUTE = ("lengths", "stiffnesses")  # the others are in units of their mean
@@ -37,7 +37,7 @@ class Target(NamedTuple):
     quantity: Quantity
     low: float
     high: float
-    goal: int
+    sense: int
 
 
 def parse_targets(network: Network, targets: Mapping[Any, object]) -> list[Target]:
@@ -52,14 +52,14 @@ def parse_targets(network: Network, targets: Mapping[Any, object]) -> list[Targe
             if same(function, other.quantity):
                 raise InputError(f"the targets {other.name} and {name} are the same: give one of them")
         if isinstance(value, str):
-            if value not in GOALS:
+            if value not in EXTREMES:
                 raise InputError(f"{name} must be a number, limits, 'largest' or 'smallest', not {value!r:.40}")
             parsed.append(Target(name, function, -np.inf, np.inf, 1 if value == "smallest" else -1))
         else:
             parsed.append(Target(name, function, *limits_of(name, value), 0))
-    goals = [target.name for target in parsed if target.goal]
-    if len(goals) > 1:
-        raise InputError(f"only one of {' and '.join(goals)} can be largest or smallest: give the others limits")
+    extremes = [target.name for target in parsed if target.sense]
+    if len(extremes) > 1:
+        raise InputError(f"only one of {' and '.join(extremes)} can be largest or smallest: give the others limits")
     return parsed
 
 
@@ -291,7 +291,7 @@ class TargetProblem:
 
     def __init__(self, variables: Variables, preference: Preference, targets: Sequence[Target]):
         self.variables, self.preference = variables, preference
-        self.targets = [target for target in targets if not target.goal]
+        self.targets = [target for target in targets if not target.sense]
         self.sizes = variables.sizes(self.targets)
         low, high = (np.array([getattr(t, end) for t in self.targets]) for end in ("low", "high"))
         self.low = np.concatenate([low / self.sizes, variables.low])

@@ -141,7 +141,7 @@ def design(
     parsed = parse_targets(network, targets)
     variables = _kind(change).of(start, DesignOptions(network, change, prefer, within, signs, free, initial))
     refusal = variables.refusal(parsed)
-    extreme = next((target for target in parsed if target.goal), None)
+    extreme = next((target for target in parsed if target.sense), None)
     preference = preference_of(variables, network, prefer, extreme)
     problem = TargetProblem(variables, preference, parsed)
     if refusal:
@@ -221,9 +221,9 @@ def preference_of(
     change = isinstance(prefer, str) and prefer in ("least_change", *variables.preferences)
     if extreme is not None:
         if not change:
-            word = {1: "smallest", -1: "largest"}[extreme.goal]
+            word = {1: "smallest", -1: "largest"}[extreme.sense]
             raise InputError(f"{extreme.name} is to be {word}, which leaves no choice: omit prefer")
-        return best_value(variables, extreme.quantity, extreme.name, float(extreme.goal))
+        return best_value(variables, extreme.quantity, extreme.name, float(extreme.sense))
     if change:
         return least_change(variables)
     if not isinstance(variables, Stresses):
