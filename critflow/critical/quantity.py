@@ -16,6 +16,7 @@ from typing import ClassVar, NamedTuple, Protocol
 import numpy as np
 
 from critflow.critical.manifold import Balance, CriticalConfiguration, CriticalManifold
+from critflow.critical.units import modulus_unit
 from critflow.linalg.tolerances import EPS
 from critflow.networks.network import Array, Network
 from critflow.result import InputError, Record
@@ -108,7 +109,7 @@ class Quantity(Record, ABC):
         return -np.inf, np.inf
 
     def unit(self, network: Network) -> float:
-        """The natural unit of the values on a network, in which absolute tolerances hold: 1 by default."""
+        """The natural unit of the values on a network (`critflow.critical.units`): 1 by default."""
         return 1.0
 
     def of_stress(self, dimension: int) -> OfStress | None:
@@ -136,9 +137,7 @@ class SpringResponse(Quantity):
     elastic: ClassVar[bool] = True
 
     def unit(self, network: Network) -> float:
-        """⟨k⟩ (V/N_v)^((2 − d)/d), the unit of moduli."""
-        d = network.dimension
-        return float(network.stiffness.mean()) * (1.0 if d == 2 else network.spacing ** (2 - d))
+        return modulus_unit(network)
 
 
 @dataclass(frozen=True, eq=False)

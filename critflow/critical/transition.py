@@ -21,6 +21,7 @@ import scipy.linalg
 from critflow.arguments import checked
 from critflow.critical.manifold import CriticalManifold
 from critflow.critical.quantity import Balanced, OfStress, Partials, SpringResponse
+from critflow.critical.units import stress_unit
 from critflow.linalg.vectors import dot
 from critflow.networks.deformation import Deformable, deformation_of, strain_basis
 from critflow.networks.network import Array, Network
@@ -210,7 +211,7 @@ class StressComponent(SpringResponse):
         return (0.0 if positive and np.linalg.eigvalsh(self.strain)[0] >= 0 else -reach), reach
 
     def unit(self, network: Network) -> float:
-        return float(np.sqrt(network.stiffness.mean())) * network.spacing
+        return stress_unit(network)
 
     def of_stress(self, dimension: int) -> OfStress:
         return OfStress(self.strain, False)
