@@ -16,6 +16,7 @@ from critflow import (
     lattice,
     optimize,
     properties,
+    quantity,
     stiffening,
     upper_bound,
     voronoi_network,
@@ -215,3 +216,9 @@ def test_the_gradient_of_the_distance_from_coordinates_is_that_of_differences():
     gradient = distance.at(stresses.at(stresses.origin), stresses.origin)[1]
     step = np.random.default_rng(2).normal(size=90)
     assert_derivative(value, gradient, stresses.origin, [step], 1e-3, 1e-7)
+
+
+def test_no_softening_beyond_that_of_the_stiffest_network_is_designed():
+    network = voronoi_network(8, seed=0)
+    with pytest.raises(SolveError, match="at least"):
+        design(network, {"C_B": 1.001 * quantity(network, "C_B").extreme(CriticalManifold(network))[0]})
