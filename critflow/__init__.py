@@ -4,39 +4,31 @@ The public names and their modules stand in `__init__.pyi`.  A module is importe
 all together take longer than many a command.
 """
 
-import ast
-import sys
-from importlib import import_module
-from pathlib import Path
-from types import ModuleType
-from typing import Any
+from importlib import import_module as _import_module
+from typing import Any as _Any
 
-_STUB = ast.parse(Path(__file__).with_suffix(".pyi").read_text(encoding="utf-8"))
-_IMPORTS = [node for node in _STUB.body if isinstance(node, ast.ImportFrom)]
-_MODULES = {alias.name: str(node.module) for node in _IMPORTS for alias in node.names}
-__all__ = list(_MODULES)
+import lazy_loader as _lazy_loader
+
+_imported, _, __all__ = _lazy_loader.attach_stub(__name__, __file__)
 
 
-class _Package(ModuleType):
-    """The package, in which `design` and `rigidity` are the functions also after an import from their folders."""
-
-    def __getattr__(self, name: str) -> Any:
-        if name == "__version__":
-            value = import_module("importlib.metadata").version("critflow")
-        elif name in _MODULES:
-            value = getattr(import_module(_MODULES[name]), name)
-        else:
-            raise AttributeError(f"module 'critflow' has no attribute {name!r}")
-        vars(self)[name] = value
-        return value
-
-    def __setattr__(self, name: str, value: object) -> None:
-        # The import of a folder sets its name here.
-        if name not in _MODULES or not isinstance(value, ModuleType):
-            super().__setattr__(name, value)
-
-    def __dir__(self) -> list[str]:
-        return [*super().__dir__(), *__all__]
+def __getattr__(name: str) -> _Any:
+    """A public name, imported; `AttributeError` says which extra is missing where its folder is."""
+    if name == "__version__":
+        return _import_module("importlib.metadata").version(__name__)
+    if name not in __all__:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    try:
+        return _imported(name)
+    except ModuleNotFoundError as error:
+        package, _, module = str(error.name).partition(".extras.")
+        if package != __name__:
+            raise
+        extra = module.partition(".")[0]
+        relation = "belongs to" if _import_module("critflow.extensions").missing(name) == extra else "needs"
+        sentence = f"critflow.{name} {relation} the extra {extra!r}, which is not installed: install critflow again"
+        raise AttributeError(sentence) from error
 
 
-sys.modules[__name__].__class__ = _Package
+def __dir__() -> list[str]:
+    return ["__version__", *__all__]

@@ -26,6 +26,14 @@ from critflow.result import InputError, Solution
 Parameters = ParamSpec("Parameters")
 Returned = TypeVar("Returned")
 
+# The words of the kinds of values.
+_WORDS = {
+    np.ndarray: "an array of numbers",
+    float: "a number",
+    int: "a whole number",
+    str: "a name",
+    bool: "True or False",
+}
 _ARRAYS = {"ArrayLike", "Array", "IntArray", "Mask"}
 _NUMBERS = {"float": "a number", "int": "a whole number"}
 # What makes the objects that calls take most often.
@@ -33,6 +41,54 @@ _MAKERS = {
     "CriticalConfiguration": "CriticalManifold(network).configuration(sigma) or optimize(network, 'B_0') makes one",
     "SpringState": "spring_state(network, coordinates) makes one",
 }
+
+
+def of_kind(*kinds: Any, **values: Any) -> Any:
+    """The values of arguments by name, each of one of these kinds, else an `InputError`: one value, or a tuple.
+
+    kinds  classes, and None.  `float` and `int` stand for numbers of every type, and `np.ndarray` for all that NumPy
+           makes an array of numbers
+
+    Whole numbers are returned as `int`, and a solution or another holder as what it holds.
+    """
+    converted = tuple(_converted(name, value, kinds) for name, value in values.items())
+    return converted if len(converted) > 1 else converted[0]
+
+
+def _converted(name: str, value: Any, kinds: tuple[Any, ...]) -> Any:
+    if type(value) in kinds and type(value) is not np.ndarray:
+        return value
+    classes = tuple(kind for kind in kinds if kind is not None and kind not in _WORDS)
+    if (value is None and None in kinds) or isinstance(value, classes):
+        return value
+    if (str in kinds and isinstance(value, str)) or (bool in kinds and isinstance(value, bool | np.bool_)):
+        return value
+    if is_number(value) and float in kinds:
+        return value
+    if is_number(value) and int in kinds and float(value).is_integer():
+        return int(value)
+    if np.ndarray in kinds and _is_array(value):
+        return value
+    content = held(value, classes)
+    if content is None:
+        expected = [_WORDS[kind] for kind in _WORDS if kind in kinds] + [
+            _with_article(kind.__name__) for kind in classes
+        ]
+        raise InputError(f"{name} must be {' or '.join(expected)}, not {shown(value)}{_advice(value, classes)}")
+    if isinstance(value, Solution) and not value:
+        raise InputError(f"{name} is a solution that failed: {value.reason}: its last state is its .value")
+    return content
+
+
+def _advice(value: Any, classes: tuple[type[Any], ...]) -> str:
+    """Where the value contains one of these classes, or what makes one."""
+    if np.random.Generator in classes and is_number(value):
+        return f": use numpy.random.default_rng({value})"
+    if reason := getattr(value.value if isinstance(value, Solution) else value, "alone", ""):
+        return f": {reason}"
+    if isinstance(value, Solution):
+        return ": use its .value"
+    return next((f": {_MAKERS[kind.__name__]}" for kind in classes if kind.__name__ in _MAKERS), "")
 
 
 def checked(function: Callable[Parameters, Returned]) -> Callable[Parameters, Returned]:
@@ -89,6 +145,12 @@ def held(holder: Any, kinds: tuple[type, ...]) -> Any:
         if isinstance(part, kinds):
             return part
     return None
+
+
+def of_known_kind(function: Any, *kinds: type[Any], **values: Any) -> Any:
+    """As `of_kind`, where a function that is `extensible` also takes the kinds that are registered for it."""
+    own = (type(value.value if isinstance(value, Solution) else value) for value in values.values())
+    return of_kind(*kinds, *(kind for kind in own if kind not in kinds and function.takes(kind)), **values)
 
 
 def generator(seed: int | np.random.Generator) -> np.random.Generator:
@@ -169,7 +231,7 @@ class _Kinds:
         """Where the value contains a suitable one."""
         if np.random.Generator in self.classes and is_number(value):
             return f": use numpy.random.default_rng({value})"
-        if reason := getattr(value, "alone", ""):
+        if reason := getattr(value.value if isinstance(value, Solution) else value, "alone", ""):
             return f": {reason}"
         if isinstance(value, Solution):
             return ": use its .value"

@@ -2,12 +2,15 @@
 
     needs       other extras that it imports
     kinds       classes of the scene that its package teaches to functions which are `extensible`
-    quantities  name, or the part before brackets -> "module:factory" within its folder
+    quantities  name, such as "onset[D]" -> "module:factory" within its folder, as in `critical.vocabulary`
     commands    name -> "module:function" within its folder
     functions   name -> "module:function" within its folder, of a service that the scene calls by `provided`
+    backends    name -> place and crossovers of a sparse solver, as `critflow.linalg.backends` describes
+    iterations  likewise of an iterative one
 
 The scene reads the declarations and imports an extra when one of its names is used.  It names none of them, so that a
-folder can be added or deleted without an edit.
+folder can be added or deleted without an edit.  The data file `known_extras.toml` lists the names of all extras of
+critflow, so that a name of one that is not installed is an error that says which.
 """
 
 from __future__ import annotations
@@ -23,6 +26,15 @@ from typing import Any
 from critflow.result import InputError
 
 _FOLDER = Path(__file__).with_name("extras")
+_KNOWN = Path(__file__).with_name("known_extras.toml")
+
+
+@dataclass(frozen=True)
+class Command:
+    """A subcommand that an extra adds: where its function is, and its line in `critflow --help`."""
+
+    place: str
+    help: str
 
 
 @dataclass(frozen=True)
@@ -30,11 +42,13 @@ class Extra:
     """The declarations of one extra."""
 
     name: str
-    needs: tuple[str, ...] = ()
-    kinds: tuple[str, ...] = ()
+    needs: list[str] = field(default_factory=list)
+    kinds: list[str] = field(default_factory=list)
     quantities: dict[str, str] = field(default_factory=dict)
-    commands: dict[str, str] = field(default_factory=dict)
+    commands: dict[str, Command] = field(default_factory=dict)
     functions: dict[str, str] = field(default_factory=dict)
+    backends: dict[str, dict[str, Any]] = field(default_factory=dict)
+    iterations: dict[str, dict[str, Any]] = field(default_factory=dict)
 
     @property
     def package(self) -> str:
@@ -42,8 +56,13 @@ class Extra:
 
     def named(self, place: str) -> Any:
         """The object at "module:name" within the folder."""
-        module, _, name = place.partition(":")
-        return getattr(import_module(f"{self.package}.{module}"), name)
+        return named(f"{self.package}.{place}")
+
+
+def named(place: str) -> Any:
+    """The object at "module:name", whose module is imported at its first use."""
+    module, _, name = place.partition(":")
+    return getattr(import_module(module), name)
 
 
 @cache
@@ -51,17 +70,32 @@ def extras() -> dict[str, Extra]:
     """All extras that are there, by name, in alphabetical order."""
     files = sorted(_FOLDER.glob("*/extra.toml"))
     declared = {file.parent.name: tomllib.loads(file.read_text(encoding="utf-8")) for file in files}
-    return {
-        name: Extra(
-            name,
-            tuple(entries.get("needs", ())),
-            tuple(entries.get("kinds", ())),
-            entries.get("quantities", {}),
-            entries.get("commands", {}),
-            entries.get("functions", {}),
-        )
-        for name, entries in declared.items()
-    }
+    return {name: _extra(name, **entries) for name, entries in declared.items()}
+
+
+def _extra(name: str, commands: dict[str, dict[str, str]] | None = None, **entries: Any) -> Extra:
+    return Extra(name, commands={one: Command(**entry) for one, entry in (commands or {}).items()}, **entries)
+
+
+def quantities() -> dict[str, str]:
+    """Quantities of all extras: "module:factory" by name."""
+    return {name: f"{one.package}.{place}" for one in extras().values() for name, place in one.quantities.items()}
+
+
+def missing(name: str) -> str | None:
+    """The extra of critflow that would have a name, where that extra is not installed, else None.
+
+    name  a public name, a command, a service for `provided`, or a quantity, such as "onset[dilation]"
+    """
+    absent = {extra: names for extra, names in _known().items() if extra not in extras()}
+    stem = name.partition("[")[0]
+    return next((extra for extra, names in absent.items() if stem in {one.partition("[")[0] for one in names}), None)
+
+
+@cache
+def _known() -> dict[str, list[str]]:
+    """The names of all extras of critflow, installed or not."""
+    return tomllib.loads(_KNOWN.read_text(encoding="utf-8"))
 
 
 def provided(name: str, purpose: str) -> Any:
@@ -72,7 +106,9 @@ def provided(name: str, purpose: str) -> Any:
     for extra in extras().values():
         if name in extra.functions:
             return extra.named(extra.functions[name])
-    raise InputError(f"{purpose} belong to an extra of critflow that is not installed: install critflow again")
+    absent = missing(name)
+    which = f"the extra {absent!r} of critflow, which" if absent else "an extra of critflow that"
+    raise InputError(f"{purpose} belong to {which} is not installed: install critflow again")
 
 
 def extensible(function: Callable[..., Any]) -> Any:
@@ -91,8 +127,13 @@ def extensible(function: Callable[..., Any]) -> Any:
         _import_extras_of(type(first))  # type: ignore[arg-type]
         return dispatcher(first, *args, **options)
 
+    def takes(kind: type[Any]) -> bool:
+        """Whether a function is registered for a class, or for one of its bases."""
+        _import_extras_of(kind)  # type: ignore[arg-type]
+        return dispatcher.dispatch(kind) is not function
+
     dispatched.register = dispatcher.register  # type: ignore[attr-defined]
-    dispatched.dispatch = dispatcher.dispatch  # type: ignore[attr-defined]
+    dispatched.takes = takes  # type: ignore[attr-defined]
     return dispatched
 
 

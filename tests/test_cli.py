@@ -11,6 +11,8 @@ import pytest
 import xarray as xr
 from distributed import Client
 
+from critflow import extensions
+from critflow.command import subcommands
 from critflow.command.main import main
 from critflow.workflow import workers
 
@@ -107,12 +109,13 @@ MISTAKES = {  # words of the command, exit code, a word of the message
     "verify nothing": (["verify", "nowhere"], 2, "results folder"),
     "figures of nothing": (["figures", "nowhere"], 2, "results folder"),
     "figures in an unknown format": (["figures", "RESULTS", "--format", "gif"], 2, "svg"),
-    "--port too large": (["explore", "--port", "99999"], 2, "65535"),
     "show nothing": (["show", "nowhere.nc"], 2, "run the study"),
     "show a folder": (["show", "folder"], 2, "folder"),
     "show a text": (["show", "text.txt"], 4, "text.txt"),
     "show an unknown axis": (["show", "RESULTS/tiny.nc", "--set", "sed=1"], 2, "'seed'"),
     "show an unknown value": (["show", "RESULTS/tiny.nc", "--set", "population=flopy"], 2, "'floppy'"),
+    "show in no folder": (["show", "RESULTS/tiny.nc", "--out", "nowhere/x.png"], 2, "no folder"),
+    "show as a text": (["show", "RESULTS/tiny.nc", "--out", "x.doc"], 2, "ending"),
     "show several": (["show", "RESULTS/tiny.nc", "--set", "seed=1"], 2, "add --set population=random"),
 }
 
@@ -232,3 +235,34 @@ def test_version_and_help(capsys):
     assert main(["--help"]) == 0
     out = capsys.readouterr().out
     assert all(command in out for command in ("run", "list", "status", "verify", "figures", "show"))
+
+
+@pytest.fixture
+def without_files(monkeypatch):
+    """The command of an installation without one extra, which has a subcommand."""
+    rest = {name: extra for name, extra in subcommands.extras().items() if name != "files"}
+    monkeypatch.setattr(subcommands, "extras", lambda: rest)
+    monkeypatch.setattr(extensions, "extras", lambda: rest)
+
+
+def test_a_command_of_an_extra_that_is_not_installed(without_files, capsys):
+    assert main(["convert", "a.csv", "b.csv"]) == 2
+    sentence = "critflow: convert belongs to the extra 'files' of critflow, which is not installed"
+    assert capsys.readouterr().err.startswith(sentence)
+    assert main(["--help"]) == 0
+    out = capsys.readouterr().out
+    assert "  show " in out and "  convert " not in out
+
+
+def test_help_imports_no_extra_and_prints_what_the_commands_print(capsys):
+    code = (
+        "import sys, critflow.command.main as m; m.main(['--help']); print([n for n in sys.modules if '.extras.' in n])"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    assert done.stdout.endswith("\n[]\n"), done.stdout
+    for extra in extensions.extras().values():
+        for name, command in extra.commands.items():
+            assert name in done.stdout
+            assert (extra.named(command.place).__doc__ or "").splitlines()[0] == command.help
+            assert main([name, "--help"]) == 0
+            assert f"Usage: critflow {name} [OPTIONS]" in capsys.readouterr().out

@@ -1,9 +1,8 @@
 """The layers of the package: who may import what, and how long a function may be, read from the source."""
 
 import ast
-import inspect
+import sys
 from collections.abc import Iterator
-from importlib import import_module
 from pathlib import Path
 
 import pytest
@@ -18,7 +17,7 @@ SOURCES = {
 }
 # The scene: each layer imports only those before it.
 LAYERS = (
-    *("result", "progress", "arguments", "extensions", "networks", "generators", "linalg", "precision"),
+    *("result", "progress", "threads", "arguments", "extensions", "networks", "generators", "linalg", "precision"),
     *("critical", "certificates", "lengths", "optimisation", "springs", "response", "paths"),
     *("workflow", "figures", "extras", "command", "__main__"),
 )
@@ -27,13 +26,9 @@ PHYSICS = LAYERS[: LAYERS.index("workflow")]
 # The engine computes cases of any kind.
 WITHOUT = {"workflow": {*PHYSICS, "figures"} - {"result", "extensions"}}
 # Modules of the scene that still import an extra.  This list may only become shorter.
-ARROWS = {
-    *("command.main", "command.networks", "critical.manifold", "figures.drawing", "linalg.backends", "linalg.factor"),
-    *("paths.continuation", "paths.start", "paths.strain_path", "paths.tangent", "precision.refinement"),
-    *("response.at_transition", "response.elasticity", "response.stiffening", "springs.state"),
-}
+ARROWS: set[str] = set()
 # Modules that still import a later layer.
-UPWARD = {"critical.vocabulary", "extras.explore.command"}
+UPWARD: set[str] = set()
 HEAVY = {"xarray", "dask", "distributed", "netCDF4", "typer", "rich"}
 ALLOWED = {
     *("__future__", "abc", "collections", "copy", "dataclasses", "difflib", "enum"),
@@ -42,7 +37,7 @@ ALLOWED = {
 # Modules that may import a solver package, guard it from other threads or, for the C library MKL, search the disk.
 SOLVERS = {
     "critflow.arguments": {"contextlib", "threadpoolctl"},
-    "critflow.linalg.backends": {"pymetis", "qdldl"},
+    "critflow.linalg.backends": {"qdldl"},
     "critflow.extensions": {"importlib", "pathlib", "tomllib"},
     "critflow.linalg.factor": {"threading"},
     "critflow.progress": {"contextlib", "sys", "threading", "time"},
@@ -187,16 +182,26 @@ def test_the_command_starts_without_slow_libraries():
     assert not roots & {"scipy", "xarray", "dask", "distributed", "matplotlib", "rich", "mpmath"}
 
 
-def test_functions_keep_their_names_where_a_folder_has_the_same():
-    """The import of a folder would set its name in the package."""
-    import_module("critflow.extras.targets.targets"), import_module("critflow.certificates.counts")
-    assert all(inspect.isfunction(getattr(critflow, name)) for name in ("design", "rigidity"))
+def test_no_public_name_is_a_folder_or_a_module():
+    """The import of a folder sets its name in the package, in place of the function."""
+    assert not {layer(name) for name in SOURCES} & set(NAMES)
 
 
 def test_every_public_name_is_there():
     assert all(hasattr(critflow, name) for name in NAMES) and len(NAMES) <= MOST_NAMES
+    assert set(dir(critflow)) == {*NAMES, "__version__"}
     with pytest.raises(AttributeError, match="'critflow' has no attribute 'nonsense'"):
         critflow.nonsense  # noqa: B018
+
+
+def test_a_name_of_a_deleted_extra_says_which(monkeypatch):
+    monkeypatch.delitem(vars(critflow), "nearest_critical", raising=False)
+    monkeypatch.delitem(sys.modules, "critflow.extras.inference.nearest", raising=False)
+    monkeypatch.setitem(sys.modules, "critflow.extras.inference", None)
+    for relation in ("needs", "belongs to"):
+        with pytest.raises(AttributeError, match=f"nearest_critical {relation} the extra 'inference', which is not"):
+            critflow.nearest_critical  # noqa: B018
+        monkeypatch.setattr("critflow.extensions.extras", dict)
 
 
 def words(node: ast.AST) -> set[str]:

@@ -22,7 +22,7 @@ def case(parameters, *, seed):
     network, longer = manifold.network, 1 + parameters["excess"]
     equal = np.ones(network.n_edges)
     lengths = longer * cf.critical_from_lengths(manifold, equal, throw=False).ratio * equal
-    strain = cf.critical_strain(network, lengths, "simple_shear").strain
+    strain = cf.critical_strain(network, lengths, "simple_shear").value.strain
     designs = [designed(network, lengths, factor * strain) for factor in parameters["factors"]]
     onsets = [onset(manifold, longer, modulus) for modulus in parameters["moduli"]]
     return {"status": cf.Status.ok, **stacked(designs), **stacked(onsets)}
@@ -36,7 +36,7 @@ def designed(network, lengths, target):
     again = cf.critical_strain(network, made.value.rest_lengths, "simple_shear", direction=side, throw=False)
     return {
         "target": target,
-        "achieved": again.strain,
+        "achieved": again.value.strain,
         "achieved_error_bound": again.stats.error_bound,
         "distance": made.distance,
         "target_status": made.status,
@@ -48,7 +48,7 @@ def onset(manifold, longer, modulus):
     """Critical shear of the lengths of a design of B_0, lengthened alike."""
     critical = cf.design(manifold, {"B_0": modulus}, throw=False).value
     onset = cf.critical_strain(manifold.network, longer * critical.lengths, "simple_shear", throw=False)
-    return {"shear": onset.strain, "shear_error_bound": onset.stats.error_bound, "shear_status": onset.status}
+    return {"shear": onset.value.strain, "shear_error_bound": onset.stats.error_bound, "shear_status": onset.status}
 
 
 def figure(ds):

@@ -65,16 +65,16 @@ def sequence(critical, path, law, cuts, rng):
         lengths = lengths[edges]
         onset = cf.critical_strain(network, lengths, path, throw=False)
         # Bounds that differ by more than 1e-9 still give a configuration.
-        if not np.isfinite(onset.strain):
+        if not np.isfinite(onset.value.strain):
             yield onset.status, None, np.nan
             return
-        critical = onset.configuration
+        critical = onset.value.configuration
         try:
             backbone(critical)
         except cf.InputError:  # rounding leaves an edge taut that no other one balances
             yield cf.Status.ill_conditioned, None, np.nan
             return
-        yield onset.status, critical, (onset.strain, onset.stats.error_bound)
+        yield onset.status, critical, (onset.value.strain, onset.stats.error_bound)
 
 
 def chosen(tensions, law, rng):

@@ -65,8 +65,8 @@ def against_coordination(parameters, family, seed):
             onset = cf.critical_strain(network, lengths, deformation, throw=False)
             status[row, column] = onset.status
             if all(onset.value.proven):
-                strain[row, column], gap[row, column] = onset.strain, onset.upper - onset.lower
-                taut[row, column] = onset.taut.mean()
+                strain[row, column], gap[row, column] = onset.value.strain, onset.value.upper - onset.value.lower
+                taut[row, column] = onset.value.taut.mean()
     return {
         "critical_strain": strain,
         "critical_strain_error_bound": gap,

@@ -1,7 +1,7 @@
 """The `critflow` command: arguments and messages only.
 
 A command imports inside its function the modules that compute, and those that need xarray, dask or matplotlib: they
-take most of the start-up time, and worker processes import this module again.
+take most of the start-up time, and worker processes import this module again.  Extras add further commands.
 """
 
 from __future__ import annotations
@@ -18,8 +18,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from critflow.command.networks import convert, examine_file, make
-from critflow.extras.explore.command import explore
+from critflow.command.subcommands import Subcommands
 from critflow.result import CritflowError, EnvironmentFailure, InputError, IntegrityError
 from critflow.workflow.folder import DONE, FAILED, MISSING, Folder, LockedError, Part, reason_lines
 from critflow.workflow.load import StudyFile, load_study, named_studies
@@ -45,6 +44,7 @@ EXIT_CODES = (
 _MOST_FAILURES = 10  # lines
 
 app = typer.Typer(
+    cls=Subcommands,
     help="Design spring networks at the rigidity transition, and measure ensembles of them.",
     add_completion=False,
     pretty_exceptions_enable=False,
@@ -171,9 +171,7 @@ def run(
 
 def _origin(command: str) -> dict[str, str]:
     """Attributes of a dataset about the command that writes it."""
-    from critflow.linalg.backends import available_backends
-
-    return {"history": command, "sparse_solvers": " ".join(available_backends())}
+    return {"history": command}
 
 
 def _print_plan(loaded: StudyFile, requested: Selection, folder: Folder, plan: RunPlan) -> int:
@@ -315,18 +313,18 @@ def show(
     ] = None,
 ) -> None:
     """Draw one configuration of a dataset, chosen by its labels, and print its certificate."""
-    from critflow.extras.examine.show import case_title, choose_case, show_configuration
+    from critflow.command.show import show_configuration
+    from critflow.figures.drawing import require_picture
     from critflow.workflow.dataset import opened_dataset
+    from critflow.workflow.selected import case_title, choose_case
 
     if file.is_dir():
         raise InputError(f"{file} is a folder: give the dataset NAME.nc in it")
+    if out is not None:
+        require_picture(out)
     with opened_dataset(file) as dataset:
         case = choose_case(dataset, settings)
         print(show_configuration(case, out or file.parent / f"{case_title(case)}.png"))
-
-
-for _name, _command in {"convert": convert, "examine": examine_file, "make": make, "explore": explore}.items():
-    app.command(_name)(_command)
 
 
 def _print_report(folder: Folder, report: Report) -> None:

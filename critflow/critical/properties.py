@@ -17,18 +17,20 @@ from dataclasses import dataclass, field
 import numpy as np
 from scipy.sparse.linalg import LinearOperator
 
-from critflow.arguments import checked
+from critflow.arguments import of_kind
 from critflow.critical.manifold import CriticalConfiguration, require_one_self_stress
 from critflow.critical.quantity import Quantity, evaluate
 from critflow.critical.vocabulary import quantity
 from critflow.networks.network import Array
+from critflow.progress import running
 from critflow.result import InputError, Record
+from critflow.threads import one_blas_thread
 
 FLAT = 1e-9  # eigenvalues of a stress Hessian below this part of the largest are zero; rounding leaves about 1e-13
 DENSE_EDGES = 2000  # most edges for all eigenvalues of a stress Hessian: 32 MB and some seconds
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Properties(Record):
     """Quantities of a critical configuration and their gradients (N_b,), by name.
 
@@ -45,7 +47,8 @@ class Properties(Record):
     by_stiffness: dict[str, Array] = field(repr=False)
 
 
-@checked
+@running("properties")
+@one_blas_thread()
 def properties(critical: CriticalConfiguration, quantities: Sequence[str | Quantity] | str | Quantity) -> Properties:
     """Quantities of a critical configuration with their errors and exact gradients by σ and by k.
 
@@ -58,6 +61,7 @@ def properties(critical: CriticalConfiguration, quantities: Sequence[str | Quant
     >>> bool(abs(cf.properties(best, ['B_0']).by_stress['B_0']).max() < 1e-12)
     True
     """
+    critical = of_kind(CriticalConfiguration, critical=critical)
     given = [quantities] if isinstance(quantities, str | Quantity) else quantities
     if not isinstance(given, list | tuple) or not given or not all(isinstance(one, str | Quantity) for one in given):
         raise InputError("give a list of at least one quantity, such as ['B_0']")
@@ -77,7 +81,7 @@ def properties(critical: CriticalConfiguration, quantities: Sequence[str | Quant
     )
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class FlatDirections(Record):
     """The directions in stress along which a quantity does not change to second order.
 
@@ -96,12 +100,15 @@ class FlatDirections(Record):
         return len(self.directions)
 
 
-@checked
+@running("stress_hessian")
+@one_blas_thread()
 def stress_hessian(critical: CriticalConfiguration, name: str | Quantity = "B_0") -> LinearOperator:
     """∂²O/∂σ∂σ at Σσ² = N_b, configuration following σ, as an operator (N_b, N_b) (`BulkModulusHessian`).
 
     A product costs two solves on the factor of P; the matrix itself is never formed.
     """
+    critical = of_kind(CriticalConfiguration, critical=critical)
+    name = of_kind(str, Quantity, name=name)
     manifold, goal = critical.manifold, quantity(critical.network, name)
     evaluation = evaluate(manifold, goal, manifold.configuration(critical.sigma).sigma)
 
@@ -112,7 +119,8 @@ def stress_hessian(critical: CriticalConfiguration, name: str | Quantity = "B_0"
     return LinearOperator((n, n), matvec=apply, rmatvec=apply, dtype=float)
 
 
-@checked
+@running("flat_directions")
+@one_blas_thread()
 def flat_directions(
     critical: CriticalConfiguration, name: str | Quantity = "B_0", tolerance: float = FLAT
 ) -> FlatDirections:
@@ -128,6 +136,9 @@ def flat_directions(
     >>> flat_directions(cf.optimize(cf.lattice("honeycomb", 2, 2), 'B_0')).n_flat
     4
     """
+    critical = of_kind(CriticalConfiguration, critical=critical)
+    name = of_kind(str, Quantity, name=name)
+    of_kind(float, tolerance=tolerance)
     n = critical.network.n_edges
     if n > DENSE_EDGES:
         raise InputError(f"{n} edges are more than {DENSE_EDGES}: use the products of stress_hessian()")

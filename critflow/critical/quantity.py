@@ -10,8 +10,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
-from types import SimpleNamespace
-from typing import ClassVar, NamedTuple, Protocol
+from typing import ClassVar, Protocol
 
 import numpy as np
 
@@ -40,11 +39,17 @@ class Balanced(Protocol):
     def manifold(self) -> CriticalManifold: ...
 
 
-class OfStress(NamedTuple):
-    """A quantity that is a function of S/√D alone: S:A/√D, or its square over V (`squared`), A (d, d) symmetric."""
+@dataclass(frozen=True, eq=False)
+class StressedBonds:
+    """A stress σ (N_b,) and bond vectors L (N_b, d) without coordinates: a `Balanced` where P is not needed."""
 
-    strain: Array
-    squared: bool
+    manifold: CriticalManifold
+    sigma: Array
+    bond_vectors: Array
+
+    @property
+    def network(self) -> Network:
+        return self.manifold.network
 
 
 class Quantity(Record, ABC):
@@ -55,13 +60,11 @@ class Quantity(Record, ABC):
     maximise         whether the largest value is the best
     one_self_stress  whether the formula is valid only for networks with one self-stress
     elastic          whether it is a response of springs, which pressures in faces would change
-    exact            method that finds the optimum without a descent, or an empty string
     """
 
     maximise: bool = False
     one_self_stress: ClassVar[bool] = False
     elastic: ClassVar[bool] = False
-    exact: ClassVar[str] = ""
 
     @property
     def name(self) -> str:
@@ -88,8 +91,7 @@ class Quantity(Record, ABC):
                 stiffness = network.stiffness.copy()
                 stiffness[edge] = k * (1 + sign * DIFFERENCE)
                 changed = network.with_stiffness(stiffness)
-                there = SimpleNamespace(network=changed, sigma=balance.sigma, bond_vectors=balance.bond_vectors)
-                there.manifold = CriticalManifold.of(changed)
+                there = StressedBonds(CriticalManifold.of(changed), balance.sigma, balance.bond_vectors)
                 ends.append(self.evaluate(there)[0])
             rows[edge] = (ends[0] - ends[1]) / (2 * DIFFERENCE * k)
         return rows
@@ -112,21 +114,13 @@ class Quantity(Record, ABC):
         """The natural unit of the values on a network (`critflow.critical.units`): 1 by default."""
         return 1.0
 
-    def of_stress(self, dimension: int) -> OfStress | None:
-        """The function of S/√D that the quantity is, if it is one."""
-        return None
-
-    def tensor_weights(self, dimension: int) -> Array:
-        """W (m, m) of a quantity that is linear in the elasticity tensor, W:C, in the order of `strain_basis`."""
-        raise InputError(f"{self.name} is not linear in the elasticity tensor, so stiffnesses at rest cannot set it")
-
     @property
     def has_differential(self) -> bool:
         """Whether `differential` is defined."""
         return type(self).differential is not Quantity.differential
 
-    def stiff_diagonal(self, balance: Balanced) -> Array | float:
-        """A steep part of ∂²O/∂(log σ)² that is diagonal and known, of the sign of a penalty: ≥ 0 when minimised."""
+    def preconditioner(self, balance: Balanced) -> Array | float:
+        """Diagonal Hessian (N_b,) of a penalty in log σ, of the sign ≥ 0 when minimised: the first matrix of L-BFGS."""
         return 0.0
 
 

@@ -18,9 +18,9 @@ from typing import ClassVar
 import numpy as np
 import scipy.linalg
 
-from critflow.arguments import checked
+from critflow.arguments import of_kind
 from critflow.critical.manifold import CriticalManifold
-from critflow.critical.quantity import Balanced, OfStress, Partials, SpringResponse
+from critflow.critical.quantity import Balanced, Partials, SpringResponse
 from critflow.critical.units import stress_unit
 from critflow.linalg.vectors import dot
 from critflow.networks.deformation import Deformable, deformation_of, strain_basis
@@ -69,7 +69,7 @@ class _WorkAndCost:
         return np.asarray(self.sigma**2 * self.flexibility / self.k)
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class TransitionModulus(SpringResponse):
     """Modulus at the transition for b → (1 + γA) b: μ_A = (Σ σḣ)²/(V Σ σ²|L|²/k), ḣ = L·A L (`GenericModulus`).
 
@@ -81,7 +81,6 @@ class TransitionModulus(SpringResponse):
     name: str = "modulus"
 
     maximise = True
-    exact: ClassVar[str] = "closed_form"
 
     def evaluate(self, balance: Balanced) -> tuple[float, Partials]:
         terms, volume = _WorkAndCost(balance, self.symmetric), balance.network.volume
@@ -105,12 +104,10 @@ class TransitionModulus(SpringResponse):
     def extreme(self, manifold: CriticalManifold, positive: bool = True) -> tuple[float, float]:
         return 0.0, largest_value(manifold, self.symmetric)
 
-    def of_stress(self, dimension: int) -> OfStress:
-        return OfStress(self.symmetric, True)
-
-    def tensor_weights(self, dimension: int) -> Array:
-        components = strain_components(self.symmetric)
-        return np.outer(components, components)
+    @property
+    def is_bulk(self) -> bool:
+        """Whether the strain is the dilation of B_0."""
+        return np.array_equal(self.symmetric, dilation(len(self.strain)))
 
     @cached_property
     def symmetric(self) -> Array:
@@ -118,7 +115,7 @@ class TransitionModulus(SpringResponse):
         return 0.5 * (self.strain + self.strain.T)
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class PenalisedModulus(SpringResponse):
     """μ_A − (u/N_b) Σ (s_α/r)^(−10), s = σ scaled to Σs² = N_b (`ShearMod+Constraint`): keeps every s above about r.
 
@@ -165,7 +162,7 @@ class PenalisedModulus(SpringResponse):
     def extreme(self, manifold: CriticalManifold, positive: bool = True) -> tuple[float, float]:
         return -np.inf, self.modulus.extreme(manifold)[1]
 
-    def stiff_diagonal(self, balance: Balanced) -> Array | float:
+    def preconditioner(self, balance: Balanced) -> Array | float:
         return self.exponent**2 / len(balance.sigma) * self._powers(balance)[0]
 
     def _powers(self, balance: Balanced) -> tuple[Array, float]:
@@ -178,7 +175,7 @@ class PenalisedModulus(SpringResponse):
         return self.unit(balance.network) * (tenth * (tenth**2) ** 2), square
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class StressComponent(SpringResponse):
     """Component S:A/√D of the stress, S = Σσ L⊗L, D = Σσ²|L|²/k: all that linear elasticity is at the transition.
 
@@ -213,11 +210,8 @@ class StressComponent(SpringResponse):
     def unit(self, network: Network) -> float:
         return stress_unit(network)
 
-    def of_stress(self, dimension: int) -> OfStress:
-        return OfStress(self.strain, False)
 
-
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class TensorComponent(SpringResponse):
     """Component C_ab of the elasticity tensor; at the transition C_ab = S_a S_b/(V D).
 
@@ -257,14 +251,6 @@ class TensorComponent(SpringResponse):
         # S is positive definite under tension: normal components are positive.
         normal = positive and all(np.linalg.eigvalsh(one.strain)[0] >= 0 for one in (self.first, self.second))
         return max(low, 0.0) if normal or self.first is self.second else low, 0.5 * (float(form[0, 1]) + reach)
-
-    def tensor_weights(self, dimension: int) -> Array:
-        names = [f"S_{name}" for name in strain_basis(dimension)[0]]
-        W = np.zeros((len(names), len(names)))
-        a, b = names.index(self.first.name), names.index(self.second.name)
-        W[a, b] += 0.5
-        W[b, a] += 0.5
-        return W
 
 
 def is_dilation(A: Array) -> bool:
@@ -330,7 +316,24 @@ def pure_shear(dimension: int) -> Array:
     return A
 
 
-@checked
+def tensor_quantity(network: Network, name: str) -> SpringResponse:
+    """The quantity of a name: B_0, G_0, S_xx, ..., C_xxxx, ..."""
+    return _tensor_quantities(network.dimension)[name]
+
+
+@cache
+def _tensor_quantities(d: int) -> dict[str, SpringResponse]:
+    """Moduli, and components of the stress and of the elasticity tensor, by name."""
+    stress = [StressComponent(strain, f"S_{axes}") for axes, strain in zip(*strain_basis(d), strict=True)]
+    every: list[SpringResponse] = [
+        TransitionModulus(dilation(d), "B_0"),
+        *([TransitionModulus(pure_shear(d), "G_0")] if d > 1 else []),
+        *stress,
+        *(TensorComponent(first, second) for a, first in enumerate(stress) for second in stress[a:]),
+    ]
+    return {one.name: one for one in every}
+
+
 def transition_modulus(network: Network, strain: Deformable) -> TransitionModulus:
     """The modulus at the transition for the affine strain A (d, d), or for the start of a deformation.
 
@@ -343,6 +346,7 @@ def transition_modulus(network: Network, strain: Deformable) -> TransitionModulu
     >>> abs(found.objective - cf.upper_bound(network, 'B_0')) < 1e-9
     True
     """
+    network = of_kind(Network, network=network)
     deformation = deformation_of(strain, network.dimension)
     if deformation.free:
         raise InputError(f"free components leave no modulus at the transition: fix those of {deformation.name}")

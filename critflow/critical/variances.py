@@ -52,16 +52,15 @@ class _RelativeVariance(_OfLengths):
         return self.of_tensions * (change * length + derivative * dlength), stretching + turning
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class LengthVariance(_RelativeVariance):
     """V_L = ⟨(|L| − ⟨|L|⟩)²⟩/⟨|L|⟩² (`LengthVariance`)."""
 
     name: ClassVar[str] = "V_L"
-    exact: ClassVar[str] = "conic"
     of_tensions: ClassVar[bool] = False
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class TensionVariance(_RelativeVariance):
     """V_τ = ⟨(τ − ⟨τ⟩)²⟩/⟨τ⟩² of the tensions τ = σ|L| (`TensionVariance`)."""
 
@@ -69,7 +68,7 @@ class TensionVariance(_RelativeVariance):
     of_tensions: ClassVar[bool] = True
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class EdgeLength(_OfLengths):
     """The length |L_α| of one edge."""
 
@@ -96,7 +95,7 @@ class EdgeLength(_OfLengths):
         return np.zeros_like(dsigma), ddL
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class FaceArea(_OfLengths):
     """The area ½ Σ_(i<j) s_i × s_j of one face of a planar network, of its sides s in turn."""
 
@@ -135,6 +134,29 @@ class FaceArea(_OfLengths):
         by_L = np.zeros_like(vectors)
         np.add.at(by_L, edges, 0.5 * signs * np.stack([-y, x], axis=1))
         return sides, before, by_L
+
+
+def variance(network: Network, name: str) -> Quantity:
+    """V_L or V_tau."""
+    return LengthVariance() if name == LengthVariance.name else TensionVariance()
+
+
+def edge_length(network: Network, edge: str) -> EdgeLength:
+    """The length of an edge by its number."""
+    return EdgeLength(_counted(f"length[{edge}]", edge, network.n_edges, "edges"))
+
+
+def face_area(network: Network, face: str) -> FaceArea:
+    """The area of a face by its number."""
+    count = 0 if network.faces is None else network.faces.n_faces
+    return FaceArea(_counted(f"area[{face}]", face, count, "faces"))
+
+
+def _counted(name: str, number: str, count: int, noun: str) -> int:
+    """A number below a count."""
+    if int(number) >= count:
+        raise InputError(f"{name} does not exist: the network has {count} {noun}, counted from 0")
+    return int(number)
 
 
 def _divisors(length: Array) -> Array:

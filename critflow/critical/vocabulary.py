@@ -8,35 +8,48 @@ C_xxxx C_xxyy ...    components of the elasticity tensor
 modulus[D]           modulus of a deformation D, such as modulus[uniaxial]
 stiffening[D]        its derivative with respect to the strain
 length[α] area[f]    length of an edge, area of a face
-onset[D]             critical strain of given rest lengths
+
+Extras add names, such as onset[D], by their declarations.
 """
 
 from __future__ import annotations
 
 import re
-from collections.abc import Callable
-from dataclasses import dataclass
 from difflib import get_close_matches
-from functools import cache
 
-import numpy as np
-
-from critflow.arguments import checked
+from critflow.arguments import of_kind
 from critflow.critical.manifold import CriticalManifold
-from critflow.critical.quantity import Balanced, Partials, Quantity
-from critflow.critical.transition import (
-    StressComponent,
-    TensorComponent,
-    TransitionModulus,
-    dilation,
-    pure_shear,
-    transition_modulus,
-)
-from critflow.critical.variances import EdgeLength, FaceArea, LengthVariance, TensionVariance
-from critflow.networks.deformation import DEFORMATIONS, Deformation, deformation_of, strain_basis
+from critflow.critical.quantity import Quantity
+from critflow.extensions import missing, named, quantities
+from critflow.networks.deformation import DEFORMATIONS, strain_basis
 from critflow.networks.network import Network
-from critflow.response.stiffening_quantity import Stiffening
+from critflow.progress import running
 from critflow.result import InputError
+from critflow.threads import one_blas_thread
+
+_TENSORS = "critflow.critical.transition:tensor_quantity"
+_VARIANCES = "critflow.critical.variances"
+_STIFFENING = "critflow.response.stiffening_quantity"
+
+FACTORIES = {
+    "B_0": _TENSORS,
+    "G_0": _TENSORS,
+    "C_B": f"{_STIFFENING}:volumetric_stiffening",
+    "C_G": f"{_STIFFENING}:volumetric_stiffening",
+    "V_L": f"{_VARIANCES}:variance",
+    "V_tau": f"{_VARIANCES}:variance",
+    "S_AXES": _TENSORS,
+    "C_AXES": _TENSORS,
+    "length[EDGE]": f"{_VARIANCES}:edge_length",
+    "area[FACE]": f"{_VARIANCES}:face_area",
+    "modulus[D]": "critflow.critical.transition:transition_modulus",
+    "stiffening[D]": f"{_STIFFENING}:stiffening_along",
+}
+"""Factories by name, "module:function", of which a module is imported when one of its names is used.
+
+A factory takes the network, and the text in brackets or else the whole name.  AXES are those of a component of a
+tensor, EDGE and FACE a number, D the name of a deformation.
+"""
 
 ALIASES = {
     "bulk_modulus": "B_0",
@@ -49,21 +62,6 @@ ALIASES = {
 _INDEXED = re.compile(r"(\w+)\[(\w+)\]")
 
 
-@dataclass(frozen=True, eq=False)
-class OnsetStrain(Quantity):
-    """The critical strain of a deformation for given rest lengths: a quantity of rest lengths, not of a stress."""
-
-    deformation: Deformation
-
-    @property
-    def name(self) -> str:
-        return f"onset[{self.deformation.name}]"
-
-    def evaluate(self, balance: Balanced) -> tuple[float, Partials]:
-        raise InputError(f"{self.name} is a quantity of rest lengths: design it with change='rest_lengths'")
-
-
-@checked
 def quantity(network: Network, name: str | Quantity) -> Quantity:
     """The quantity of a name, or the given quantity itself.
 
@@ -75,36 +73,61 @@ def quantity(network: Network, name: str | Quantity) -> Quantity:
     >>> cf.quantity(cf.lattice("honeycomb", 2, 2), 'bulk_modulus').name
     'B_0'
     """
+    network = of_kind(Network, network=network)
+    name = of_kind(str, Quantity, name=name)
     if isinstance(name, Quantity):
         return name
     symbol = ALIASES.get(name, name)
-    plain = _plain(network.dimension)
-    if symbol in plain:
-        return plain[symbol]
-    if match := _INDEXED.fullmatch(symbol):
-        kind, index = match.groups()
-        if kind in _COUNTED and index.isdecimal():
-            n_faces = 0 if network.faces is None else network.faces.n_faces
-            count = {"length": network.n_edges, "area": n_faces}[kind]
-            if int(index) >= count:
-                noun = {"length": "edges", "area": "faces"}[kind]
-                raise InputError(f"{symbol} does not exist: the network has {count} {noun}, counted from 0")
-            return _COUNTED[kind](int(index))
-        if kind in _DEFORMED and index in DEFORMATIONS:
-            return _DEFORMED[kind](network, index)
+    plain, indexed = _plain(network.dimension), _indexed()
+    argument, place = symbol, plain.get(symbol)
+    if place is None and (match := _INDEXED.fullmatch(symbol)):
+        stem, argument = match.groups()
+        kind, factory = indexed.get(stem, ("", ""))
+        if (kind in ("EDGE", "FACE") and argument.isdecimal()) or (kind == "D" and argument in DEFORMATIONS):
+            place = factory
+    if place is None:
+        raise InputError(_unknown(network, name))
+    found: Quantity = named(place)(network, argument)
+    return found
+
+
+def _plain(dimension: int) -> dict[str, str]:
+    """Factories of the names without brackets."""
+    axes = strain_basis(dimension)[0]
+    components = {
+        "S_AXES": [f"S_{one}" for one in axes],
+        "C_AXES": [f"C_{one}{other}" for a, one in enumerate(axes) for other in axes[a:]],
+        "G_0": ["G_0"] * (dimension > 1),
+    }
+    factories = {name: place for name, place in (FACTORIES | quantities()).items() if "[" not in name}
+    return {one: place for name, place in factories.items() for one in components.get(name, [name])}
+
+
+def _indexed() -> dict[str, tuple[str, str]]:
+    """What stands in brackets and the factory, by the part of the name before them."""
+    split = [(*name.rstrip("]").partition("["), place) for name, place in (FACTORIES | quantities()).items()]
+    return {stem: (kind, place) for stem, _, kind, place in split if kind}
+
+
+def _unknown(network: Network, name: str) -> str:
+    """The sentence for a name that no quantity has."""
+    if extra := missing(str(name)):
+        return f"{name!r:.40} is of the extra {extra!r} of critflow, which is not installed: install critflow again"
     listed = names(network)
     spellings = [*listed, *(alias for alias, symbol in ALIASES.items() if symbol in listed)]
     same_letters = [spelling for spelling in spellings if spelling.casefold() == str(name).casefold()]
     nearest = same_letters or get_close_matches(str(name), spellings, 1, 0.5)
     hint = f"did you mean {nearest[0]!r}? " if nearest else ""
     plainest = ", ".join(name for name in listed if len(name) < 6 and name[:2] not in ("S_", "C_")) + ", C_B, C_G"
-    raise InputError(
+    *deformed, last = [f"{stem}[D]" for stem, (kind, _) in _indexed().items() if kind == "D"]
+    return (
         f"no quantity is called {name!r:.40}: {hint}choose from {plainest}, S_xx, C_xxyy, length[EDGE], area[FACE], "
-        f"and modulus[D], stiffening[D] or onset[D] of a deformation D: {', '.join(DEFORMATIONS)}"
+        f"and {', '.join(deformed)} or {last} of a deformation D: {', '.join(DEFORMATIONS)}"
     )
 
 
-@checked
+@running("upper_bound")
+@one_blas_thread()
 def upper_bound(network: Network | CriticalManifold, name: str | Quantity, signs: str = "positive") -> float:
     """The largest possible value of a quantity over all stresses of a network in closed form; infinite without one.
 
@@ -117,6 +140,9 @@ def upper_bound(network: Network | CriticalManifold, name: str | Quantity, signs
     >>> round(cf.upper_bound(cf.lattice("honeycomb", 2, 2), 'B_0'), 6)
     0.288675
     """
+    network = of_kind(Network, CriticalManifold, network=network)
+    name = of_kind(str, Quantity, name=name)
+    of_kind(str, signs=signs)
     manifold = CriticalManifold.of(network)
     return quantity(manifold.network, name).extreme(manifold, only_positive(signs))[1]
 
@@ -130,39 +156,7 @@ def only_positive(signs: str) -> bool:
 
 def names(network: Network) -> list[str]:
     """The names of all quantities, with a placeholder for the number of an edge or face."""
-    deformed = [f"{kind}[{name}]" for kind in _DEFORMED for name in DEFORMATIONS]
-    return [*_plain(network.dimension), "length[EDGE]", "area[FACE]", *deformed]
-
-
-@cache
-def _plain(d: int) -> dict[str, Quantity]:
-    """The quantities without an index, by name."""
-    stress = [StressComponent(strain, f"S_{axes}") for axes, strain in zip(*strain_basis(d), strict=True)]
-    every: list[Quantity] = [
-        TransitionModulus(dilation(d), "B_0"),
-        *([TransitionModulus(pure_shear(d), "G_0")] if d > 1 else []),
-        *(Stiffening(), Stiffening(of_shear=True), LengthVariance(), TensionVariance(), *stress),
-        *(TensorComponent(first, second) for a, first in enumerate(stress) for second in stress[a:]),
-    ]
-    return {one.name: one for one in every}
-
-
-_COUNTED: dict[str, Callable[[int], Quantity]] = {"length": EdgeLength, "area": FaceArea}
-
-_DEFORMED: dict[str, Callable[[Network, str], Quantity]] = {
-    "modulus": transition_modulus,
-    "stiffening": lambda network, name: Stiffening(deformation_of(name, network.dimension)),
-    "onset": lambda network, name: OnsetStrain(deformation_of(name, network.dimension)),
-}
-
-
-def same(one: Quantity, other: Quantity) -> bool:
-    """Whether two quantities are the same by name or, for moduli and components of stress, by their strain."""
-    if one.name == other.name:
-        return True
-    pair = [each.of_stress(len(getattr(each, "strain", ()))) for each in (one, other)]
-    if pair[0] is None or pair[1] is None or pair[0].squared != pair[1].squared:
-        return False
-    return pair[0].strain.shape == pair[1].strain.shape and np.allclose(
-        pair[0].strain, pair[1].strain, rtol=0, atol=1e-14
-    )
+    listed = list(_plain(network.dimension))
+    for stem, (kind, _) in _indexed().items():
+        listed += [f"{stem}[{name}]" for name in (DEFORMATIONS if kind == "D" else (kind,))]
+    return listed

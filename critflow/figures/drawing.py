@@ -15,8 +15,7 @@ from matplotlib.colors import Colormap
 from matplotlib.figure import Figure, SubFigure
 from numpy.typing import ArrayLike
 
-from critflow.arguments import checked
-from critflow.extras.files.formats import require_folder
+from critflow.arguments import of_kind
 from critflow.figures.plot import (
     COLOURS,
     TENSION_MAP,
@@ -29,8 +28,10 @@ from critflow.figures.plot import (
     shade_faces,
 )
 from critflow.networks.network import Array, Network
+from critflow.progress import running
 from critflow.result import InputError, Solution
-from critflow.springs.state import SpringState
+from critflow.threads import one_blas_thread
+from critflow.workflow.output import require_folder
 
 # Colour of edges without values.
 _PLAIN = "0.35"
@@ -42,7 +43,8 @@ _FACE_MAP, _PALE = "RdBu_r", 0.3
 _DISC_AREA = 0.2
 
 
-@checked
+@running("draw")
+@one_blas_thread()
 def draw(
     thing: Any,
     ax: Axes | None = None,
@@ -68,6 +70,11 @@ def draw(
     >>> axes = cf.draw(cf.optimize(cf.lattice("honeycomb", 2, 2), 'bulk_modulus'))
     >>> axes.figure.clear()
     """
+    ax = of_kind(Axes, None, ax=ax)
+    of_kind(np.ndarray, None, color=color, vertices=vertices)
+    cmap = of_kind(str, Colormap, cmap=cmap)
+    of_kind(float, width=width)
+    of_kind(str, title=title)
     network, x, tensions, of_faces = _parts(thing)
     values = tensions if color is None else np.asarray(color, dtype=float)
     if values is not None and values.shape != (network.n_edges,):
@@ -101,8 +108,6 @@ def _parts(thing: Any) -> tuple[Network, Array, Array | None, Array | None]:
     if isinstance(thing, Solution):
         thing = thing.value
     of_faces = getattr(thing, "pressures", getattr(thing, "face_tensions", None))
-    if isinstance(thing, SpringState) and thing.faces is not None:
-        of_faces = thing.tension
     thing = getattr(thing, "configuration", thing)
     network = thing if isinstance(thing, Network) else getattr(thing, "network", None)
     if not isinstance(network, Network):

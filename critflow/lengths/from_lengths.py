@@ -21,7 +21,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import ArrayLike
 
-from critflow.arguments import checked
+from critflow.arguments import of_kind
 from critflow.critical.edge_lengths import COLLAPSED
 from critflow.critical.manifold import CriticalConfiguration, CriticalManifold
 from critflow.lengths.boundary import Expansion
@@ -32,13 +32,16 @@ from critflow.lengths.taut_edges import OnsetState, newton_taut
 from critflow.lengths.taut_set import EXACT_CONE, polish_taut, resolved, stressed
 from critflow.networks.checks import edge_values
 from critflow.networks.network import Array, Network
+from critflow.progress import running
 from critflow.result import Solution
+from critflow.threads import one_blas_thread
 
 # Spread of log ℓ above which most networks of 1,000 vertices have slack edges (study `percolation`).
 EVEN = 0.16
 
 
-@checked
+@running("critical_from_lengths")
+@one_blas_thread()
 def critical_from_lengths(
     network: Network | CriticalManifold, rest_lengths: ArrayLike, *, throw: bool = True
 ) -> FromLengths:
@@ -58,6 +61,9 @@ def critical_from_lengths(
     >>> solution.ok, bool(np.ptp(solution.value.lengths) < 1e-12)
     (True, True)
     """
+    network = of_kind(Network, CriticalManifold, network=network)
+    of_kind(np.ndarray, rest_lengths=rest_lengths)
+    of_kind(bool, throw=throw)
     manifold = CriticalManifold.of(network)
     lengths = edge_values(rest_lengths, manifold.network.n_edges, "rest_lengths")
     boundary, attempt, steps = Expansion(manifold), None, 0
@@ -116,7 +122,7 @@ def _balanced(boundary: Expansion, lengths: Array, attempt: Attempt) -> Solution
         return None
     network, taut, part = manifold.network, end.taut, end.part
     if taut.all():
-        balance = manifold.solve_when_read(end.sigma)
+        balance = manifold.solve(end.sigma)
         return balance if balance.ok else None
     if part is None or part.several:
         return None

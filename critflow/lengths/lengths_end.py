@@ -32,7 +32,7 @@ SOLVED = 1e-6  # relative residual of a Newton step that determines the error of
 NOT_SEPARATED = "the stressed edges were not separated from slack ones: narrow the spread of the rest lengths"
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
+@dataclass(frozen=True, eq=False, kw_only=True, repr=False)
 class FromLengths(Solution[CriticalConfiguration]):
     """The critical configuration of rest lengths ℓ.
 
@@ -59,26 +59,21 @@ def configuration_of(
     ratio  t
     steps  before Newton's method
     """
-    network, manifold = boundary.network, boundary.manifold
+    network = boundary.network
     slack, status, note = np.flatnonzero(~end.taut), Status.ok, ""
     mean_ratio = float(end.ratios(boundary, lengths)[end.taut].mean()) / (1 + end.strain)
     if len(slack):
         status = Status.slack_edges
         note = f"{len(slack)} of {network.n_edges} edges are slack, edge {slack[0]} among them; narrow the lengths"
 
-    def accuracy() -> Stats:
-        x, sigma = value.coordinates, value.sigma
-        error = np.nan if len(slack) else newton_error(manifold.saddle, network, lengths, x, sigma)
-        return Stats("conic", condition=balance.stats.condition, error_bound=2 * error)
-
-    def cables() -> CriticalConfiguration:
-        return replace(balance.value, rest_lengths=np.where(end.taut, balance.value.lengths, mean_ratio * lengths))
-
-    value = CriticalConfiguration.deferred(cables, network=network, sigma=balance.value.sigma, manifold=manifold)
+    rest = np.where(end.taut, balance.value.lengths, mean_ratio * lengths)
+    value, error = replace(balance.value, rest_lengths=rest), np.nan
+    if not len(slack):
+        error = 2 * newton_error(boundary.manifold.saddle, network, lengths, value.coordinates, value.sigma)
     return FromLengths(
         value=value,
         status=status,
-        stats=Stats.deferred(accuracy, method="conic", steps=steps, residual=end.error),
+        stats=Stats("conic", steps, end.error, balance.stats.condition, error),
         note=note,
         slack_edges=slack,
         ratio=mean_ratio,

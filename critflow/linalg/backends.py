@@ -4,18 +4,16 @@ All eliminate along the diagonal only, so that A = L D Lᵀ and the signs of D a
 
 qdldl    row by row on a minimum-degree ordering; always installed, and the fastest for small matrices
 superlu  SciPy's SuperLU on a minimum-degree ordering; always installed
-metis    SuperLU on a nested dissection, which keeps large planar networks sparser (extra `fast`)
-pardiso  Intel's MKL, blocked, on a nested dissection (extra `fast`, x86 only)
 
-One solves without elimination, so without inertia, and Laplacians of positive stresses alone:
-
-pyamg    conjugate gradients with algebraic multigrid, for large networks in space (extra `multigrid`)
+Extras bring others for large networks (`backends` of their `extra.toml`, with the sizes from which they are faster):
+eliminating ones, and iterative ones for Laplacians of positive stresses, without inertia, as a kind of `Factor`.
 """
 
 from __future__ import annotations
 
 from copy import copy
-from typing import Protocol
+from functools import cache
+from typing import Any, Protocol
 
 import numpy as np
 import qdldl
@@ -24,35 +22,19 @@ from numpy.typing import NDArray
 from scipy.sparse.csgraph import depth_first_order
 from scipy.sparse.linalg import SuperLU, splu
 
-from critflow.extras.large import multigrid
-from critflow.extras.large.pardiso import MKL, Pardiso
+from critflow.extensions import extras
 from critflow.linalg.products import product
 from critflow.result import InputError
-
-try:
-    import pymetis
-except ImportError:
-    pymetis = None
 
 Array = NDArray[np.float64]
 IntArray = NDArray[np.int32]
 
-# Entries of the upper triangle up to which qdldl is the fastest; the first of these solvers that is installed takes
-# larger matrices.  Measured on Voronoi networks of 300 to 10⁵ vertices for one numeric factorisation and four solves.
-# The crossovers of the Laplacian, the elastic Hessian and the saddle matrix are, in entries,
-#   pardiso 24,000, 9,000 and 40,000;  metis 120,000, 90,000 and 170,000;  superlu 180,000, 100,000 and 170,000.
-# Per vertex in two dimensions the Laplacian has 2.5 entries, the others 9 and 12.5.
-CROSSOVERS = {"pardiso": 20_000, "metis": 120_000, "superlu": 150_000}
-# In space factors fill in faster, as N^(4/3).  Measured likewise on foams of 60 to 8,000 vertices the crossovers of the
-# Laplacian, 3 entries a vertex, and of the Hessian and the saddle matrix, 24 and 23, are
-#   pardiso 2,000, 5,000 and 6,000;  metis 5,000, 9,000 and 10,000;  superlu 6,000, 11,000 and 10,000.
-CROSSOVERS_IN_SPACE = {"pardiso": 3_000, "metis": 8_000, "superlu": 9_000}
-# Entries of a Laplacian in space, 3 a vertex of a foam, from which multigrid is faster than each of them for one matrix
-# and three solves, by a third or more: with stresses over one decade it takes 0.03 s at 5,000 vertices, against 0.02,
-# 0.04 and 0.07, then 0.05 against 0.04, 0.12 and 0.24 at 10,000, 0.11 against 0.14, 0.43 and 1.3 at 20,000, and 0.3
-# against 0.7 and 2.4 at 50,000.  Stresses over four decades need three times as many steps.
-MULTIGRID = "pyamg"
-MULTIGRID_CROSSOVERS = {"pardiso": 60_000, "metis": 20_000, "superlu": 15_000}
+# Entries of the upper triangle up to which qdldl is faster, of networks in the plane and in space.  Measured for one
+# numeric factorisation and four solves: on Voronoi networks of 300 to 10⁵ vertices the crossovers of the Laplacian, the
+# elastic Hessian and the saddle matrix are 180,000, 100,000 and 170,000 entries; they have 2.5, 9 and 12.5 a vertex.
+# In space factors fill in faster, as N^(4/3): on foams of 60 to 8,000 vertices the crossovers are 6,000, 11,000 and
+# 10,000 entries, of 3, 24 and 23 a vertex.
+CROSSOVERS = {"superlu": (150_000, 9_000)}
 
 
 class Backend(Protocol):
@@ -153,15 +135,6 @@ class MinimumDegree:
         return self._factor.U.diagonal()
 
 
-class NestedDissection(MinimumDegree):
-    """SuperLU on the ordering of METIS, whose columns are almost in postorder."""
-
-    def _ordering(self, full: sp.csc_matrix) -> IntArray:
-        graph = (sp.triu(full, 1) + sp.tril(full, -1)).tocsc()
-        adjacency = pymetis.CSRAdjacency(graph.indptr, graph.indices)
-        return np.array(pymetis.nested_dissection(adjacency)[0], dtype=np.int32)
-
-
 def _eliminate(matrix: sp.csc_matrix, ordering: str) -> SuperLU:
     return splu(matrix, permc_spec=ordering, diag_pivot_thresh=0.0, options={"SymmetricMode": True})
 
@@ -172,43 +145,67 @@ def multiply(upper: sp.csc_matrix, lower: sp.csr_matrix, x: Array) -> Array:
     return product(upper, x) + product(lower, x) - (diagonal * x.T).T
 
 
-# Solvers by name, without the optional ones.  A further solver is a further entry.
+# The solvers of the scene by name.
 BACKENDS: dict[str, type[Backend]] = {"qdldl": QDLDL, "superlu": MinimumDegree}
+
+
+@cache
+def _brought(table: str) -> dict[str, Any]:
+    """The installed solvers that extras declare in a table, "backends" or "iterations", by name."""
+    declared = [(extra, name, entry) for extra in extras().values() for name, entry in getattr(extra, table).items()]
+    kinds = {name: extra.named(entry["place"]) for extra, name, entry in declared}
+    return {name: kind for name, kind in kinds.items() if kind.installed()}
+
+
+def _crossovers(table: str) -> dict[str, Any]:
+    """The crossovers that extras declare in a table, by name, also of solvers that are not installed."""
+    return {name: entry["crossovers"] for extra in extras().values() for name, entry in getattr(extra, table).items()}
 
 
 def eliminating_backends() -> dict[str, type[Backend]]:
     """The installed sparse solvers that have an inertia, by name."""
-    backends = dict(BACKENDS)
-    if pymetis is not None:
-        backends["metis"] = NestedDissection
-    if MKL is not None:
-        backends["pardiso"] = Pardiso
-    return backends
+    return BACKENDS | _brought("backends")
+
+
+def backend_named(name: str) -> type[Backend]:
+    """The eliminating solver of a name; an extra is imported for its own alone."""
+    return BACKENDS[name] if name in BACKENDS else _brought("backends")[name]
+
+
+def iterative_factor(name: str) -> Any:
+    """The kind of `Factor` of an iterative solver; None for an eliminating one."""
+    return None if name in BACKENDS else _brought("iterations").get(name)
 
 
 def available_backends() -> tuple[str, ...]:
     """Names of the sparse solvers that are installed, each good for `backend=`."""
-    return *eliminating_backends(), *([MULTIGRID] if multigrid.INSTALLED else [])
+    return *eliminating_backends(), *_brought("iterations")
 
 
-def choose_backend(backend: str, n_entries: int, in_space: bool = False, laplacian: bool = False) -> str:
-    """The name itself if it is installed, or for "auto" the fastest for that many entries (see `CROSSOVERS`).
+def choose_backend(backend: str, n_entries: int, in_space: bool = False) -> str:
+    """The name itself if it is installed, or for "auto" the fastest elimination for that many entries (`CROSSOVERS`).
 
-    in_space   whether the network has three dimensions (`CROSSOVERS_IN_SPACE`)
-    laplacian  whether the matrix is its Laplacian, where multigrid is the fastest in space (`MULTIGRID_CROSSOVERS`)
+    in_space  whether the network has three dimensions
 
     Raises `InputError` for a name that is unknown or not installed.
     """
-    installed = available_backends()
     if backend == "auto":
-        crossovers = CROSSOVERS_IN_SPACE if in_space else CROSSOVERS
-        larger = next(name for name in crossovers if name in installed)
-        if in_space and laplacian and multigrid.INSTALLED and n_entries > MULTIGRID_CROSSOVERS[larger]:
-            return MULTIGRID
-        return larger if n_entries > crossovers[larger] else "qdldl"
-    if backend in installed:
-        return backend
-    raise InputError(
-        f"no backend {backend!r} is installed: choose 'auto' or one of {', '.join(installed)}, and pip install "
-        "'critflow[fast,multigrid]' for all of them"
-    )
+        sizes = {name: entries[in_space] for name, entries in (CROSSOVERS | _crossovers("backends")).items()}
+        if n_entries <= min(sizes.values()):
+            return "qdldl"  # without the import of an extra
+        larger = min(eliminating_backends().keys() & sizes.keys(), key=sizes.__getitem__)
+        return larger if n_entries > sizes[larger] else "qdldl"
+    if backend not in BACKENDS and backend not in (installed := available_backends()):
+        raise InputError(
+            f"no backend {backend!r} is installed: choose 'auto' or one of {', '.join(installed)}, and pip install "
+            "'critflow[fast,multigrid]' for all of them"
+        )
+    return backend
+
+
+def choose_iteration(elimination: str, n_entries: int) -> str:
+    """The iterative solver that is faster than an elimination for a Laplacian in space; none, "", for smaller ones."""
+    for name, crossovers in _crossovers("iterations").items():
+        if n_entries > crossovers.get(elimination, np.inf) and name in _brought("iterations"):
+            return name
+    return ""

@@ -15,7 +15,6 @@ from __future__ import annotations
 
 import weakref
 from collections.abc import Callable, Iterable
-from functools import partial
 from threading import RLock
 from typing import Any, NamedTuple
 
@@ -23,15 +22,21 @@ import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
 
-from critflow.extras.large import multigrid
-from critflow.linalg.backends import MULTIGRID, Backend, choose_backend, eliminating_backends, multiply
+from critflow.linalg.backends import (
+    Backend,
+    backend_named,
+    choose_backend,
+    choose_iteration,
+    iterative_factor,
+    multiply,
+)
 from critflow.linalg.products import product
 from critflow.linalg.tolerances import EPS
-from critflow.result import InputError
 
 # Shift δ in units of the mean value.  A matrix with the same inertia at ±δ counts as regular; the shift is far above
 # the rounding of pivots.
 INERTIA_SHIFT = 1e-9
+REDUCED = 1e-12  # reduction of the residual at which an iterative solver ends: rounding is near 1e-14 at 10⁶ vertices
 REFINED_SOLVES = 20  # most refinements of a solve with A + δ.  Each reduces the error by δ over the smallest eigenvalue
 
 Array = NDArray[np.float64]
@@ -57,10 +62,7 @@ class FixedPattern:
     size       number of rows n
     n_sources  number of values
     in_space   whether the network has three dimensions
-    laplacian  whether it is its Laplacian, where multigrid is the fastest in space
-
-    Multigrid serves positive values alone and has no inertia.  By its name it refuses everything else; chosen by
-    "auto" it leaves everything else to elimination.
+    laplacian  whether it is its Laplacian, for which "auto" may choose an iterative solver in space
     """
 
     def __init__(
@@ -89,9 +91,14 @@ class FixedPattern:
         self._transposed = self._matrix.T
         # The diagonal ends each column of an upper triangle.
         self._diagonal = self._matrix.indptr[1:] - 1
-        self.backend = choose_backend(backend, len(places), in_space, laplacian)
-        self._elimination = choose_backend("auto", len(places), in_space) if self.backend == MULTIGRID else self.backend
-        self._only_multigrid = backend == MULTIGRID
+        self.backend = choose_backend(backend, len(places), in_space)
+        if backend == "auto" and in_space and laplacian:
+            self.backend = choose_iteration(self.backend, len(places)) or self.backend
+        kind = iterative_factor(self.backend)
+        self._kind: type[Factor] = kind or Factor
+        # An iterative solver of "auto" leaves what it cannot serve to this one.
+        self.elimination = choose_backend("auto", len(places), in_space) if kind else self.backend
+        self.may_eliminate = not kind or backend == "auto"
         # Solvers and the factors whose numbers they contain; the first one belongs to the newest factor.
         self._solvers: list[Backend] = []
         self._owners: list[Callable[[], Factor | None]] = []
@@ -109,32 +116,22 @@ class FixedPattern:
         """Order and analyse the pattern for elimination, as the first elimination does otherwise."""
         with self._lock:
             if not self._solvers:
-                self._add(eliminating_backends()[self._elimination](self._model()))
+                self._add(backend_named(self.elimination)(self._model()))
 
     def factorize(self, values: Array, shift: float | Array = 0.0) -> Factor:
         """L D Lᵀ of A + shift·1, with values (n_sources,) and a shift for all or for each of the rows (n,)."""
         data = product(self._gather, values)
         if np.ndim(shift) or shift:
             data[self._diagonal] += shift
-        factor = Factor(self, data)
+        factor = self._kind(self, data)
         with self._lock:
-            if self.backend == MULTIGRID:
-                self._matrix.data = data
-                if multigrid.serves(self._matrix):
-                    factor._multigrid = multigrid.Multigrid(self._matrix)
-                    return factor
-                self._refuse("mixed signs or other matrices")
-            self.analyse()
-            self._eliminate(factor, 0)
+            factor.prepare()
         return factor
 
-    def _refuse(self, call: str) -> None:
-        """Raise `InputError` where multigrid was chosen by its name and cannot serve a call."""
-        if self._only_multigrid:
-            raise InputError(
-                f"the backend {MULTIGRID!r} serves solves with positive stresses alone, not {call}: choose "
-                f"backend={self._elimination!r}, or 'auto'"
-            )
+    def filled(self, data: Array) -> sp.csc_matrix:
+        """The upper triangle with other data; valid until the next call."""
+        self._matrix.data = data
+        return self._matrix
 
     def factorize_shifted(self, values: Array) -> tuple[Factor, bool, int]:
         """L D Lᵀ of A + δ, whether its inertia is that of A, and the number of negative pivots of A − δ.
@@ -183,14 +180,16 @@ class FixedPattern:
         self.analyse()
         if place == len(self._solvers):
             self._add(self._solvers[0].another(self._model()))
-        self._eliminate(factor, place)
+        self.eliminate(factor, place)
         return self._solvers[place]
 
     def _add(self, solver: Backend) -> None:
         self._solvers.append(solver)
         self._owners.append(_nobody)
 
-    def _eliminate(self, factor: Factor, place: int) -> None:
+    def eliminate(self, factor: Factor, place: int = 0) -> None:
+        """Let a solver eliminate the matrix of a factor; the first one serves the newest."""
+        self.analyse()
         self._owners[place] = _nobody
         self._matrix.data = factor._data
         self._solvers[place].update(self._matrix)
@@ -207,14 +206,17 @@ class Factor:
     A factor that another one of the same pattern has displaced repeats its elimination at its next use.
     """
 
-    __slots__ = ("__weakref__", "_data", "_multigrid", "_pattern", "_pivots", "_shift", "_singular")
+    __slots__ = ("__weakref__", "_data", "_pattern", "_pivots", "_shift", "_singular")
 
     def __init__(self, pattern: FixedPattern, data: Array):
         # The upper triangle of A + shift, which stands in for A where the shift is not zero.
         self._pattern, self._data, self._shift = pattern, data, 0.0
         self._pivots: Array | None = None
-        self._multigrid: multigrid.Multigrid | None = None
         self._singular = False
+
+    def prepare(self) -> None:
+        """Eliminate."""
+        self._pattern.eliminate(self)
 
     def _refine(self, shift: float, regular: bool) -> None:
         """Serve A in place of A + shift; `regular` as the inertias on both sides of A have it."""
@@ -223,36 +225,28 @@ class Factor:
     @property
     def backend(self) -> str:
         """Name of the solver (`critflow.linalg.backends`)."""
-        return MULTIGRID if self._multigrid else self._pattern._elimination
+        return self._pattern.elimination
+
+    @property
+    def iterates(self) -> bool:
+        """Whether the time of a solve depends on the reduction of the residual."""
+        return False
 
     def solve(self, right_side: Array) -> Array:
         """x of A x = r, for r of shape (n,) or (n, d)."""
-        return self.solve_roughly(right_side, multigrid.REDUCED)
+        return self._refined(right_side) if self._shift else self._solved(right_side)
 
     def solve_roughly(self, right_side: Array, reduction: float) -> Array:
         """As `solve`, with the residual reduced by this factor only, where the solver iterates."""
-        x = self._iterated(right_side, reduction)
-        if x is None:
-            x = self._refined(right_side) if self._shift else self._solved(right_side)
-        return x
-
-    def _iterated(self, right_side: Array, reduction: float) -> Array | None:
-        """x by multigrid, up to a reduced residual; None where elimination serves."""
-        if not self._multigrid:
-            return None
-        x = _by_columns(partial(self._multigrid.solve, reduction=reduction), right_side)
-        return None if not np.isfinite(x).all() and self.eliminate() else x
+        return self.solve(right_side)
 
     def eliminate(self) -> bool:
-        """Leave multigrid for elimination where "auto" chose it; whether anything changed."""
-        changes = self._multigrid is not None and not self._pattern._only_multigrid
-        if changes:
-            self._multigrid = None
-        return changes
+        """Leave an iterative solver for elimination where it may; whether anything changed."""
+        return False
 
     def _solved(self, right_side: Array) -> Array:
         with self._pattern._lock:
-            return _by_columns(self._pattern._solver_of(self).solve, right_side)
+            return by_columns(self._pattern._solver_of(self).solve, right_side)
 
     def _refined(self, right_side: Array) -> Array:
         """Iterative refinement, which removes the shift."""
@@ -274,8 +268,6 @@ class Factor:
     def pivots(self) -> Array:
         """The diagonal D in the order of elimination, (n,); zero where a pivot vanished."""
         if self._pivots is None:
-            if self._multigrid:
-                self._pattern._refuse("pivots and determinants")
             with self._pattern._lock:
                 self._pivots = self._pattern._solver_of(self).pivots()
         return self._pivots
@@ -283,17 +275,17 @@ class Factor:
     @property
     def n_negative(self) -> int:
         """Number of negative eigenvalues of A (Sylvester's law of inertia)."""
-        return 0 if self._multigrid else int(np.count_nonzero(self.pivots < 0))
+        return int(np.count_nonzero(self.pivots < 0))
 
     @property
     def sound(self) -> bool:
         """Whether the elimination is complete: all pivots are finite and not zero, so that their signs count."""
-        return self._multigrid is not None or bool(np.isfinite(self.pivots).all() and (self.pivots != 0).all())
+        return bool(np.isfinite(self.pivots).all() and (self.pivots != 0).all())
 
     @property
     def singular(self) -> bool:
         """Whether a pivot vanishes, is not finite, or is below the rounding of the largest one."""
-        if self._shift or self._multigrid:
+        if self._shift:
             return self._singular
         size = np.abs(self.pivots)
         return not bool(size.min() > len(size) * EPS * size.max() and np.isfinite(size).all())
@@ -304,7 +296,7 @@ class Factor:
         return self.singular or self.n_negative > 0
 
 
-def _by_columns(solve: Callable[[Array], Array], right_side: Array) -> Array:
+def by_columns(solve: Callable[[Array], Array], right_side: Array) -> Array:
     """Solutions for one right-hand side (n,) or several (n, d)."""
     if right_side.ndim == 1:
         return solve(right_side)

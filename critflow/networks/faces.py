@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from critflow.arguments import checked
+from critflow.arguments import of_kind
 from critflow.networks.blocks import components
 from critflow.networks.checks import check_ends, finite_rows, floats, integers
 from critflow.result import NetworkError, Record
@@ -24,7 +24,7 @@ _NO_POLYGONS = (
 )
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Faces(Record):
     """The polygons of a planar network, each a closed walk along its edges with the face on the left.
 
@@ -58,7 +58,6 @@ class PlanarFaces(Faces):
         raise AttributeError(name)
 
 
-@checked
 def planar_faces(edges: ArrayLike, bond_vectors: ArrayLike, n_vertices: int) -> Faces:
     """The faces of a planar network from its embedding: bond vectors (N_b, 2) that do not cross.
 
@@ -72,6 +71,8 @@ def planar_faces(edges: ArrayLike, bond_vectors: ArrayLike, n_vertices: int) -> 
     >>> planar_faces(network.edges, network.bond_vectors(network.positions), 8).sizes
     array([6, 6, 6, 6])
     """
+    of_kind(np.ndarray, edges=edges, bond_vectors=bond_vectors)
+    n_vertices = of_kind(int, n_vertices=n_vertices)
     edges, n_edges = integers(edges, "edges"), len(np.atleast_1d(edges))
     bond_vectors = finite_rows(floats(bond_vectors, "bond_vectors"), "bond_vectors", (n_edges, 2))
     if edges.shape != (n_edges, 2) or n_edges == 0:

@@ -106,8 +106,8 @@ class StressObjective(Function):
             x, evaluation.value / self.unit, gradient, residual if np.isfinite(residual) else np.inf, evaluation
         )
 
-    def stiff_diagonal(self, point: Point) -> Array | float:
-        return self.quantity.stiff_diagonal(point.state.balance) / abs(self.unit)
+    def preconditioner(self, point: Point) -> Array | float:
+        return self.quantity.preconditioner(point.state.balance) / abs(self.unit)
 
     def hessian_product(self, point: Point, direction: Array) -> Array:
         """The Hessian at a point times a direction (N_b,), by two solves; by differences without a differential."""

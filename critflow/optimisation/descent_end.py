@@ -37,7 +37,7 @@ from critflow.networks.network import Array
 from critflow.optimisation.minimize import Minimum, Point
 from critflow.optimisation.optimum import Optimum
 from critflow.progress import tell
-from critflow.result import Stats, Status
+from critflow.result import Status
 
 FADED = 1e-12  # σ that tends to zero: far below the stresses of any optimum (1e-3)
 UNRESOLVED_STRESS = 1e-20  # least σ at which a descent ends without an optimum: far below FADED
@@ -148,11 +148,11 @@ def optimum_at(end: Minimum, saddles: int | None, monitor: DescentMonitor, metho
     saddles  that the descent has left; None where the end was not tested
     """
     balance = end.point.state.balance
-    last = monitor.manifold.solve_when_read(balance.sigma, balance)
+    last = monitor.manifold.solve(balance.sigma, balance=balance)
     optimum = Optimum(
         value=last.value,
         status=end.status,
-        stats=Stats.deferred(lambda: last.stats, method=method, steps=end.steps, residual=end.point.residual),
+        stats=replace(last.stats, method=method, steps=end.steps, residual=end.point.residual),
         objective=monitor.unit * end.point.value,
         saddles=saddles,
         crossings=tuple(monitor.crossings),

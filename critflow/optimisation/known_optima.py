@@ -14,13 +14,14 @@ import numpy as np
 from critflow.critical.manifold import CriticalConfiguration, CriticalManifold
 from critflow.critical.modulus_error import transition_modulus_error
 from critflow.critical.quantity import Evaluation, Quantity, evaluate, evaluate_at
-from critflow.critical.transition import TransitionModulus, dilation
+from critflow.critical.transition import TransitionModulus
+from critflow.critical.variances import LengthVariance
 from critflow.lengths.from_lengths import critical_from_lengths
 from critflow.lengths.length_iteration import iterate_lengths
 from critflow.linalg.tolerances import EPS
 from critflow.optimisation.largest_modulus import largest_modulus
 from critflow.optimisation.optimum import Optimum
-from critflow.result import InputError, Solution, Stats
+from critflow.result import InputError, Solution
 
 # Tolerance of dO/dσ times N_b above which the iteration towards equal lengths alone is faster than with Newton's method
 # at its end: the same 15 to 35 steps for 100 to 10,000 vertices.
@@ -36,21 +37,15 @@ def known_optimum(
     """
     if isinstance(quantity, TransitionModulus):
         # A configuration with no more compression than the signs allow is known.
-        known = is_bulk(quantity, manifold) or (not positive and manifold.network.dimension == 2)
+        known = quantity.is_bulk or (not positive and manifold.network.dimension == 2)
         return largest_in_closed_form(manifold, quantity, positive) if known else None
-    if quantity.exact != "conic" or not positive or tolerance is None:
+    if not isinstance(quantity, LengthVariance) or not positive or tolerance is None:
         return None
     if tolerance * manifold.network.n_edges < ROUGH:
         optimum = equal_lengths(manifold, quantity, positive)
         # Where edges fall slack the least variance is not zero.
         return optimum if optimum.ok else None
     return _nearly_equal_lengths(manifold, quantity, tolerance)
-
-
-def is_bulk(quantity: Quantity, manifold: CriticalManifold) -> bool:
-    """Whether a quantity is the modulus of a dilation."""
-    strain = dilation(manifold.network.dimension)
-    return isinstance(quantity, TransitionModulus) and np.array_equal(quantity.symmetric, strain)
 
 
 def largest_in_closed_form(manifold: CriticalManifold, quantity: Quantity, positive: bool) -> Optimum:
@@ -66,13 +61,9 @@ def largest_in_closed_form(manifold: CriticalManifold, quantity: Quantity, posit
         )
     if not optimum.ok:
         return replace(optimum, stats=replace(optimum.stats, residual=np.nan))
-    stats = Stats.deferred(
-        lambda: replace(optimum.stats, residual=_residual(evaluate(manifold, quantity, optimum.value.sigma))),
-        method="closed_form",
-        steps=0,
-    )
-    if is_bulk(quantity, manifold):
-        error = partial(_bulk_error, quantity, optimum)
+    stats = replace(optimum.stats, residual=_residual(evaluate(manifold, quantity, optimum.value.sigma)))
+    if quantity.is_bulk:
+        error = partial(transition_modulus_error, quantity.symmetric, optimum.value)
     else:
         # Value and bound are both rounded, and the value is at most the exact bound.
         rounding = EPS * manifold.network.n_edges * optimum.bound
@@ -80,19 +71,13 @@ def largest_in_closed_form(manifold: CriticalManifold, quantity: Quantity, posit
     return replace(optimum, stats=stats, error_of=error)
 
 
-def _bulk_error(modulus: TransitionModulus, optimum: Optimum) -> float:
-    """The error bound of the refined configuration, and the difference of the value, which is that of the plain one."""
-    difference = abs(modulus.evaluate(optimum.value)[0] - optimum.objective)
-    return difference + transition_modulus_error(modulus.symmetric, optimum.value)
-
-
 def equal_lengths(manifold: CriticalManifold, quantity: Quantity, positive: bool) -> Optimum:
     """The configuration of equal lengths, whose length variance is zero, by the method "conic"."""
-    if quantity.exact != "conic":
+    if not isinstance(quantity, LengthVariance):
         raise InputError("the cone program finds the least length variance only: choose another method")
     solution = critical_from_lengths(manifold, np.ones(manifold.network.n_edges), throw=False)
     here = evaluate(manifold, quantity, solution.value.sigma) if solution.ok else None
-    optimum = _of_equal_lengths(solution, manifold, "conic", solution.stats.steps, here)
+    optimum = _of_equal_lengths(solution, "conic", solution.stats.steps, here)
     return replace(optimum, note=solution.note, slack_edges=solution.slack_edges)
 
 
@@ -104,24 +89,19 @@ def _nearly_equal_lengths(manifold: CriticalManifold, quantity: Quantity, tolera
             continue  # The gradient, which costs as much as a step, is about two deviations an edge.
         here = evaluate_at(balance, quantity)
         if _residual(here) < tolerance:
-            solution = manifold.solve_when_read(balance.sigma, balance)
-            return _of_equal_lengths(solution, manifold, "iteration", step, here) if solution.ok else None
+            solution = manifold.solve(balance.sigma, balance=balance)
+            return _of_equal_lengths(solution, "iteration", step, here) if solution.ok else None
     return None
 
 
 def _of_equal_lengths(
-    solution: Solution[CriticalConfiguration],
-    manifold: CriticalManifold,
-    method: str,
-    steps: int,
-    here: Evaluation | None,
+    solution: Solution[CriticalConfiguration], method: str, steps: int, here: Evaluation | None
 ) -> Optimum:
-    """The optimum at a configuration of equal lengths, whose coordinates are computed when they are read."""
+    """The optimum at a configuration of equal lengths."""
     variance, residual = (here.value, _residual(here)) if here else (np.nan, np.nan)
     # An optimum of the stresses is of springs, without rest lengths.
-    known = {"network": manifold.network, "sigma": solution.value.sigma, "rest_lengths": None, "manifold": manifold}
-    value = CriticalConfiguration.deferred(lambda: solution.value, **known)
-    stats = Stats.deferred(lambda: solution.stats, method=method, steps=steps, residual=residual)
+    value = replace(solution.value, rest_lengths=None)
+    stats = replace(solution.stats, method=method, steps=steps, residual=residual)
     # The least variance is zero.
     return Optimum(value, solution.status, stats, objective=variance, error_of=partial(float, variance))
 
@@ -133,3 +113,6 @@ def _residual(here: Evaluation) -> float:
 
 KNOWN = {"closed_form": largest_in_closed_form, "conic": equal_lengths}
 """Methods without a descent."""
+
+KNOWN_QUANTITIES = (TransitionModulus, LengthVariance)
+"""Quantities of which some optima are known."""

@@ -25,7 +25,7 @@ from critflow.linalg.vectors import dot
 from critflow.networks.deformation import Deformable
 from critflow.networks.network import Array, Network
 from critflow.optimisation.optimum import Optimum
-from critflow.result import InputError, Solution, SolveError, Stats, Status
+from critflow.result import InputError, Solution, SolveError, Status
 
 BALANCED = 1e-8  # relative force balance, and relative distance from the bound, of a modulus that attains its bound
 # Determinant of the map F of forces, over |F|², below which all forces count as parallel: lengths grow as its inverse.
@@ -54,16 +54,12 @@ def largest_modulus(network: Network | CriticalManifold, strain: Deformable) -> 
     bound, zero = float(np.trace(F @ moment @ F.T)) / network.volume, vanishes(F, moment, A)
     if zero or is_dilation(A):
         # F = A of a dilation is isotropic: the configuration is L* itself.
-        solution: Solution[CriticalConfiguration] = manifold.solve_when_read(balance.sigma, balance)
-        x = network.all_coordinates(balance.coordinates)
-        here = CriticalConfiguration(network, balance.sigma, x, balance.bond_vectors)
+        solution: Solution[CriticalConfiguration] = manifold.solve(balance.sigma, balance=balance)
     else:
         solution, shortest = _closed(manifold, balance.bond_vectors, F, A, bound)
-        here = solution.value
-    if not solution.ok or len(here.collapsed_edges):
-        here = solution.value
-    stats = Stats.deferred(lambda: solution.stats, method="closed_form", steps=0, residual=here.residual)
-    optimum = Optimum(solution.value, Status.ok, stats, objective=modulus.evaluate(here)[0], bound=bound)
+    here = solution.value
+    stats = replace(solution.stats, method="closed_form", steps=0)
+    optimum = Optimum(here, Status.ok, stats, objective=modulus.evaluate(here)[0], bound=bound)
     if here.residual < BALANCED and (zero or abs(optimum.gap) < BALANCED) and shortest > NO_LENGTH:
         edges = here.collapsed_edges
         note = f"edges {', '.join(map(str, edges))} have no length there" if len(edges) else ""

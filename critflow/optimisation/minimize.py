@@ -48,7 +48,7 @@ class Function(ABC):
     def at(self, x: Array) -> Point:
         """Value and derivatives at x; a value that is not finite marks x as outside the domain."""
 
-    def stiff_diagonal(self, point: Point) -> Array | float:
+    def preconditioner(self, point: Point) -> Array | float:
         """A diagonal part of the Hessian that is known, ≥ 0; zero without one."""
         return 0.0
 
@@ -241,7 +241,7 @@ class LBFGS:
 
     def step(self, function: Function, point: Point, state: LBFGSState) -> tuple[Point, LBFGSState | None]:
         pairs = state.pairs
-        direction = pairs.direction(point.gradient, function.stiff_diagonal(point))
+        direction = pairs.direction(point.gradient, function.preconditioner(point))
         gradient = point.gradient @ direction
         if not gradient < 0:
             pairs.clear()

@@ -10,28 +10,32 @@ gradient projected on the stresses of that scale.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from critflow.arguments import checked
+from critflow.arguments import of_kind
 from critflow.critical.manifold import CriticalManifold, require_one_self_stress
 from critflow.critical.quantity import Quantity
-from critflow.critical.transition import PenalisedModulus
+from critflow.critical.transition import PenalisedModulus, TransitionModulus
 from critflow.critical.vocabulary import only_positive, quantity
 from critflow.networks.checks import edge_values
 from critflow.networks.network import Array, Network
 from critflow.optimisation.descent import DESCENTS, SignedStressObjective, StressObjective, descend
 from critflow.optimisation.descent_end import Observer
-from critflow.optimisation.known_optima import KNOWN, is_bulk, known_optimum
+from critflow.optimisation.known_optima import KNOWN, KNOWN_QUANTITIES, known_optimum
 from critflow.optimisation.optimum import Optimum
+from critflow.progress import running
 from critflow.result import InputError
+from critflow.threads import one_blas_thread
 
 METHODS = (*DESCENTS, *KNOWN)
 
 
-@checked
+@running("optimize")
+@one_blas_thread()
 def optimize(
     network: Network | CriticalManifold,
     objective: str | Quantity,
@@ -61,16 +65,13 @@ def optimize(
     observe    called with (step, value, σ, L) at the start and after every step of a descent; when it returns a true
                value the descent ends there, with `Status.step_limit`
 
-    The statistics contain condition and error bound of the configuration for its stress; these and its coordinates are
-    computed when one of them is read first.  With stresses of any sign a descent may cross stresses whose prestress
-    matrix is singular, which have no configuration.
-
+    The statistics contain condition and error bound of the configuration for its stress.  With stresses of any sign a
+    descent may cross stresses whose prestress matrix is singular, which have no configuration.
     An optimum that is not attained has a status: `Status.edge_collapse` for a tension variance whose infimum has an
     edge of zero length, `Status.slack_edges` for a length variance whose infimum has slack edges, `Status.singular`
     where lengths grow without end.  The objective is then the limit of the value.  Every optimum of a descent may be
     local: where no stress gives equal lengths, different starts end at different length variances.
     Raises `InputError` for bad arguments, `SolveError` when the status is not `ok` and `throw`.
-
     Many parameters: all after the method are options of a descent, by keyword only.
 
     >>> import critflow as cf
@@ -78,21 +79,24 @@ def optimize(
     >>> abs(stiffest.objective - stiffest.bound) < 1e-12
     True
     """
+    manifold = CriticalManifold.of(of_kind(Network, CriticalManifold, network=network))
+    objective = of_kind(str, Quantity, objective=objective)
+    of_kind(str, method=method, signs=signs)
+    of_kind(np.ndarray, None, start=start)
+    starts = of_kind(int, starts=starts)
+    rng = of_kind(np.random.Generator, None, rng=rng)
+    of_kind(float, threshold=threshold, tolerance=tolerance)
+    max_steps = of_kind(int, None, max_steps=max_steps)
+    of_kind(Callable, None, observe=observe)
+    of_kind(bool, throw=throw)
     _check_options(method, tolerance, max_steps)
-    manifold, positive = CriticalManifold.of(network), only_positive(signs)
-    best = objective_of(manifold.network, objective, threshold if positive else None)
-    # The largest bulk modulus of all stresses and all configurations is at σ = k, which is positive.
-    if best.one_self_stress and positive and not (best.exact and is_bulk(best, manifold)):
-        require_one_self_stress(manifold.network)
-    if method == "newton" and not best.has_differential:
-        raise InputError(f"Newton's method needs {best.name}.differential: define it, or choose 'lbfgs'")
+    positive = only_positive(signs)
+    best = _checked_objective(manifold.network, objective, method, threshold if positive else None, positive)
     given = _starts(manifold.network.n_edges, start, starts, rng, positive)
-    optimum = None
-    if method in KNOWN:
-        optimum = KNOWN[method](manifold, best, positive)
-    elif method == "auto" and best.exact:
-        descent_is_given = start is not None or max_steps is not None or observe is not None
-        optimum = known_optimum(manifold, best, positive, None if descent_is_given else tolerance)
+    optimum = KNOWN[method](manifold, best, positive) if method in KNOWN else None
+    if method == "auto" and isinstance(best, KNOWN_QUANTITIES):
+        free = start is None and max_steps is None and observe is None
+        optimum = known_optimum(manifold, best, positive, tolerance if free else None)
     if optimum is None:
         function = (StressObjective if positive else SignedStressObjective)(manifold, best)
         optimum = _best([descend(function, method, one, tolerance, max_steps, observe) for one in given], function.unit)
@@ -106,6 +110,19 @@ def _check_options(method: str, tolerance: float, max_steps: int | None) -> None
         raise InputError(f"the tolerance must be positive, not {tolerance}")
     if max_steps is not None and (not isinstance(max_steps, int | np.integer) or max_steps < 0):
         raise InputError(f"max_steps must be a whole number of at least 0, or None, not {max_steps!r}")
+
+
+def _checked_objective(
+    network: Network, objective: str | Quantity, method: str, threshold: float | None, positive: bool
+) -> Quantity:
+    """As `objective_of`; `InputError` where its formula does not hold for the network, or the method needs more."""
+    best = objective_of(network, objective, threshold)
+    # The largest bulk modulus of all stresses and all configurations is at σ = k, which is positive.
+    if best.one_self_stress and positive and not (isinstance(best, TransitionModulus) and best.is_bulk):
+        require_one_self_stress(network)
+    if method == "newton" and not best.has_differential:
+        raise InputError(f"Newton's method needs {best.name}.differential: define it, or choose 'lbfgs'")
+    return best
 
 
 def objective_of(network: Network, objective: str | Quantity, threshold: float | None = 0.1) -> Quantity:

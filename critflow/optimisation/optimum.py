@@ -16,7 +16,7 @@ from critflow.result import Solution
 _NO_EDGES, _NO_VALUES = np.zeros(0, np.intp), np.zeros(0)
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
+@dataclass(frozen=True, eq=False, kw_only=True, repr=False)
 class Optimum(Solution[CriticalConfiguration]):
     """The best critical configuration by an objective; `stats.residual` is the largest component of dO/dσ.
 

@@ -70,7 +70,7 @@ def negative_curvature_direction(function: Function, point: Point, products: int
     """
     n = len(point.x)
     first = quasi_random(n) - 0.5
-    diagonal = function.stiff_diagonal(point)
+    diagonal = function.preconditioner(point)
     scale = np.ones(n)
     if np.any(diagonal):
         rest = function.hessian_product(point, first) - diagonal * first

@@ -19,9 +19,7 @@ from functools import reduce
 import numpy as np
 import scipy.sparse as sp
 
-from critflow.extras.large.multigrid import REDUCED
-from critflow.linalg.backends import MULTIGRID
-from critflow.linalg.factor import Factor
+from critflow.linalg.factor import REDUCED, Factor
 from critflow.linalg.products import product
 from critflow.linalg.tolerances import EPS
 from critflow.linalg.vectors import dot, quasi_random
@@ -253,7 +251,7 @@ class _Bound:
 
     def reduction(self, forces: Array, goal: float) -> float:
         """The reduction of forces (n_free, d), for a solver that iterates, to a bound well below the goal."""
-        if not self.proof or self._factor.backend != MULTIGRID:
+        if not (self.proof and self._factor.iterates):
             return REDUCED
         error = float(self(_largest(forces)).max())
         return float(np.clip(0.1 * goal / error, MOST_REDUCTION, LEAST_REDUCTION)) if error else LEAST_REDUCTION

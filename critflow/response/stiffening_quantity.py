@@ -14,14 +14,14 @@ import numpy as np
 from critflow.critical.manifold import Balance, CriticalConfiguration, CriticalManifold
 from critflow.critical.quantity import Balanced, Partials, SpringResponse
 from critflow.critical.transition import TransitionModulus, dilation, largest_value, pure_shear
-from critflow.networks.deformation import Deformation
-from critflow.networks.network import Array
+from critflow.networks.deformation import Deformation, deformation_of
+from critflow.networks.network import Array, Network
 from critflow.response.third_order import Term, ThirdOrderEnergy, cubed, squared
 from critflow.result import InputError
 from critflow.springs.laws import HOOKEAN
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Stiffening(SpringResponse):
     """C of the modulus (1/V) d²E/dγ² = M_0 + Cγ along a path of deformations, C = E_γγγ/V − M_0 tr A (`stiffening`).
 
@@ -97,6 +97,16 @@ class Stiffening(SpringResponse):
         if self.of_shear:
             terms = squared(1, 0, np.zeros((d, d)), pure_shear(d) / d)
         return shared["dilation and shear"], terms
+
+
+def volumetric_stiffening(network: Network, name: str) -> Stiffening:
+    """C_B or C_G."""
+    return Stiffening(of_shear=name == "C_G")
+
+
+def stiffening_along(network: Network, deformation: str) -> Stiffening:
+    """stiffening[D] of a deformation D."""
+    return Stiffening(deformation_of(deformation, network.dimension))
 
 
 def _energy(balance: Balanced, strains: list[Array]) -> ThirdOrderEnergy:

@@ -29,7 +29,7 @@ STUDY_MODULE = "critflow_study_"  # prefix of the modules of loaded study files
 _PACKAGE = Path(__file__).parents[1]
 _NUMERIC = ("workflow/plan.py", "workflow/study.py")  # the parts of the engine that decide numbers
 _NOT_NUMERIC = ("command", "examination", "explore", "figures", "workflow", "studies")
-_ENVIRONMENT = ("numpy", "scipy", "qdldl", "clarabel", "pypardiso", "pymetis")  # packages that numbers may depend on
+_ENVIRONMENT = ("numpy", "scipy", "qdldl", "clarabel", "pypardiso", "pyamg")  # packages that numbers may depend on
 
 
 def code_version(study: Study) -> str:

@@ -18,7 +18,7 @@ for seed in range(n):
         network = cf.diluted(lattice, z=z, seed=seed)
         lengths = np.full(network.n_edges, 1.03)
         onset = cf.critical_strain(network, lengths, "simple_shear")
-        onsets[seed, at] = onset.strain
+        onsets[seed, at] = onset.value.strain
 error = onsets.std(axis=0, ddof=1) / np.sqrt(n)
 figure, axes = plt.subplots(figsize=(5, 3.6), layout="constrained")
 axes.errorbar(coordinations, onsets.mean(axis=0), error, fmt="o-")

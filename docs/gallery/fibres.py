@@ -12,7 +12,8 @@ lengths = [
 ]
 onset = cf.critical_strain(network, lengths, "simple_shear", throw=False)
 axes = cf.draw(
-    onset.configuration, title=f"taut in shear at γ = {onset.strain:.3f}"
+    onset.value.configuration,
+    title=f"taut in shear at γ = {onset.value.strain:.3f}",
 )
 axes.figure.colorbar(
     axes.collections[0], ax=axes, shrink=0.7, label="tension, up to a factor"

@@ -11,11 +11,11 @@ network = cf.voronoi_network(n_vertices=150, seed=5)
 critical = cf.optimize(network, "length_variance").value
 leverage = cf.edge_leverage(critical, "bulk_modulus")
 axes = cf.draw(
-    critical, color=np.abs(leverage.change), cmap="viridis", width=2.5
+    critical, color=np.abs(leverage.value.change), cmap="viridis", width=2.5
 )
 axes.set_title(
-    f"$B_0$ = {leverage.before:.4f} k, "
-    f"least after a cut {np.nanmin(leverage.after):.4f} k",
+    f"$B_0$ = {leverage.value.before:.4f} k, "
+    f"least after a cut {np.nanmin(leverage.value.after):.4f} k",
     fontsize=10,
 )
 axes.figure.colorbar(

@@ -13,9 +13,9 @@ ratio = cf.critical_from_lengths(network, np.ones(network.n_edges)).ratio
 lengths = np.full(network.n_edges, 1.05 * ratio)
 onset = cf.critical_strain(network, lengths, "simple_shear")
 axes = cf.draw(
-    onset.configuration,
-    title=f"rigid from γ = {onset.strain:.6f}"
-    f" ± {onset.upper - onset.lower:.0e}",
+    onset.value.configuration,
+    title=f"rigid from γ = {onset.value.strain:.6f}"
+    f" ± {onset.value.upper - onset.value.lower:.0e}",
 )
 axes.figure.colorbar(
     axes.collections[0], ax=axes, shrink=0.7, label="tension, up to a factor"

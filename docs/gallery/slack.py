@@ -10,9 +10,10 @@ import critflow as cf
 
 network = cf.diluted(cf.lattice("triangular", 10, 10), z=3.4, seed=1)
 onset = cf.critical_strain(network, np.ones(network.n_edges), "simple_shear")
-n_taut = len(onset.taut_edges)
+n_taut = len(onset.value.taut_edges)
 axes = cf.draw(
-    onset.configuration, title=f"{n_taut} of {network.n_edges} edges are taut"
+    onset.value.configuration,
+    title=f"{n_taut} of {network.n_edges} edges are taut",
 )
 axes.figure.colorbar(
     axes.collections[0], ax=axes, shrink=0.7, label="tension, up to a factor"

@@ -26,13 +26,13 @@ past = np.linspace(0.0, LAST, RIGID + 1)[1:]
 path = strain_path(onset, past, deformation="simple_shear").value
 shear = deformation_of("simple_shear", 2)
 states = []
-for strain in np.linspace(0.0, onset.strain, FLOPPY):
+for strain in np.linspace(0.0, onset.value.strain, FLOPPY):
     F = shear.gradient(strain)
     start = spring_state(network.deformed(F), lengths, network.positions @ F.T, law=Cable())
     state = equilibrium(start, throw=False).value
     states.append((state.network, state.coordinates, np.zeros(network.n_edges)))
 states += [(state.network, state.coordinates, state.sigma * state.lengths) for state in path.states]
-strains = np.concatenate([np.linspace(0.0, onset.strain, FLOPPY), onset.strain + past])
+strains = np.concatenate([np.linspace(0.0, onset.value.strain, FLOPPY), onset.value.strain + past])
 stress = 1e3 * np.concatenate([np.zeros(FLOPPY), path.stress[:, 0, 1]])
 limit = float(np.percentile(states[-1][2], 98))
 # A vertex under tension moves with the cell: others are slack, and their places are those of rounding.
@@ -49,8 +49,8 @@ for at, (deformed, x, tensions) in enumerate(states):
     left.set(xlim=(-0.02 * side, side * (1 + strains[-1]) * 1.02), ylim=(-0.02 * side, 1.02 * side))
     left.set_title("floppy: no tension anywhere" if at < FLOPPY else "rigid: tension in part of the edges", fontsize=10)
     figure.colorbar(ScalarMappable(Normalize(0, limit), TENSION_MAP), ax=left, label="tension [k × length]", shrink=0.8)
-    right.axvline(onset.strain, color="0.6", linewidth=0.8, linestyle="--")
-    right.text(onset.strain, 0.93 * stress[-1], "$\\gamma_c$  ", ha="right", color="0.35")
+    right.axvline(onset.value.strain, color="0.6", linewidth=0.8, linestyle="--")
+    right.text(onset.value.strain, 0.93 * stress[-1], "$\\gamma_c$  ", ha="right", color="0.35")
     right.plot(strains[: at + 1], stress[: at + 1], color="#D55E00")
     right.plot(strains[at], stress[at], "o", color="#D55E00")
     right.set(xlim=(0, 1.03 * strains[-1]), ylim=(-0.04 * stress[-1], 1.05 * stress[-1]))

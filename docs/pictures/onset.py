@@ -18,7 +18,7 @@ for name, colour in (("dilation", "#0072B2"), ("uniaxial", "#009E73"), ("simple_
     t = [critical_from_lengths(network.deformed(F.gradient(s)), lengths, throw=False).ratio for s in strains]
     onset = critical_strain(network, lengths, name)
     axes.plot(strains, t, color=colour, label=name.replace("_", " "))
-    axes.plot(onset.strain, 1, "o", color=colour)
+    axes.plot(onset.value.strain, 1, "o", color=colour)
 axes.set(xlabel="strain γ", ylabel="t(F(γ))", ylim=(0.94, 1.1))
 axes.legend(frameon=False)
 figure.savefig(sys.argv[1] if len(sys.argv) > 1 else Path(__file__).with_suffix(".png"), dpi=80)

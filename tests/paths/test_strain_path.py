@@ -219,15 +219,15 @@ def test_cables_do_not_hold_free_sides_apart(network):
     # Cables only pull, Σ σ L_y² = 0 leaves those along x taut, whatever the height of the cell.
     lengths = 1.05 * np.linalg.norm(network.bond_vectors(network.positions), axis=1)
     onset = critical_strain(network, lengths, "uniaxial_free")
-    strains = onset.strain + np.array([-1e-3, 1e-6, 1e-3, 0.3, 2.0])
+    strains = onset.value.strain + np.array([-1e-3, 1e-6, 1e-3, 0.3, 2.0])
     path = strain_path(
         spring_state(network, lengths, network.positions, Cable()), strains, "uniaxial_free", throw=False
     )
     assert path.value.status.tolist() == [Status.ok, Status.floppy, *[Status.missing] * 3]
-    assert "free components" in path.note and len(path.states) == 1 and path.stats.steps < 100
+    assert "free components" in path.note and len(path.value.states) == 1 and path.stats.steps < 100
     # Each strain by itself: at large ones all chains are taut and pull the cell flat.
     for strain in strains[1:]:
-        end = strain_path(onset, [strain - onset.strain], "uniaxial_free", throw=False)
+        end = strain_path(onset, [strain - onset.value.strain], "uniaxial_free", throw=False)
         assert end.status is Status.floppy and np.isnan(end.value.bulk_modulus).all()
 
 
@@ -283,8 +283,8 @@ def test_soft_chains_next_to_slack_cables(seed):
 def test_a_sheared_cell_that_is_free_resists_beyond_its_onset():
     critical, path = critical_of(voronoi(60, seed=0)), Deformation.uniaxial(2).freeing("xy")
     onset = critical_strain(critical.network, critical.lengths, path)
-    assert onset.valid_for_springs and 1e-4 < onset.strain
-    below, above = (strain_path(critical, [factor * onset.strain], path, throw=False) for factor in (0.8, 1.5))
+    assert onset.value.valid_for_springs and 1e-4 < onset.value.strain
+    below, above = (strain_path(critical, [factor * onset.value.strain], path, throw=False) for factor in (0.8, 1.5))
     assert below.status is Status.floppy and above.ok
     E = path.free_strains[0]
     rate = E @ np.linalg.inv(np.eye(2) + above.value.free_components[0] * E)
@@ -301,13 +301,13 @@ def test_cables_are_followed_from_a_floppy_start_through_their_onset(deformation
     start = spring_state(network, lengths, optimize(network, "length_variance").value.coordinates, Cable())
     onset = critical_strain(network, lengths, deformation, direction=sign)
     factors = np.array([0.0, 0.5, 1 - 1e-9, 1 + 1e-6, 1.01, 1.3])
-    path = strain_path(start, factors * onset.strain, deformation).value
+    path = strain_path(start, factors * onset.value.strain, deformation).value
     for name in ("energy", "modulus", "bulk_modulus", "shear_modulus", "max_force", "modulus_error"):
         np.testing.assert_array_equal(getattr(path, name)[:3], 0.0)
     assert not path.stress[:3].any() and all((state.lengths <= lengths).all() for state in path.states[:3])
     assert (path.energy[3:] > 0).all() and path.coordinate_error[3:].max() < 1e-6
     # E = ½ V C (γ − γ_c)² past the onset, and the minimum of the energy far from it.
-    ahead, volume = (factors[3] - 1) * onset.strain, path.states[3].network.volume
+    ahead, volume = (factors[3] - 1) * onset.value.strain, path.states[3].network.volume
     assert path.energy[3] == pytest.approx(0.5 * volume * path.modulus[3] * ahead**2, rel=1e-3)
     last = path.states[-1]
     moved = replace(last, coordinates=start.coordinates @ np.linalg.solve(network.cell, last.network.cell))
@@ -319,7 +319,9 @@ def test_strains_between_the_bounds_on_an_onset_are_undecided():
     network, lengths = slack_lattice()[:2]
     start = spring_state(network, 1.2 * lengths, critical_of(network).coordinates, Cable())
     onset = critical_strain(network, 1.2 * lengths, "pure_shear")
-    solution = strain_path(start, [0.5 * onset.strain, onset.strain, 2 * onset.strain], "pure_shear", throw=False)
+    solution = strain_path(
+        start, [0.5 * onset.value.strain, onset.value.strain, 2 * onset.value.strain], "pure_shear", throw=False
+    )
     assert solution.status is Status.undecided and "bounds" in solution.note
     np.testing.assert_array_equal(solution.value.energy, [0.0, np.nan, np.nan])
 
@@ -392,7 +394,7 @@ def test_the_path_past_an_onset_has_the_least_energy_of_all_cables(n_vertices, z
         found = minimize(energy, start.ravel(), jac=True, options={"gtol": 1e-10, "maxiter": 10_000})
         assert state.energy == pytest.approx(found.fun, rel=1e-6)
     taut = [np.count_nonzero(state.sigma > 1e-9) for state in path.states]
-    assert taut[1] > onset.taut.sum()
+    assert taut[1] > onset.value.taut.sum()
     assert strain_path(onset, [0.1], deformation="simple_shear", taut_only=True).value.energy[0] < 0.99 * path.energy[1]
 
 

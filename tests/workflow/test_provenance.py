@@ -34,7 +34,6 @@ def test_a_dataset_states_its_settings_versions_and_stored_cases(tmp_path, run, 
     ).keys()
     assert json.loads(attributes["parameters"])["spread"] == 0.2
     assert "SeedSequence" in attributes["seed_entropy"]
-    assert "qdldl" in attributes["sparse_solvers"].split()
     assert "critflow run tiny_study.py --set=spread=0.2 --set=trouble=1-random" in attributes["history"]
     stored = {}
     for case in select(tiny.study, settings).cases():

@@ -36,7 +36,7 @@ PROGRAMS = ("LAMMPS", "ASE", "matscipy", "jax_fdm")
 VERBS = {"holds": "hold", "differs": "differ", "undecided": "undecided"}
 # The default method of each task and the reason for it, from the measurements.
 REASONS = {
-    "configuration": "a sparse solver chosen by size: QDLDL for small matrices, Pardiso or METIS for large ones",
+    "configuration": "a sparse solver chosen by size: QDLDL for small matrices, SuperLU or Pardiso for large ones",
     "gradient": "one more solve with the same factor",
     "length_variance": "an iteration towards equal lengths; for high accuracy Newton's method at its end",
     "tension_variance": "L-BFGS; Newton's method where gradients alone stop",

@@ -166,7 +166,7 @@ def onset_self_stresses(parameters, seed):
     found = cf.critical_strain(network, _lengths(network), "simple_shear", throw=False)
     if not found.ok:
         return Measured(np.nan, np.empty(0), np.empty(0), found.status)
-    onset, taut = np.array([found.strain]), np.array([float(found.taut.sum())])
+    onset, taut = np.array([found.value.strain]), np.array([float(found.value.taut.sum())])
     return Measured(float(cf.certify(found.value).n_self_stresses), onset, taut)
 
 

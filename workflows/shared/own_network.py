@@ -12,8 +12,9 @@ from pathlib import Path
 
 import numpy as np
 
-from critflow import CritflowError, CriticalManifold, Network, network_from
+from critflow import CritflowError, CriticalManifold, Network
 from critflow.critical.manifold import require_one_self_stress
+from critflow.extensions import provided
 from critflow.networks.faces import planar_faces
 from critflow.result import NetworkError, StudyError
 
@@ -74,7 +75,7 @@ def _network_of(file) -> Network:
     if not Path(file).suffix:
         raise StudyError(f"network={file} must be a file whose ending names its format, such as tissue.csv")
     try:
-        read = network_from(file, strict=True)
+        read = provided("network_from", "networks of files")(file, strict=True)
     except CritflowError as error:
         raise StudyError(f"network={file}: {error}; critflow convert reads and repairs it") from error
     network = read.network

@@ -51,7 +51,7 @@ AT_TRANSITION = (
 )
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class CriticalStrain(Record):
     """The onset of rigidity on a path of deformations.
 

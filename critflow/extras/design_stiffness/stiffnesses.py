@@ -18,6 +18,7 @@ from critflow.certificates.counts import rigidity
 from critflow.critical.quantity import Quantity
 from critflow.extras.rest.at_rest import response_at_rest
 from critflow.extras.targets.problem import DesignOptions, DesignResult, EdgeLimits, Target, Variables, limit_sizes
+from critflow.extras.targets.stress_form import tensor_weights
 from critflow.linalg.matrices import block_laplacian, edge_blocks
 from critflow.networks.checks import edge_values
 from critflow.networks.deformation import strain_basis
@@ -79,7 +80,7 @@ class Stiffnesses(Variables):
 
     def values(self, state: AtRest, quantities: Sequence[Quantity]) -> tuple[Array, Array]:
         m = len(state.tensor)
-        W = np.array([quantity.tensor_weights(self.network.dimension) for quantity in quantities]).reshape(-1, m, m)
+        W = np.array([tensor_weights(quantity, self.network.dimension) for quantity in quantities]).reshape(-1, m, m)
         extension = state.extensions
         weighted = np.einsum("ea,nab,eb->ne", extension, W, extension, optimize=True)
         return np.einsum("nab,ab->n", W, state.tensor), weighted * state.stiffness / self.network.volume
@@ -122,7 +123,7 @@ class Stiffnesses(Variables):
         """The state with these stiffnesses; its tensor is computed again with error bounds."""
         network = self.network.with_stiffness(np.exp(z))
         response = response_at_rest(network, self.state.coordinates, network.volume)
-        W = np.array([quantity.tensor_weights(network.dimension) for quantity in quantities])
+        W = np.array([tensor_weights(quantity, network.dimension) for quantity in quantities])
         values = np.einsum("nab,ab->n", W, response.value.tensor)
         errors = np.einsum("nab,ab->n", np.abs(W), response.value.errors.tensor)
         value = spring_state(network, self.state.rest_lengths, self.state.coordinates, self.state.law)

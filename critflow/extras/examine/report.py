@@ -1,17 +1,14 @@
-"""An examination, its report as lines of text that are also Markdown, and the certificate of one configuration."""
+"""An examination, and its report as lines of text that are also Markdown."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field
 from functools import cached_property
-from importlib import import_module
-from os import PathLike
 
 import numpy as np
 
-from critflow.certificates.counts import Rigidity, certify, zero_modes
+from critflow.certificates.counts import Rigidity, zero_modes
 from critflow.critical.manifold import CriticalConfiguration
-from critflow.critical.vocabulary import upper_bound
 from critflow.extras.cables.onset_end import CriticalStrain
 from critflow.extras.files.data import counted
 from critflow.extras.files.repair import described
@@ -19,14 +16,14 @@ from critflow.extras.fronts.leverage import EdgeLeverage
 from critflow.extras.inference.nearest import Nearest
 from critflow.networks.blocks import components
 from critflow.networks.network import Array, Network
-from critflow.response.elasticity import Elasticity, elasticity
-from critflow.result import CritflowError, InputError, Record, Solution, Status
+from critflow.response.elasticity import Elasticity
+from critflow.result import InputError, Record, Solution, Status
 
 # Distance from the nearest critical configuration, in units of the mean edge length, up to which a network counts as
 # one that its program has relaxed to a tolerance: the loosest ones in use are 1e-3.
 RELAXED = 1e-3
 # Participation of a vertex, at most, that does not move.
-AT_REST = 1e-6
+_AT_REST = 1e-6
 _MOST_EDGES = 5
 # Floppy modes up to which the vertices that move most say what is loose.
 _FEW_MODES = 50
@@ -52,7 +49,7 @@ _STRAINS = {
 _UNITS = {2: "stiffness", 3: "stiffness/length"}
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Examination(Record):
     """The answers to the questions about one network; a part that could not be computed is None, with a sentence.
 
@@ -95,11 +92,6 @@ class Examination(Record):
         """Number of self-stresses at the coordinates."""
         return self.rigidity.value.n_self_stresses
 
-    def save(self, path: str | PathLike[str]) -> None:
-        """Write the page of the examination, Markdown or HTML by the ending, with its pictures."""
-        # Pictures need matplotlib, which takes most of the time of an import.
-        import_module("critflow.extras.examine.page").write_page(self, path)
-
     def vertex_name(self, vertex: int) -> str:
         """Name of a vertex in the source."""
         return self.names[vertex] if self.names else str(vertex)
@@ -122,7 +114,7 @@ class Examination(Record):
         if not len(pins) or self.network.offsets.any():
             return 0
         size = np.ptp(self.coordinates, axis=0).max()
-        across = self.network.dimension - int(np.linalg.matrix_rank(pins - pins[0], tol=AT_REST * size))
+        across = self.network.dimension - int(np.linalg.matrix_rank(pins - pins[0], tol=_AT_REST * size))
         return across * (across - 1) // 2
 
     @property
@@ -172,7 +164,7 @@ class Examination(Record):
             return 0, 0
         # Modes of a periodic network have a mean of zero: the rigid part moves as one, and is the larger one.
         rest = 0.0 if self.network.pins else np.median(modes, axis=1, keepdims=True)
-        moves = np.abs(modes - rest).max(axis=(0, 2)) > AT_REST
+        moves = np.abs(modes - rest).max(axis=(0, 2)) > _AT_REST
         if moves[self.network.free].all():
             return 0, 0
         inside = self.network.edges[moves[self.network.edges].all(axis=1)]
@@ -436,26 +428,3 @@ def advice_of(examination: Examination, file: str = "") -> tuple[str, ...]:
     elif order == "undecided":
         advice.append("give coordinates with more digits, or their number of decimals")
     return tuple(advice)
-
-
-def certificate_text(critical: CriticalConfiguration, title: str, outcome: Status) -> str:
-    """The certificate, one line per check; moduli where they are defined."""
-    certificate, network = certify(critical), critical.network
-    low, high = certificate.gap
-    state = "rigid to second order" if certificate.rigid else "not shown to be rigid: floppy parts remain"
-    lines = {
-        "status": outcome.name,
-        "force-balance residual": f"{certificate.residual:.2g} of the mean tension",
-        "least tension": f"{certificate.least_tension:.3g} of the mean",
-        "self-stresses": f"{certificate.n_self_stresses} (singular values {low:.1e} | {high:.1e})",
-        "zero modes": f"{certificate.n_zero_modes}; {state}",
-    }
-    try:
-        moduli, bound = elasticity(critical).value, upper_bound(network, "B_0")
-        lines["B_0"] = f"{moduli.bulk:.10f}, {100 * moduli.bulk / bound:.6f} % of its bound {bound:.10f}"
-        lines["G_0"] = f"{moduli.shear:.10g}"
-    except CritflowError as error:
-        lines["moduli"] = str(error)
-    width = max(map(len, lines))
-    head = f"{title}: {network.n_vertices} vertices, {network.n_edges} edges"
-    return "\n".join([head, *(f"  {name:<{width}}  {text}" for name, text in lines.items())])

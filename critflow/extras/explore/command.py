@@ -8,7 +8,7 @@ from typing import Annotated
 
 import typer
 
-from critflow.command.networks import Hints, reading
+from critflow.extras.files.hints import Hints, reading
 from critflow.result import EnvironmentFailure, InputError
 
 

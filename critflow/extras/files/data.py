@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from critflow.networks.checks import floats, integers
 from critflow.networks.digits import Digits, digits_of
 from critflow.result import EnvironmentFailure, InputError, Record
+from critflow.workflow.selected import stored_configuration
 
 Array = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -31,7 +32,7 @@ NUMBER = r"[+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?|[Nn]a[Nn]|[+-]?
 EDGE_FIELDS = ("edges", "offsets", "bond_vectors", *EDGE_VALUES, "sides", "edge_numbers")
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class NetworkData(Record):
     """A network as a file or an object holds it.
 
@@ -46,7 +47,7 @@ class NetworkData(Record):
     force_densities  (N_b,) σ
     sides            (N_b, 2) polygons of the source on both sides of each edge; -1: none
     volume           V to which the moduli of a network without a cell refer
-    border           vertices at the edges of a picture
+    border           vertices at the edges of a label mask
     ids              name of each vertex in the source
     known_digits     digits of the coordinates where a format fixes them; None: to be found
     nearest_images   whether the format defines edges by nearest images
@@ -54,7 +55,7 @@ class NetworkData(Record):
     notes            sentences on how the source was read, its repairs, and what else is unusual
     repaired         whether anything was corrected, which a strict reading refuses
     edge_numbers     (N_b,) edge of the source of each edge
-    vertex_numbers   (N_v,) vertex of the source of each vertex; -1 for one at a crossing of edges
+    vertex_numbers   (N_v,) vertex of the source of each vertex
 
     Raises `NetworkError` for values that are no numbers, and for edges and offsets that are not whole.
     """
@@ -143,21 +144,9 @@ class NetworkData(Record):
 
 def from_dataset(case: Any) -> NetworkData:
     """A case of a dataset, selected by its axis values, such as `dataset.sel(seed=3, population="bulk_modulus")`."""
-    if missing := [name for name in ("edges", "offsets", "cell", "coordinates") if name not in case]:
-        raise InputError(f"this dataset contains no configurations: it lacks {', '.join(missing)}")
-    if np.ndim(case["edges"]) != 2:
-        raise InputError("choose one case of the dataset, such as dataset.sel(seed=3, population='bulk_modulus')")
-    coordinates = np.asarray(case["coordinates"], dtype=float)
-    if not np.isfinite(coordinates).all():
-        raise InputError("this case of the dataset has no configuration: see its status, or choose another")
-    return NetworkData(
-        edges=np.asarray(case["edges"]),
-        positions=coordinates,
-        cell=np.asarray(case["cell"]),
-        offsets=np.asarray(case["offsets"]),
-        force_densities=np.asarray(case["sigma"]) if "sigma" in case else None,
-        source="critflow dataset",
-    )
+    arrays: dict[str, Any] = stored_configuration(case)
+    positions, sigma = arrays.pop("coordinates"), arrays.pop("sigma")
+    return NetworkData(positions=positions, force_densities=sigma, source="critflow dataset", **arrays)
 
 
 def from_zero(data: NetworkData) -> NetworkData:

@@ -25,6 +25,7 @@ from critflow.critical.edge_lengths import NO_LENGTH
 from critflow.critical.manifold import CriticalConfiguration, CriticalManifold
 from critflow.critical.quantity import Quantity
 from critflow.critical.vocabulary import quantity
+from critflow.extras.targets.stress_form import stress_form
 from critflow.linalg.factor import Factor
 from critflow.linalg.tolerances import EPS
 from critflow.linalg.vectors import dot, norms
@@ -47,7 +48,7 @@ Mask = NDArray[np.bool_]
 _BLOCK = 4_000_000
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class EdgeLeverage(Record):
     """A quantity after cutting each edge with the stress of the others unchanged; NaN where the cut opens the network.
 
@@ -217,22 +218,22 @@ def values_after(
     bypass, around = _bypass(sigma, columns, edges, kept)
     opened = np.abs(bypass * sigma[edges]) <= rounding**2 * np.abs(sigma).sum()
     growth = sigma[edges] / np.where(opened, np.inf, bypass)
-    of_stress = measured.of_stress(network.dimension)
-    if of_stress is not None:
+    form = stress_form(measured)
+    if form is not None:
         stress, weight = np.where(kept, sigma, 0.0), np.where(kept, sigma**2 / network.stiffness, 0.0)
         if rounding == UPDATED:
             # Sums for all cuts at once cancel, by no more than the columns are off.
-            work, _ = _sum_after(stress, L, L @ of_stress.strain, around, edges, growth)
+            work, _ = _sum_after(stress, L, L @ form.strain, around, edges, growth)
             cost, size = _sum_after(weight, L, L, around, edges, growth)
             opened |= cost <= rounding * size
         else:
             there = L[:, None] + (growth * around)[:, :, None] * L[edges]
             there[edges, np.arange(len(edges))] = 0.0
             squares = dot(there, there)
-            work, cost = stress @ dot(there @ of_stress.strain, there), weight @ squares
+            work, cost = stress @ dot(there @ form.strain, there), weight @ squares
             opened |= squares[kept].max(axis=0, initial=0.0) <= NO_LENGTH**2 * dot(L, L).max()
         cost = np.where(opened, np.nan, cost)
-        return work**2 / (network.volume * cost) if of_stress.squared else work / np.sqrt(cost)
+        return work**2 / (network.volume * cost) if form.squared else work / np.sqrt(cost)
     value, rest = np.full(len(edges), np.nan), kept.copy()
     for n in np.flatnonzero(~opened):
         rest[edges[n]] = False

@@ -20,9 +20,10 @@ from numpy.typing import ArrayLike, NDArray
 from critflow.arguments import checked
 from critflow.critical.edge_lengths import COLLAPSING, SOUND
 from critflow.critical.manifold import Balance, CriticalConfiguration, CriticalManifold, require_one_self_stress
-from critflow.critical.vocabulary import quantity, same
+from critflow.critical.vocabulary import quantity
 from critflow.extras.targets.constrained import Minimum, Point, minimise_constrained
 from critflow.extras.targets.problem import POWERS, Target, edge_limits, parse_targets
+from critflow.extras.targets.stress_form import same
 from critflow.extras.targets.stresses import Stresses
 from critflow.linalg.vectors import norms
 from critflow.networks.network import Array, Network
@@ -55,7 +56,7 @@ _ROUNDED = f"rounding stops its search before the first-order conditions hold: g
 _BACKWARDS = "a multiplier is negative: here an objective improves without cost, so the point is not on the front"
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
+@dataclass(frozen=True, eq=False, kw_only=True, repr=False)
 class Front(Solution[tuple[CriticalConfiguration, ...]]):
     """Configurations of a front in the order of the first objective, from its best value on.
 

@@ -25,6 +25,7 @@ from critflow.critical.edge_lengths import NO_LENGTH
 from critflow.critical.manifold import CriticalConfiguration, CriticalManifold
 from critflow.extras.fronts.leverage import Mask, Part, values_after
 from critflow.extras.targets.problem import Target, parse_targets
+from critflow.extras.targets.stress_form import stress_form
 from critflow.linalg.tolerances import LARGEST_DENSE
 from critflow.linalg.vectors import norms
 from critflow.networks.network import Array, IntArray, Network
@@ -41,7 +42,7 @@ _TAKEN_BACK = 6
 _PRIME = 7919
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
+@dataclass(frozen=True, eq=False, kw_only=True, repr=False)
 class PrunedDesign(Solution[CriticalConfiguration]):
     """A configuration of a part of the edges, with the stress that they had.
 
@@ -189,7 +190,7 @@ class _Search:
 
     def after(self, state: _State, first: int, last: int) -> Array:
         """The quantity after the cut of each edge from `first` to `last`, NaN where it opens the network or is cut."""
-        quick = self.quantity.of_stress(self.network.dimension)
+        quick = stress_form(self.quantity)
         width = last - first if quick else max(1, LARGEST_DENSE // (4 * state.L.size))
         values, given = [], (self.quantity, self.network, state.sigma, state.L)
         for start in range(first, last, width):

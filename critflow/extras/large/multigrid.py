@@ -26,12 +26,12 @@ from numpy.typing import NDArray
 from scipy.linalg.blas import daxpy, saxpy
 from scipy.sparse.csgraph import reverse_cuthill_mckee
 
+from critflow.linalg.factor import REDUCED
 from critflow.linalg.products import add_product, product
 from critflow.linalg.tolerances import EPS
 from critflow.linalg.vectors import quasi_random
 
 INSTALLED = find_spec("pyamg") is not None
-REDUCED = 1e-12  # reduction of a residual that ends a solve: rounding is near 1e-14 at 10⁶ vertices
 MOST_STEPS = 400  # of one solve; 20 to 80 suffice where stresses span up to four decades
 # Part of the geometric mean of two diagonal entries from which an entry between them is strong, and joins an aggregate,
 # of the given matrix and of the coarser ones.  Of stresses over four decades the first one halves the steps of 0.01;

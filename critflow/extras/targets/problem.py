@@ -17,8 +17,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from critflow.critical.manifold import Balance
 from critflow.critical.quantity import Quantity
-from critflow.critical.vocabulary import quantity, same
+from critflow.critical.vocabulary import quantity
 from critflow.extras.targets.constrained import Minimum, Point, Problem, minimise_constrained
+from critflow.extras.targets.stress_form import same
 from critflow.networks.checks import edge_values
 from critflow.networks.network import Array, Network
 from critflow.result import InputError, Solution
@@ -176,7 +177,7 @@ class DesignOptions:
 
     def springs(self, start: Any) -> SpringState:
         """The start, if it is a state of springs on edges; else `InputError`."""
-        if not isinstance(start, SpringState) or start.faces is not None:
+        if type(start) is not SpringState:
             raise InputError(f"change={self.change!r} starts from springs on edges: give spring_state(network, ...)")
         return start
 

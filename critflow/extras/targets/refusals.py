@@ -14,9 +14,9 @@ from itertools import product
 import numpy as np
 
 from critflow.critical.manifold import CriticalManifold
-from critflow.critical.quantity import OfStress
 from critflow.critical.transition import dilation, largest_value, modulus_form, pure_shear, strain_components
 from critflow.extras.targets.problem import Target
+from critflow.extras.targets.stress_form import StressForm, stress_form
 from critflow.networks.deformation import strain_basis
 from critflow.networks.network import Array
 from critflow.optimisation.largest_modulus import largest_modulus
@@ -53,9 +53,9 @@ def _beyond_extreme(manifold: CriticalManifold, targets: Sequence[Target], posit
     return ""
 
 
-def _of_stress(targets: Sequence[Target], dimension: int) -> list[tuple[Target, OfStress]]:
+def _stress_forms(targets: Sequence[Target]) -> list[tuple[Target, StressForm]]:
     """The targets that are functions of S/√D, with these."""
-    pairs = [(target, target.quantity.of_stress(dimension)) for target in targets]
+    pairs = [(target, stress_form(target.quantity)) for target in targets]
     return [(target, function) for target, function in pairs if function is not None]
 
 
@@ -69,7 +69,7 @@ def _beyond_stress(manifold: CriticalManifold, targets: Sequence[Target], positi
     matrix = np.einsum("n,nij->ij", S, strains * np.where(np.einsum("nii->n", strains) > 0, 1, 2)[:, None, None])
     if positive and np.linalg.eigvalsh(matrix)[0] <= 0:
         return "S is positive definite where every edge is under tension: choose signs='any', or another S"
-    for target, function in _of_stress(targets, network.dimension):
+    for target, function in _stress_forms(targets):
         implied = float(np.sum(matrix * function.strain)) ** 2 / network.volume
         if function.squared and not target.low * (1 - 1e-9) <= implied <= target.high * (1 + 1e-9):
             raise InputError(f"the targets contradict each other: those of S/√D make {target.name} {implied:.8g}")
@@ -82,7 +82,7 @@ def _beyond_together(manifold: CriticalManifold, targets: Sequence[Target]) -> s
     S/√D lies in the ellipsoid sᵀ form⁻¹ s ≤ V, so its products C s with some strains in vᵀ (C form Cᵀ)⁻¹ v ≤ V.
     """
     network, (_, strains) = manifold.network, strain_basis(manifold.network.dimension)
-    exact = [(t, function) for t, function in _of_stress(targets, network.dimension) if t.low == t.high]
+    exact = [(t, function) for t, function in _stress_forms(targets) if t.low == t.high]
     if len(exact) < 2:
         return ""
     names = [target.name for target, _ in exact]
@@ -107,7 +107,7 @@ def prescribed_stress(dimension: int, targets: Sequence[Target]) -> Array | None
     """The components S:A of a fully prescribed S/√D in the order of `strain_basis`, or None."""
     _, strains = strain_basis(dimension)
     components = np.full(len(strains), np.nan)
-    for target, function in _of_stress(targets, dimension):
+    for target, function in _stress_forms(targets):
         if not function.squared and target.low == target.high:
             components[(strains == function.strain).all(axis=(1, 2))] = target.low
     return None if np.isnan(components).any() else components
@@ -167,6 +167,6 @@ def _beyond_softening(manifold: CriticalManifold, targets: Sequence[Target]) -> 
 
 def _range_of_modulus(targets: Sequence[Target], strain: Array, bound: float) -> tuple[float, float]:
     """The requested range of the modulus of a strain, inside 0 and its bound."""
-    pairs = _of_stress(targets, len(strain))
+    pairs = _stress_forms(targets)
     same = [target for target, function in pairs if function.squared and np.array_equal(function.strain, strain)]
     return max([0.0, *(t.low for t in same)]), min([bound, *(t.high for t in same)])

@@ -50,7 +50,7 @@ _KIND = "variables of "
 """How an extra declares a kind of variables that `design` changes."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class TargetResult(Record):
     """What a design has of one target.
 
@@ -67,7 +67,7 @@ class TargetResult(Record):
     independence: float
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
+@dataclass(frozen=True, eq=False, kw_only=True, repr=False)
 class Design(Solution[Value]):
     """A configuration or a state with requested properties.
 

@@ -19,6 +19,7 @@ import numpy as np
 import scipy.sparse as sp
 from numpy.typing import ArrayLike
 
+from critflow.critical.manifold import CriticalManifold, ForceBalance
 from critflow.linalg.factor import Entries, Factor, FixedPattern
 from critflow.linalg.matrices import end_pairs, free_ends
 from critflow.linalg.tolerances import EPS
@@ -28,13 +29,13 @@ from critflow.networks.network import Array, Network
 from critflow.precision.double_double import Extended, add, extended, multiply, two_sum
 from critflow.precision.geometry import ExtendedGeometry
 from critflow.precision.refinement import HOPELESS, LOST, MOST_STEPS, SAFETY, UNSEEN, magnification
-from critflow.result import InputError, Record, Solution, Stats, Status, Value
+from critflow.result import InputError, Record, Stats, Status
 
 # Force of the pressures on an edge from its left to its right, from (L_x, L_y): q(L_y, −L_x), half at each end.
 _TURNED = np.array([0.5, -0.5])
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class PressurisedConfiguration(Record):
     """A planar network in balance under σ (N_b,) and pressures p (N_f,): coordinates (N_v, 2), bond vectors (N_b, 2).
 
@@ -74,16 +75,6 @@ class PressurisedConfiguration(Record):
         return float(np.abs(force).max(initial=0.0) / np.abs(self.tensions).mean())
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
-class ForceBalance(Solution[Value]):
-    """The configuration of a stress, or of a stress and pressures.
-
-    negative_pivots  number of negative eigenvalues of P(σ), or of P(σ) + iQ(q)
-    """
-
-    negative_pivots: int
-
-
 def pressure_jumps(network: Network) -> sp.csr_array:
     """J (N_b, N_f) with q = J p, the pressure on the left of each edge less that on its right.
 
@@ -120,6 +111,7 @@ class PressureManifold:
         """The configuration under σ (N_b,) of any sign and p (N_f,), refined, with an estimate of its error.
 
         Coordinates are NaN where P + iQ is singular or so nearly singular that no digit is certain.
+        `negative_pivots` counts the negative eigenvalues of P + iQ.
         Raises `InputError` for values that are not finite or of another shape, and where σ is zero everywhere.
         """
         network = self.network
@@ -187,6 +179,16 @@ class PressureManifold:
         turned = Extended(L.high[:, ::-1] * _TURNED, L.low[:, ::-1] * _TURNED)
         pushed = multiply(Extended(q.high[:, None], q.low[:, None]), turned)
         return add(self._geometry.divergence(pulled), self._geometry.spread(pushed))
+
+
+def pressurised_configuration(
+    manifold: CriticalManifold, sigma: ArrayLike, pressures: ArrayLike, throw: bool = True
+) -> PressurisedConfiguration:
+    """The configuration under σ (N_b,) and pressures (N_f,) of the network of a manifold, as `PressureManifold.solve`.
+
+    Raises `SolveError` where no digit of it is certain, if `throw`.
+    """
+    return PressureManifold(manifold.network, manifold.backend).solve(sigma, pressures, throw).value
 
 
 @dataclass(frozen=True, eq=False)

@@ -5,11 +5,11 @@ import pytest
 import scipy.sparse as sp
 from problems import random_stress
 
-from critflow import CriticalManifold, InputError, Status
-from critflow.extras.large import multigrid
+from critflow import CriticalManifold, InputError, Status, voronoi_network
+from critflow.extras.large import multigrid, pardiso
 from critflow.generators.tessellations import voronoi_tessellation
 from critflow.linalg import backends
-from critflow.linalg.backends import CROSSOVERS, choose_backend
+from critflow.linalg.backends import available_backends, choose_backend, choose_iteration, eliminating_backends
 
 pytest.importorskip("pyamg")
 
@@ -23,7 +23,9 @@ SIGNED = STRESS * np.where(np.arange(FOAM.n_edges) % 7, 1.0, -0.3)
 @pytest.fixture
 def chosen(monkeypatch):
     """Let "auto" choose multigrid at this size."""
-    monkeypatch.setattr(backends, "MULTIGRID_CROSSOVERS", dict.fromkeys(CROSSOVERS, 0))
+    crossovers = backends._crossovers
+    always = {"pyamg": dict.fromkeys(eliminating_backends(), 0)}
+    monkeypatch.setattr(backends, "_crossovers", lambda table: always if table == "iterations" else crossovers(table))
 
 
 @pytest.mark.parametrize("sigma", [np.ones(FOAM.n_edges), STRESS, WEAK], ids=["equal", "random", "weak bonds"])
@@ -54,7 +56,7 @@ def test_what_multigrid_cannot_serve_is_refused():
         lambda: manifold.balance(STRESS).factor.pivots,
         lambda: manifold.hessian.factorize(np.ones(6 * FOAM.n_edges)),
     ):
-        with pytest.raises(InputError, match=r"pyamg.*positive stresses.*'(qdldl|superlu|metis|pardiso)'"):
+        with pytest.raises(InputError, match=r"pyamg.*positive stresses.*'(qdldl|superlu|pardiso)'"):
             call()
     assert manifold.solve(HOPELESS).status is Status.ill_conditioned
 
@@ -66,7 +68,7 @@ def test_what_multigrid_cannot_serve_is_refused():
 )
 def test_the_automatic_choice_serves_every_call(chosen, sigma, iterates):
     manifold = CriticalManifold(FOAM)
-    other = CriticalManifold(FOAM, manifold.prestress._elimination)
+    other = CriticalManifold(FOAM, manifold.prestress.elimination)
     found, true = manifold.solve(sigma), other.solve(sigma)
     assert found.status is true.status is Status.ok
     assert found.negative_pivots == true.negative_pivots
@@ -83,18 +85,41 @@ def test_parts_without_a_fixed_vertex_are_singular(chosen):
 
 
 def test_the_choice_by_dimension_and_size():
-    assert choose_backend("auto", 10**7, in_space=True, laplacian=True) == "pyamg"
-    assert choose_backend("auto", 10**7, in_space=True) != "pyamg"
-    assert choose_backend("auto", 10**7, laplacian=True) != "pyamg"
-    assert choose_backend("auto", 10**3, in_space=True, laplacian=True) == "qdldl"
+    for elimination in {"superlu", "pardiso"} & eliminating_backends().keys():
+        assert choose_iteration(elimination, 10**7) == "pyamg"
+        assert choose_iteration(elimination, 10**3) == ""
+    assert choose_iteration("qdldl", 10**7) == ""
     assert CriticalManifold(FOAM).prestress.backend != "pyamg"
 
 
+def test_planar_laplacians_and_other_matrices_are_eliminated(chosen):
+    assert CriticalManifold(FOAM).prestress.backend == "pyamg"
+    assert CriticalManifold(FOAM).hessian.backend != "pyamg"
+    assert CriticalManifold(voronoi_network(30, seed=1)).prestress.backend != "pyamg"
+
+
 def test_what_is_missing_is_said(monkeypatch):
-    monkeypatch.setattr(multigrid, "INSTALLED", False)
-    assert choose_backend("auto", 10**7, in_space=True, laplacian=True) != "pyamg"
+    installed = dict(backends._brought("backends"))
+    monkeypatch.setattr(backends, "_brought", lambda table: installed if table == "backends" else {})
+    assert choose_iteration("superlu", 10**7) == ""
     with pytest.raises(InputError, match=r"'pyamg' is installed: .* pip install 'critflow\[fast,multigrid\]'"):
         CriticalManifold(FOAM, "pyamg")
+
+
+def test_what_is_not_there_is_not_installed(monkeypatch):
+    backends._brought.cache_clear()
+    monkeypatch.setattr(multigrid, "INSTALLED", False)
+    monkeypatch.setattr(pardiso, "MKL", None)
+    assert available_backends() == ("qdldl", "superlu")
+    backends._brought.cache_clear()
+
+
+@pytest.mark.parametrize(("in_space", "size"), [(False, 20_000), (True, 3_000)])
+def test_pardiso_takes_matrices_above_its_size(monkeypatch, in_space, size):
+    monkeypatch.setattr(backends, "_brought", lambda table: {"pardiso": pardiso.Pardiso} if table == "backends" else {})
+    assert choose_backend("auto", size, in_space) == "qdldl"
+    assert choose_backend("auto", size + 1, in_space) == "pardiso"
+    assert choose_backend("auto", 10**8, in_space) == "pardiso"
 
 
 def test_vertices_without_strong_connections_join_no_aggregate():

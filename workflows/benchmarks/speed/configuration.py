@@ -26,11 +26,11 @@ from . import references
 
 SIZES = (100, 1_000, 10_000, 100_000)
 # From here on only backends and peers that take no more than some seconds.
-HUGE, _AT_HUGE = 1_000_000, ("superlu", "metis", "pardiso")
+HUGE, _AT_HUGE = 1_000_000, ("superlu", "pardiso")
 # Dense matrices beyond are out of the question.
 DENSE = 2_000
 # Backends that require another package.
-FAST = {"metis": "pymetis", "pardiso": "pypardiso", "pyamg": "pyamg"}
+FAST = {"pardiso": "pypardiso", "pyamg": "pyamg"}
 TOLERANCES = (1e-2, 1e-4, 1e-6, 1e-8, 1e-10, 1e-12, 1e-14)
 # Where every run of an iterative method takes seconds it has one level, at which its answer is worth something.
 LARGE, _GOOD = 100_000, (1e-10,)

@@ -1,0 +1,1 @@
+"""The command `critflow make`: the best configuration of a file, or one with requested properties."""

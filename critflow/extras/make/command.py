@@ -1,0 +1,107 @@
+"""The command `critflow make`."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Annotated, Any
+
+import numpy as np
+import typer
+
+from critflow.critical.manifold import CriticalConfiguration
+from critflow.extras.files.convert import write_network
+from critflow.extras.files.formats import writable_format
+from critflow.extras.files.hints import FilesArgument, Hints, in_shell, read, reading, value_of
+from critflow.extras.files.repair import ImportedNetwork
+from critflow.extras.inference.nearest import nearest_critical
+from critflow.extras.targets.targets import Design, design
+from critflow.networks.network import Network
+from critflow.optimisation.optimize import optimize
+from critflow.progress import running
+from critflow.response.certificate import certificate_text
+from critflow.result import InputError, Solution
+
+
+@reading
+def make(
+    files: FilesArgument,
+    out: Annotated[Path, typer.Option(metavar="OUT", help="The file to write; its ending names the format.")],
+    hints: Hints,
+    objective: Annotated[
+        str,
+        typer.Option(
+            metavar="NAME",
+            help="A quantity, such as B_0, G_0 or V_tau, or nearest to the positions; B_0 unless there are targets.",
+        ),
+    ] = "",
+    picture: Annotated[Path | None, typer.Option(metavar="PNG", help="Also draw the configuration.")] = None,
+    target: Annotated[
+        list[str],
+        typer.Option(metavar="NAME=VALUE", help="A property to reach, a value or LOW:HIGH; may be repeated."),
+    ] = [],  # noqa: B006 (typer reads the default and copies it)
+) -> int:
+    """Read a network, find its best critical configuration or one with requested properties, certify it and write it.
+
+    Many parameters: each is an option of the command.
+    """
+    if objective and target:
+        raise InputError("--objective is for networks without --target: give NAME=largest or NAME=smallest as a target")
+    objective = objective or "B_0"
+    # Before a long computation, whose result could not be written.
+    writable_format(out)
+    if picture is not None:
+        # matplotlib takes a third of the time of a small network.
+        from critflow.figures.drawing import draw, require_picture, saved
+
+        require_picture(picture)
+    imported = read(files, hints)
+    print(in_shell(str(imported)))
+    writable_format(out, imported.network.dimension)
+    with running(f"making {out.name}"):
+        solution, title, lines = _made(imported, objective, target)
+    critical = solution.value
+    print("\n".join(f"  {line}" for line in lines))
+    if not np.isfinite(critical.coordinates).all():
+        return 3
+    print(f"  {certificate_text(critical, title, solution.status)}")
+    write_network(critical, out)
+    print(f"  written to {out}")
+    if picture is not None:
+        saved(draw(critical, title=title).figure, picture)
+        print(f"  drawn in {picture}")
+    return 0 if solution.ok else 3
+
+
+def _made(
+    imported: ImportedNetwork, objective: str, target: Sequence[str]
+) -> tuple[Solution[CriticalConfiguration], str, list[str]]:
+    """The configuration with the targets, nearest to the positions or best, a title of it, and lines that report it."""
+    if target:
+        return _designed(imported.network, target)
+    if objective == "nearest":
+        fit = nearest_critical(imported.network, imported.positions, throw=False)
+        line = f"root mean square distance {fit.distance:.6g} ({fit.status.name}: {fit.reason})"
+        return fit, f"{fit.distance:.3g} from the positions", [line]
+    optimum = optimize(imported.network, objective, throw=False)
+    line = f"{objective} {optimum.objective:.10g} ({optimum.status.name}: {optimum.reason})"
+    return optimum, f"{objective} {optimum.objective:.6g}", [line]
+
+
+def _designed(network: Network, words: Sequence[str]) -> tuple[Design, str, list[str]]:
+    """The design for targets of the command line, a title of it, and lines that report it."""
+    targets = dict[str, Any]()
+    for word in words:
+        name, equals, value = word.partition("=")
+        if not (name and equals and value):
+            raise InputError(f"--target must be NAME=VALUE or NAME=LOW:HIGH, such as B_0=0.25, not {word!r}")
+        if name in targets:
+            raise InputError(f"--target {name} is given twice: give one value, or limits LOW:HIGH")
+        targets[name] = value_of(value)
+    solution = design(network, targets, throw=False)
+    lines = [f"{solution.status.name}: {solution.reason}"] + [
+        f"{name} {one.value:.12g} ± {one.error:.1e}, requested {targets[name]}, cost {one.multiplier + 0.0:.3g}, "
+        f"independence {one.independence:.3g}"
+        for name, one in solution.targets.items()
+    ]
+    return solution, ", ".join(f"{name} {one.value:.4g}" for name, one in solution.targets.items()), lines

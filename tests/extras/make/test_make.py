@@ -1,0 +1,106 @@
+"""The command `critflow make`."""
+
+import os
+
+import numpy as np
+import pytest
+from extras.tissues import tissue
+
+import critflow
+from critflow import lattice, network_from, voronoi_network, write_network
+from critflow.command.main import main
+from critflow.extras.files import data
+from critflow.extras.make import command
+
+
+def test_the_best_configuration_is_written_and_drawn(tmp_path, capsys):
+    write_network(lattice("honeycomb", 4, 4), tmp_path / "h.csv")
+    words = ["make", str(tmp_path / "h.csv"), "--out", str(tmp_path / "m.csv"), "--picture", str(tmp_path / "m.png")]
+    assert main(words) == 0
+    out = capsys.readouterr().out
+    assert "B_0 0.2886751346" in out and "100.000000 % of its bound" in out
+    assert (tmp_path / "m.png").read_bytes().startswith(b"\x89PNG")
+    assert network_from(tmp_path / "m.csv").force_densities == pytest.approx(np.ones(48))
+
+
+def test_the_nearest_configuration(tmp_path, capsys):
+    file, out = tissue(tmp_path, 1e-5), tmp_path / "made.csv"
+    assert main(["make", str(file), "--pins", "two_edges", "--objective", "nearest", "--out", str(out)]) == 0
+    made, given = network_from(out), network_from(file, pins="two_edges")
+    moved = np.sqrt(np.mean(np.sum((made.positions - given.positions) ** 2, axis=1)))
+    assert f"distance {moved:.6g} (ok" in capsys.readouterr().out
+    assert critflow.rigidity(made.network, made.positions).value.n_self_stresses == 1
+
+
+def test_a_network_with_targets(tmp_path, capsys):
+    source, out = tmp_path / "v.csv", tmp_path / "made.csv"
+    write_network(voronoi_network(n_vertices=16, seed=1), source)
+    assert main(["make", str(source), "--target", "C_B=0", "--target", "B_0=0.2:0.25", "--out", str(out)]) == 0
+    made = network_from(out)
+    critical = critflow.CriticalManifold(made.network).configuration(made.force_densities)
+    exact = critflow.stiffening(critical).value
+    assert abs(exact.C_B) < 1e-9 and 0.201 < exact.bulk_0 < 0.25 + 1e-9
+    assert "C_B" in capsys.readouterr().out
+    assert main(["make", str(source), "--target", "C_B=-9", "--out", str(out)]) == 3
+    assert "at least" in capsys.readouterr().out
+    assert main(["make", str(source), "--target", "C_B", "--out", str(out)]) == 2
+    assert "NAME=VALUE" in capsys.readouterr().err
+    twice = ["make", str(source), "--target", "C_B=0", "--out", str(out)]
+    assert main([*twice, "--target", "C_B=1"]) == 2 and "twice" in capsys.readouterr().err
+    assert main([*twice, "--objective", "bulk_modulus"]) == 2 and "--objective" in capsys.readouterr().err
+
+
+def test_two_tables(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "ends.csv").write_text("from;to\nA;D\nB;D\nC;D\n")
+    (tmp_path / "places.csv").write_text("id;x;y\nA;0;0\nB;4;0\nC;0;3\nD;1;1\n")
+    assert main(["make", "ends.csv", "places.csv", "--out", "m.csv", "--pins", "A,B,C"]) == 0
+    assert network_from("m.csv").network.n_edges == 3
+
+
+@pytest.mark.parametrize(
+    ("words", "word"),
+    [
+        (["make", "h.csv", "--out", "m.svg", "--objective", "colour"], "colour"),
+        (["make", "h.csv", "--out", "m.csv", "--target", "B_0=0_1"], "0_1"),
+        (["make", "t.csv", "--out", "m.csv", "--target", "C_B=0"], "in Python, prune_towards("),
+    ],
+)
+def test_a_wrong_command_is_one_sentence(tmp_path, monkeypatch, capsys, words, word):
+    write_network(lattice("honeycomb", 4, 4), tmp_path / "h.csv")
+    write_network(lattice("triangular", 4, 4), tmp_path / "t.csv")
+    monkeypatch.chdir(tmp_path)
+    assert main(words) == 2
+    error = capsys.readouterr().err
+    assert word in error and error.count("\n") == 1
+
+
+@pytest.mark.parametrize(("pipe", "name"), [("a.json", "a.json"), ("a_edges.csv", "a.csv"), ("a.nc", "a.nc")])
+def test_a_pipe_is_not_waited_for(tmp_path, capsys, pipe, name):
+    os.mkfifo(tmp_path / pipe)
+    assert main(["make", str(tmp_path / name), "--out", str(tmp_path / "out.json")]) == 2
+    assert "regular" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("words", "code", "word"),
+    [
+        (["--out", "m.gml"], 6, "networkx"),
+        (["--out", "m.doc"], 2, "ending"),
+        (["--out", "nowhere/m.csv"], 2, "folder"),
+        (["--out", "m.stl"], 6, "critflow[formats]"),
+        (["--out", "m.json"], 6, "networkx"),
+        (["--out", "m.csv", "--picture", "m.doc"], 2, "picture"),
+        (["--out", "m.graphml", "--target", "B_0=0.2"], 6, "networkx"),
+        (["--out", "m.svg"], 2, "two-dimensional"),
+    ],
+)
+def test_what_cannot_be_written_is_refused_before_the_computation(tmp_path, monkeypatch, capsys, words, code, word):
+    network = critflow.lattice("diamond", 2, 2, 2) if word == "two-dimensional" else lattice("honeycomb", 2, 2)
+    write_network(network, tmp_path / "n.csv")
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(data, "import_module", lambda name: (_ for _ in ()).throw(ImportError(name)))
+    for name in ("optimize", "design", "nearest_critical"):
+        monkeypatch.setattr(command, name, lambda *_, **__: pytest.fail("computed"))
+    assert main(["make", "n.csv", *words]) == code
+    assert word in capsys.readouterr().err

@@ -1,0 +1,55 @@
+"""How extras join the scene: their declarations, and what is said of one that is not installed."""
+
+import tomllib
+
+import pytest
+from known_extras import LIST, declared
+
+from critflow import InputError, extensions, lattice, quantity
+
+
+@pytest.fixture
+def without(monkeypatch):
+    """A function that takes an extra away, as if its folder were deleted."""
+
+    def remove(extra):
+        rest = {name: one for name, one in extensions.extras().items() if name != extra}
+        monkeypatch.setattr(extensions, "extras", lambda: rest)
+
+    return remove
+
+
+def test_the_list_of_names_is_that_of_the_declarations():
+    """An extra of one's own needs no line; of an extra that is deleted the line stays."""
+    listed = tomllib.loads(LIST.read_text(encoding="utf-8"))
+    assert {name: names for name, names in declared().items() if name in listed} == {
+        name: names for name, names in listed.items() if name in extensions.extras()
+    }, "run python tests/known_extras.py"
+    names = [name for names in listed.values() for name in names]
+    assert len(names) == len(set(names))
+
+
+def test_a_name_of_an_extra_that_is_not_installed(without):
+    listed = tomllib.loads(LIST.read_text(encoding="utf-8"))
+    extra, names = next((extra, names) for extra, names in listed.items() if names)
+    without(extra)
+    assert {extensions.missing(name) for name in names} == {extra}
+    assert extensions.missing(f"{names[0]}[dilation]") == extra
+    assert extensions.missing("nonsense") is None
+    with pytest.raises(InputError, match=f"words belong to the extra '{extra}' of critflow, which is not installed"):
+        extensions.provided(names[0], "words")
+
+
+def test_a_service_that_nobody_declares():
+    with pytest.raises(InputError, match="words belong to an extra of critflow that is not installed"):
+        extensions.provided("nonsense", "words")
+
+
+def test_a_quantity_of_an_extra_that_is_not_installed(without):
+    without("cables")
+    network = lattice("honeycomb", 2, 2)
+    with pytest.raises(InputError, match=r"onset\[uniaxial\]' is of the extra 'cables' of critflow, which is not"):
+        quantity(network, "onset[uniaxial]")
+    with pytest.raises(InputError, match=r"and modulus\[D\] or stiffening\[D\] of a deformation D: ") as error:
+        quantity(network, "nonsense")
+    assert "onset" not in str(error.value)

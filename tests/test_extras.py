@@ -1,0 +1,111 @@
+"""The two rings: an extra is one folder, and without it everything else works.
+
+`.ci/extras` also runs all other tests without each of them in turn.
+"""
+
+import re
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from extras_there import PACKAGE, PUBLIC, used, with_needs
+
+from critflow.extensions import extras
+
+ROOT = PACKAGE.parent
+TESTS = Path(__file__).parent
+
+# The package is imported, prints its help, and computes a small ensemble with its figures and claims.
+PROGRAM = """
+import sys
+from pathlib import Path
+import critflow
+assert Path(critflow.__file__).parent == Path.cwd() / "critflow", critflow.__file__
+from critflow.command.main import main
+assert main(["--help"]) == 0
+settings = ["seeds=0:1", "n_vertices=20", "strains=0.001:0.003:0.001"]
+code = main(["run", "ensemble", "--workers", "0", "--out", "out", *(f"--set={one}" for one in settings)])
+assert code == 0 and Path("out/ensemble.nc").stat().st_size > 10_000
+print("loaded:", *sorted({name.split(".")[2] for name in sys.modules if name.startswith("critflow.extras.")}))
+"""
+
+
+def without(folder: Path, *names: str) -> Path:
+    """A copy of the package without these extras, with the studies."""
+    leave = shutil.ignore_patterns("__pycache__")
+    shutil.copytree(PACKAGE, folder / "critflow", ignore=leave)
+    for name in names:
+        shutil.rmtree(folder / "critflow" / "extras" / name)
+    (folder / "workflows").symlink_to(ROOT / "workflows")
+    return folder
+
+
+def executed(folder: Path) -> str:
+    command = [sys.executable, "-W", "error", "-c", PROGRAM]
+    done = subprocess.run(command, cwd=folder, capture_output=True, text=True, timeout=120)
+    assert done.returncode == 0, done.stdout[-2000:] + done.stderr[-4000:]
+    return done.stdout
+
+
+@pytest.mark.parametrize("name", extras())
+def test_without_an_extra_the_package_works(name, tmp_path):
+    printed = executed(without(tmp_path, name))
+    commands = {line.split()[0] for line in printed.partition("Commands:")[2].splitlines() if line.startswith("  ")}
+    assert {"run", "list", "verify"} <= commands
+    assert not commands & extras()[name].commands.keys()
+
+
+def test_without_all_extras_the_package_works(tmp_path):
+    assert "loaded:\n" in executed(without(tmp_path, *extras()))
+
+
+def test_the_ensemble_loads_no_extra(tmp_path):
+    assert "loaded:\n" in executed(without(tmp_path))
+
+
+def test_every_folder_declares_itself_and_has_tests():
+    folders = {path.name for path in (PACKAGE / "extras").iterdir() if path.is_dir() and path.name != "__pycache__"}
+    assert folders == set(extras()) and set(PUBLIC.values()) <= folders
+    for name, extra in extras().items():
+        assert set(extra.needs) <= folders - {name}
+        assert list((TESTS / "extras" / name).glob("test_*.py")), name
+
+
+def test_extras_do_not_need_each_other_in_a_circle():
+    for name, extra in extras().items():
+        assert name not in with_needs(set(extra.needs)), name
+
+
+# Tests of the scene that still use an extra.  This list may only become shorter.
+MIXED = {
+    "critical/test_properties.py",
+    "figures/test_plot.py",
+    "lengths/test_cone.py",
+    "optimisation/test_largest_modulus.py",
+    "paths/test_continuation.py",
+    "paths/test_strain_path.py",
+    "precision/test_refinement.py",
+    "problems.py",
+    "test_arguments.py",
+    "test_input.py",
+}
+# Whose subject is the whole repository: these leave out what is not there.
+OF_ALL = ("studies", "benchmarks", "pages", "extras")
+
+
+# Tables of which a row for an extra is left out with it.
+WITH_TABLES = {"test_imports.py", "test_mistakes.py", "test_peers.py"}
+
+
+def test_tests_of_the_scene_use_no_extra():
+    files = [path for path in TESTS.rglob("*.py") if path.relative_to(TESTS).parts[0] not in OF_ALL]
+    found = {str(path.relative_to(TESTS)) for path in files if used(path.read_text(encoding="utf-8"))}
+    assert found - WITH_TABLES <= MIXED
+
+
+def test_every_public_name_of_an_extra_is_tested_in_its_folder():
+    for name, extra in PUBLIC.items():
+        files = (TESTS / "extras" / extra).glob("test_*.py")
+        assert any(re.search(rf"\b{name}\b", path.read_text(encoding="utf-8")) for path in files), f"{extra}: {name}"

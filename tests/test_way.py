@@ -1,0 +1,37 @@
+"""What a reader meets who follows a call: counts that are printed at every run of the tests, and may only fall."""
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+# Counts that must not be exceeded; `way_of_a_call.py` defines them.  Lower them with the code, and never raise them.
+CEILINGS = {
+    "run ensemble": {"lines": 20_436, "modules": 121},
+    "strain path": {"files": 27, "functions": 219, "classes": 30},
+    "optimize G_0": {"files": 20, "functions": 120, "classes": 24},
+}
+
+
+@pytest.fixture(scope="module")
+def counts():
+    """The counts by the script, in a process of its own: what other tests import is not counted."""
+    script = Path(__file__).with_name("way_of_a_call.py")
+    done = subprocess.run([sys.executable, script], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    return json.loads(done.stdout)
+
+
+def test_the_counts_are_printed(counts, capfd):
+    rows = [f"{call}: {', '.join(f'{value:,} {name}' for name, value in row.items())}" for call, row in counts.items()]
+    with capfd.disabled():
+        # Processes of pytest-xdist have no other stream of the terminal.
+        print("\n" + "\n".join(rows), file=sys.stderr, flush=True)
+    assert {call: set(row) for call, row in counts.items()} == {call: set(row) for call, row in CEILINGS.items()}
+
+
+@pytest.mark.parametrize("call", CEILINGS)
+def test_no_count_exceeds_its_ceiling(counts, call):
+    assert {name: value for name, value in counts[call].items() if value > CEILINGS[call][name]} == {}
