@@ -84,8 +84,6 @@ MIXED = {
     "figures/test_plot.py",
     "lengths/test_cone.py",
     "optimisation/test_largest_modulus.py",
-    "paths/test_continuation.py",
-    "paths/test_strain_path.py",
     "precision/test_refinement.py",
     "problems.py",
     "test_arguments.py",

@@ -36,11 +36,11 @@ ALLOWED = {
 }
 # Modules that may import a solver package, guard it from other threads or, for the C library MKL, search the disk.
 SOLVERS = {
-    "critflow.arguments": {"contextlib", "threadpoolctl"},
     "critflow.linalg.backends": {"qdldl"},
     "critflow.extensions": {"importlib", "pathlib", "tomllib"},
     "critflow.linalg.factor": {"threading"},
     "critflow.progress": {"contextlib", "sys", "threading", "time"},
+    "critflow.threads": {"contextlib", "threadpoolctl"},
     "critflow.lengths.cone": {"clarabel"},
 }
 

@@ -19,7 +19,7 @@ from scipy.sparse.linalg import LinearOperator
 
 from critflow.arguments import of_kind
 from critflow.critical.manifold import CriticalConfiguration, require_one_self_stress
-from critflow.critical.quantity import Quantity, evaluate
+from critflow.critical.quantity import Quantity, evaluate, has_exact_hessian
 from critflow.critical.vocabulary import quantity
 from critflow.networks.network import Array
 from critflow.progress import running
@@ -105,15 +105,17 @@ class FlatDirections(Record):
 def stress_hessian(critical: CriticalConfiguration, name: str | Quantity = "B_0") -> LinearOperator:
     """∂²O/∂σ∂σ at Σσ² = N_b, configuration following σ, as an operator (N_b, N_b) (`BulkModulusHessian`).
 
-    A product costs two solves on the factor of P; the matrix itself is never formed.
+    A product costs two solves on the factor of P; the matrix itself is never formed.  Where `evaluate` of the quantity
+    does not take complex σ and L, as for C_B and C_G, it is a difference of gradients with nine digits.
     """
     critical = of_kind(CriticalConfiguration, critical=critical)
     name = of_kind(str, Quantity, name=name)
     manifold, goal = critical.manifold, quantity(critical.network, name)
     evaluation = evaluate(manifold, goal, manifold.configuration(critical.sigma).sigma)
+    product = evaluation.hessian_product if has_exact_hessian(manifold, goal) else evaluation.hessian_difference
 
     def apply(direction: Array) -> Array:
-        return evaluation.hessian_product(np.ravel(direction))
+        return product(np.ravel(direction))
 
     n = critical.network.n_edges
     return LinearOperator((n, n), matvec=apply, rmatvec=apply, dtype=float)

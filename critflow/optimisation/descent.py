@@ -21,12 +21,13 @@ The scale of σ changes no quantity, so that derivatives by the unknowns are tho
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 
 from critflow.critical.manifold import CriticalManifold
-from critflow.critical.quantity import Evaluation, Quantity, evaluate
+from critflow.critical.quantity import Evaluation, Quantity, evaluate, has_exact_hessian
 from critflow.networks.network import Array
 from critflow.optimisation.descent_end import (
     NOT_ATTAINED,
@@ -71,6 +72,11 @@ class StressObjective(Function):
         self.manifold, self.quantity = manifold, quantity
         self.unit = (-1.0 if quantity.maximise else 1.0) * quantity.unit(manifold.network)
 
+    @cached_property
+    def exact(self) -> bool:
+        """Whether products with the Hessian are exact."""
+        return has_exact_hessian(self.manifold, self.quantity)
+
     def unknowns(self, sigma: Array) -> Array:
         """θ of a stress σ (N_b,)."""
         return np.log(sigma)
@@ -110,10 +116,11 @@ class StressObjective(Function):
         return self.quantity.preconditioner(point.state.balance) / abs(self.unit)
 
     def hessian_product(self, point: Point, direction: Array) -> Array:
-        """The Hessian at a point times a direction (N_b,), by two solves; by differences without a differential."""
+        """The Hessian at a point times a direction (N_b,), by two solves; of some quantities by differences."""
         evaluation: Evaluation = point.state
+        product = evaluation.hessian_product if self.exact else evaluation.hessian_difference
         rate, second = self.rate(point.x, evaluation.balance.sigma)
-        curved = rate * evaluation.hessian_product(rate * direction)
+        curved = rate * product(rate * direction)
         return (second * direction * evaluation.gradient + curved) / self.unit
 
 

@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike
 
 from critflow.arguments import of_kind
 from critflow.critical.manifold import CriticalManifold, require_one_self_stress
-from critflow.critical.quantity import Quantity
+from critflow.critical.quantity import Quantity, require_exact_hessian
 from critflow.critical.transition import PenalisedModulus, TransitionModulus
 from critflow.critical.vocabulary import only_positive, quantity
 from critflow.networks.checks import edge_values
@@ -81,17 +81,17 @@ def optimize(
     """
     manifold = CriticalManifold.of(of_kind(Network, CriticalManifold, network=network))
     objective = of_kind(str, Quantity, objective=objective)
-    of_kind(str, method=method, signs=signs)
-    of_kind(np.ndarray, None, start=start)
     starts = of_kind(int, starts=starts)
-    rng = of_kind(np.random.Generator, None, rng=rng)
-    of_kind(float, threshold=threshold, tolerance=tolerance)
     max_steps = of_kind(int, None, max_steps=max_steps)
-    of_kind(Callable, None, observe=observe)
     of_kind(bool, throw=throw)
-    _check_options(method, tolerance, max_steps)
+    _check_options(method, signs, threshold, tolerance, max_steps, observe)
     positive = only_positive(signs)
-    best = _checked_objective(manifold.network, objective, method, threshold if positive else None, positive)
+    best = objective_of(manifold.network, objective, threshold if positive else None)
+    # The largest bulk modulus of all stresses and all configurations is at σ = k, which is positive.
+    if best.one_self_stress and positive and not (isinstance(best, TransitionModulus) and best.is_bulk):
+        require_one_self_stress(manifold.network)
+    if method == "newton":
+        require_exact_hessian(manifold, best)
     given = _starts(manifold.network.n_edges, start, starts, rng, positive)
     optimum = KNOWN[method](manifold, best, positive) if method in KNOWN else None
     if method == "auto" and isinstance(best, KNOWN_QUANTITIES):
@@ -103,26 +103,18 @@ def optimize(
     return optimum.or_raise("no optimum") if throw else optimum
 
 
-def _check_options(method: str, tolerance: float, max_steps: int | None) -> None:
+def _check_options(
+    method: str, signs: str, threshold: float, tolerance: float, max_steps: int | None, observe: Observer | None
+) -> None:
+    of_kind(str, method=method, signs=signs)
+    of_kind(float, threshold=threshold, tolerance=tolerance)
+    of_kind(Callable, None, observe=observe)
     if method not in METHODS:
         raise InputError(f"no method is called {method!r}: choose one of {', '.join(METHODS)}")
     if not tolerance > 0:
         raise InputError(f"the tolerance must be positive, not {tolerance}")
-    if max_steps is not None and (not isinstance(max_steps, int | np.integer) or max_steps < 0):
+    if max_steps is not None and max_steps < 0:
         raise InputError(f"max_steps must be a whole number of at least 0, or None, not {max_steps!r}")
-
-
-def _checked_objective(
-    network: Network, objective: str | Quantity, method: str, threshold: float | None, positive: bool
-) -> Quantity:
-    """As `objective_of`; `InputError` where its formula does not hold for the network, or the method needs more."""
-    best = objective_of(network, objective, threshold)
-    # The largest bulk modulus of all stresses and all configurations is at σ = k, which is positive.
-    if best.one_self_stress and positive and not (isinstance(best, TransitionModulus) and best.is_bulk):
-        require_one_self_stress(network)
-    if method == "newton" and not best.has_differential:
-        raise InputError(f"Newton's method needs {best.name}.differential: define it, or choose 'lbfgs'")
-    return best
 
 
 def objective_of(network: Network, objective: str | Quantity, threshold: float | None = 0.1) -> Quantity:
@@ -138,6 +130,8 @@ def objective_of(network: Network, objective: str | Quantity, threshold: float |
 
 def _starts(m: int, start: ArrayLike | None, n: int, rng: np.random.Generator | None, positive: bool) -> list[Array]:
     """Stresses (m,) of all n starts: the given one or σ = 1, then random ones."""
+    of_kind(np.ndarray, None, start=start)
+    of_kind(np.random.Generator, None, rng=rng)
     if n < 1 or (n > 1 and rng is None):
         raise InputError("starts must be at least 1, and more than one start needs a random generator rng")
     first = np.ones(m) if start is None else edge_values(start, m, "start", positive)

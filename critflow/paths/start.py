@@ -49,10 +49,8 @@ def start_of(start: Start, law: SpringLaw | None, taut_only: bool) -> Beginning:
     known = held(start, (CriticalConfiguration, SpringState))
     if known is not None:
         return start_of(known, law, taut_only)
-    advice = getattr(start, "alone", "") or _ADVICE
-    raise InputError(
-        f"start must be a CriticalConfiguration, a SpringState or a Solution, not {shown(start)}: {advice}"
-    )
+    kinds, advice = "a CriticalConfiguration or a SpringState or a Solution", getattr(start, "alone", "") or _ADVICE
+    raise InputError(f"start must be {kinds}, not {shown(start)}: {advice}")
 
 
 @start_of.register

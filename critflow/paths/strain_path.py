@@ -14,7 +14,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from critflow.arguments import checked, shown
+from critflow.arguments import of_kind, shown
 from critflow.linalg.factor import FixedPattern
 from critflow.networks.deformation import Deformable, Deformation, deformation_of
 from critflow.networks.network import Array
@@ -29,12 +29,13 @@ from critflow.paths.continuation import (
 )
 from critflow.paths.start import Beginning, Start, start_of
 from critflow.paths.unknowns import unknowns_of
-from critflow.progress import counted
+from critflow.progress import counted, running
 from critflow.response.tensor import Elasticity
 from critflow.result import InputError, Record, Solution, Stats, Status
 from critflow.springs.equilibrium import relaxation_method
 from critflow.springs.laws import SpringLaw
 from critflow.springs.state import SpringState
+from critflow.threads import one_blas_thread
 
 MEASURES = ("tensors", "moduli", "energy")  # what a path measures at each strain, in falling order of time
 
@@ -89,6 +90,7 @@ def check_strains(strains: ArrayLike, signed: bool = False, zero: bool = False) 
     signed  they may also be negative and decreasing
     zero    the first one may be zero
     """
+    of_kind(np.ndarray, strains=strains)
     gamma = np.atleast_1d(np.asarray(strains, dtype=float))
     if gamma.ndim != 1:
         raise InputError(f"strains must be a list of numbers, not an array of shape {gamma.shape}")
@@ -114,7 +116,8 @@ class PathSolver:
     pattern: FixedPattern | None = None
 
 
-@checked
+@running("strain_path")
+@one_blas_thread()
 def strain_path(
     start: Start,
     strains: ArrayLike,
@@ -163,7 +166,9 @@ def strain_path(
     >>> path.bulk_modulus.round(6)
     array([0.296637, 0.296489])
     """
-    first, options = start_of(start, law, taut_only), solver or PathSolver()
+    of_kind(SpringLaw, None, law=law)
+    of_kind(bool, taut_only=taut_only, throw=throw)
+    first, options = start_of(start, law, taut_only), of_kind(PathSolver, None, solver=solver) or PathSolver()
     gamma, method = check_strains(strains, signed=True, zero=first.stress is None), relaxation_method(options.method)
     path = deformation_of(deformation, first.springs.network.dimension)
     for strain in gamma.tolist():

@@ -24,7 +24,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import ArrayLike
 
-from critflow.arguments import checked
+from critflow.arguments import of_kind
 from critflow.critical.manifold import CriticalManifold
 from critflow.extras.cables.all_taut import all_taut_onset
 from critflow.extras.cables.boundary_path import BoundaryPath
@@ -37,14 +37,17 @@ from critflow.lengths.taut_set import polish_taut, resolved, settled
 from critflow.networks.checks import edge_values
 from critflow.networks.deformation import Deformable, deformation_of
 from critflow.networks.network import Array, Network
+from critflow.progress import running
 from critflow.result import InputError, Solution, Status
+from critflow.threads import one_blas_thread
 
 # det F of a cell with free sides at which an onset without bounds is that of a flat cell: the program with ROUGH_CONE
 # leaves a tilt of about its root.
 NARROW = 0.02
 
 
-@checked
+@running("critical_strain")
+@one_blas_thread()
 def critical_strain(
     network: Network | CriticalManifold,
     rest_lengths: ArrayLike,
@@ -79,6 +82,10 @@ def critical_strain(
     >>> round(onset.strain, 6)  # (1.1)² − 1 of the area
     0.21
     """
+    network = of_kind(Network, CriticalManifold, network=network)
+    of_kind(np.ndarray, rest_lengths=rest_lengths)
+    direction = of_kind(int, direction=direction)
+    of_kind(bool, throw=throw)
     manifold = CriticalManifold.of(network)
     network = manifold.network
     lengths = edge_values(rest_lengths, network.n_edges, "rest_lengths")

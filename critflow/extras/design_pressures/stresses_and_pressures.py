@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 
 from critflow.critical.quantity import Quantity
 from critflow.extras.targets.problem import DesignOptions, DesignResult, Target, Variables
-from critflow.extras.tissue.pressures import PressureBalance, PressureManifold
+from critflow.extras.tissue.pressures import PressureBalance, PressureManifold, PressurisedConfiguration
 from critflow.networks.checks import edge_values
 from critflow.networks.network import Array, Network
 from critflow.result import InputError
@@ -23,6 +23,7 @@ class StressesAndPressures(Variables):
     Configurations whose matrix P + iQ is not positive definite are outside the domain.
     """
 
+    starts = (PressurisedConfiguration,)
     longest = 0.4
     tolerance = 2e-2  # of the least change, which only selects, as for stresses
 

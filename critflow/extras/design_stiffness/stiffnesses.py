@@ -13,7 +13,7 @@ from typing import Any, NamedTuple, Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from critflow.arguments import checked
+from critflow.arguments import of_kind
 from critflow.certificates.counts import rigidity
 from critflow.critical.quantity import Quantity
 from critflow.extras.rest.at_rest import response_at_rest
@@ -130,7 +130,6 @@ class Stiffnesses(Variables):
         return DesignResult(value, response, values, errors, self.values(self.at(z), quantities)[1])
 
 
-@checked
 def isotropic_targets(dimension: int, youngs_modulus: float, poissons_ratio: float) -> dict[str, float]:
     """All components of the isotropic tensor with Young's modulus E and Poisson's ratio ν, −1 < ν < 1/(d − 1).
 
@@ -141,6 +140,8 @@ def isotropic_targets(dimension: int, youngs_modulus: float, poissons_ratio: flo
     >>> isotropic_targets(2, youngs_modulus=1.0, poissons_ratio=0.0)
     {'C_xxxx': 1.0, 'C_xxyy': 0.0, 'C_xxxy': 0.0, 'C_yyyy': 1.0, 'C_yyxy': 0.0, 'C_xyxy': 0.5}
     """
+    dimension = of_kind(int, dimension=dimension)
+    of_kind(float, youngs_modulus=youngs_modulus, poissons_ratio=poissons_ratio)
     d, E, nu = dimension, youngs_modulus, poissons_ratio
     if d not in (2, 3):
         raise InputError(f"the tensor is that of two or three dimensions, not of {d}")

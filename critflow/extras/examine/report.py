@@ -199,7 +199,7 @@ class Examination(Record):
 
     @property
     def verdict(self) -> str:
-        """The rigidity in one sentence, as one of several ways to hold the network."""
+        """The rigidity in one sentence, by which rules for fixed vertices are compared."""
         if self.nearly_critical or self.order == "critical":
             return f"{self.title}, one self-stress in tension"
         counts = f"{counted(self.n_self_stresses, 'self-stress')}, {counted(self.n_floppy_modes, 'floppy mode')}"

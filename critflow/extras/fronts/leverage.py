@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from critflow.arguments import checked
+from critflow.arguments import of_kind
 from critflow.critical.edge_lengths import NO_LENGTH
 from critflow.critical.manifold import CriticalConfiguration, CriticalManifold
 from critflow.critical.quantity import Quantity
@@ -30,8 +30,10 @@ from critflow.linalg.factor import Factor
 from critflow.linalg.tolerances import EPS
 from critflow.linalg.vectors import dot, norms
 from critflow.networks.network import Array, IntArray, Network
+from critflow.progress import running
 from critflow.response.tensor import TRUSTED_ERROR
 from critflow.result import InputError, Record, Solution, Stats, Status
+from critflow.threads import one_blas_thread
 
 # Rounding of columns that were updated, and of refined ones, relative to r: 1 − σ_α r below its square times Σ|σ|/|σ_α|
 # is that of a bridge, and Σσ²|L|²/k below it times the terms of the sum that of a network that collapses.
@@ -73,7 +75,8 @@ class EdgeLeverage(Record):
         return self.after - self.before
 
 
-@checked
+@running("edge_leverage")
+@one_blas_thread()
 def edge_leverage(critical: CriticalConfiguration, name: str | Quantity = "B_0") -> Solution[EdgeLeverage]:
     """The exact change of a quantity by cutting each edge, all at once, without a new factorisation.
 
@@ -88,6 +91,8 @@ def edge_leverage(critical: CriticalConfiguration, name: str | Quantity = "B_0")
     >>> round(leverage.before, 6), round(float(leverage.change[0]), 6)
     (0.288675, -0.057735)
     """
+    critical = of_kind(CriticalConfiguration, critical=critical)
+    name = of_kind(str, Quantity, name=name)
     network, sigma = critical.network, critical.sigma
     measured = quantity(network, name)
     if not (sigma != 0).all():

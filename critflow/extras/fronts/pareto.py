@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from critflow.arguments import checked
+from critflow.arguments import of_kind
 from critflow.critical.edge_lengths import COLLAPSING, SOUND
 from critflow.critical.manifold import Balance, CriticalConfiguration, CriticalManifold, require_one_self_stress
 from critflow.critical.vocabulary import quantity
@@ -28,8 +28,9 @@ from critflow.extras.targets.stresses import Stresses
 from critflow.linalg.vectors import norms
 from critflow.networks.network import Array, Network
 from critflow.optimisation.descent_end import FADED
-from critflow.progress import counted
+from critflow.progress import counted, running
 from critflow.result import InputError, Solution, Stats, Status
+from critflow.threads import one_blas_thread
 
 FRONT_OPTIMAL = 2e-9  # gradient at which the search for a point ends, in units of the ends of the front
 FRONT_CERTIFIED = 1e-5  # largest relative residual of the first-order conditions of a certified point
@@ -81,7 +82,8 @@ class Front(Solution[tuple[CriticalConfiguration, ...]]):
     dominated: NDArray[np.bool_] = field(repr=False)
 
 
-@checked
+@running("pareto")
+@one_blas_thread()
 def pareto(
     network: Network | CriticalManifold,
     objectives: Mapping[Any, str] | Sequence[Any],
@@ -111,6 +113,12 @@ def pareto(
     Raises `InputError` for unknown objectives, for two that have the same best configuration or no front without limits
     of the edges, and networks with several self-stresses; `SolveError` where a point is not certified and `throw`.
     """
+    network = of_kind(Network, CriticalManifold, network=network)
+    of_kind(Mapping, Sequence, objectives=objectives)
+    n, max_steps = of_kind(int, n=n, max_steps=max_steps)
+    of_kind(Mapping, None, within=within)
+    of_kind(np.ndarray, None, start=start)
+    of_kind(bool, throw=throw)
     manifold = CriticalManifold.of(network)
     if n < 2:
         raise InputError(f"a front has at least its two ends, n = 2 points, not {n}")

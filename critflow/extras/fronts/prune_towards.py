@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 from scipy.linalg.blas import dger
 
-from critflow.arguments import checked, generator
+from critflow.arguments import generator, of_kind
 from critflow.critical.edge_lengths import NO_LENGTH
 from critflow.critical.manifold import CriticalConfiguration, CriticalManifold
 from critflow.extras.fronts.leverage import Mask, Part, values_after
@@ -30,8 +30,9 @@ from critflow.linalg.tolerances import LARGEST_DENSE
 from critflow.linalg.vectors import norms
 from critflow.networks.network import Array, IntArray, Network
 from critflow.networks.pruning import pruned
-from critflow.progress import tell
+from critflow.progress import running, tell
 from critflow.result import InputError, Solution, Stats, Status
+from critflow.threads import one_blas_thread
 
 PRUNING_DRIFT = 1e-10  # error of rank-one updates from which P is factorised again: far below the digits of a design
 PRUNING_REACHED = 1e-3  # distance from a target that counts as reached, relative to it: cuts are discrete
@@ -61,7 +62,8 @@ class PrunedDesign(Solution[CriticalConfiguration]):
         return float(self.values[-1])
 
 
-@checked
+@running("prune_towards")
+@one_blas_thread()
 def prune_towards(
     critical: CriticalConfiguration | Network,
     targets: Mapping[Any, Any],
@@ -85,6 +87,11 @@ def prune_towards(
     Raises `InputError` for unknown quantities, stresses with zeros, networks beyond about 4,000 edges, and without
     target and number of cuts.
     """
+    critical = of_kind(CriticalConfiguration, Network, critical=critical)
+    of_kind(Mapping, targets=targets)
+    cuts, seed = of_kind(int, None, cuts=cuts, seed=seed)
+    of_kind(float, tolerance=tolerance)
+    of_kind(bool, throw=throw)
     if isinstance(critical, Network):
         critical = CriticalManifold(critical).configuration(critical.stiffness)
     target = _target_of(critical, targets, cuts)

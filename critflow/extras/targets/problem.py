@@ -15,6 +15,7 @@ from typing import Any, ClassVar, NamedTuple, Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from critflow.arguments import of_kind
 from critflow.critical.manifold import Balance
 from critflow.critical.quantity import Quantity
 from critflow.critical.vocabulary import quantity
@@ -161,6 +162,11 @@ class DesignOptions:
     free: ArrayLike | None = None
     initial: ArrayLike | None = None
 
+    def __post_init__(self) -> None:
+        of_kind(Mapping, None, within=self.within)
+        of_kind(np.ndarray, str, None, signs=self.signs)
+        of_kind(np.ndarray, None, free=self.free, initial=self.initial)
+
     def limits(self, variables: type[Variables]) -> list[EdgeLimits]:
         """The limits of edges; `InputError` for a quantity that the variables do not limit."""
         return edge_limits(self.network.n_edges, self.within or {}, variables.limited_quantities)
@@ -202,6 +208,7 @@ class Variables(ABC):
     low, high           limits (m,) of the values of `limited`
     limited_quantities  of the edges that may have limits
     preferences         names of preferences that the variables themselves satisfy
+    starts              further classes of starts than networks, configurations and states of springs
     longest             largest change of a component of z in one step
     tolerance           residual of the first-order conditions at which the least change has been selected
     """
@@ -212,6 +219,7 @@ class Variables(ABC):
     high: Array = np.zeros(0)
     limited_quantities: ClassVar[tuple[str, ...]] = ()
     preferences: ClassVar[tuple[str, ...]] = ()
+    starts: ClassVar[tuple[type, ...]] = ()
     longest: ClassVar[float]
     tolerance: ClassVar[float]
 

@@ -14,7 +14,7 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import ArrayLike
 
-from critflow.arguments import checked, shown
+from critflow.arguments import of_kind
 from critflow.critical.manifold import Balance, CriticalConfiguration, CriticalManifold
 from critflow.critical.quantity import Quantity
 from critflow.critical.variances import LengthVariance, TensionVariance
@@ -31,8 +31,10 @@ from critflow.extras.targets.problem import (
 )
 from critflow.extras.targets.stresses import Stresses
 from critflow.networks.network import Array, Network, validated_coordinates
+from critflow.progress import running
 from critflow.result import InputError, Record, Solution, Stats, Status
 from critflow.springs.state import SpringState
+from critflow.threads import one_blas_thread
 
 # Least eigenvalue of the cosines of the gradients of targets that can be changed independently.
 INDEPENDENT_TARGETS = 1e-6
@@ -93,7 +95,8 @@ class Design(Solution[Value]):
         return bool(np.isfinite(self.gram).all() and np.linalg.eigvalsh(self.gram)[0] > INDEPENDENT_TARGETS)
 
 
-@checked
+@running("design")
+@one_blas_thread()
 def design(
     start: Any,
     targets: Mapping[Any, Any],
@@ -134,43 +137,40 @@ def design(
     `stats.residual` is the largest error of a target relative to its size.
     Raises `InputError` for unknown or contradictory targets and wrong shapes or signs, `SolveError` with `throw`.
     """
+    kind = _kind(change)
+    start = of_kind(Network, CriticalManifold, CriticalConfiguration, *kind.starts, SpringState, start=start)
+    of_kind(Mapping, targets=targets)
+    prefer = of_kind(np.ndarray, str, CriticalConfiguration, prefer=prefer)
+    max_steps = of_kind(int, max_steps=max_steps)
+    of_kind(bool, throw=throw)
     if max_steps < 0:
         raise InputError(f"max_steps must not be negative, not {max_steps}")
-    start = _start_of(start)
     network = start if isinstance(start, Network) else start.network
     parsed = parse_targets(network, targets)
-    variables = _kind(change).of(start, DesignOptions(network, change, prefer, within, signs, free, initial))
+    variables = kind.of(start, DesignOptions(network, change, prefer, within, signs, free, initial))
     refusal = variables.refusal(parsed)
     extreme = next((target for target in parsed if target.sense), None)
     preference = preference_of(variables, network, prefer, extreme)
-    problem = TargetProblem(variables, preference, parsed)
-    if refusal:
-        end = minimise_constrained(problem, variables.origin, np.inf, variables.longest, 0)
-        solution = _report(problem, parsed, end, Status.infeasible, refusal)
-    else:
-        with np.errstate(all="ignore"):
-            end = variables.search(problem, preference.tolerance, max_steps)
-        # The least change only selects: a design that has its targets is complete without it.
-        status = Status.ok if end.reached and preference.name == "change" else end.status
-        solution = _report(problem, parsed, end, status, "" if status is Status.ok else _note(problem, end))
+    solution = _searched(TargetProblem(variables, preference, parsed), parsed, refusal, max_steps)
     return solution.or_raise("no design with these properties was found") if throw else solution
 
 
-def _start_of(start: Any) -> Any:
-    """What a start is or, as a solution or a backbone, holds; `InputError` for what no design starts from."""
-    if isinstance(start, Solution) and not start:
-        raise InputError(f"start is a solution that failed: {start.reason}: its last state is its .value")
-    value, kinds = start.value if isinstance(start, Solution) else start, (CriticalManifold, CriticalConfiguration)
-    for part in (value, getattr(value, "configuration", None)):
-        if isinstance(part, (Network, SpringState, *kinds)):
-            return part
-    if not isinstance(getattr(value, "network", None), Network):
-        raise InputError(f"start must be a Network, a configuration of one or a SpringState, not {shown(start)}")
-    return value
+def _searched(problem: TargetProblem, targets: Sequence[Target], refusal: str, max_steps: int) -> Design[Any]:
+    """The design at the end of the search; at its start where a proof refuses the targets."""
+    variables, preference = problem.variables, problem.preference
+    if refusal:
+        end = minimise_constrained(problem, variables.origin, np.inf, variables.longest, 0)
+        return _report(problem, targets, end, Status.infeasible, refusal)
+    with np.errstate(all="ignore"):
+        end = variables.search(problem, preference.tolerance, max_steps)
+    # The least change only selects: a design that has its targets is complete without it.
+    status = Status.ok if end.reached and preference.name == "change" else end.status
+    return _report(problem, targets, end, status, "" if status is Status.ok else _note(problem, end))
 
 
 def _kind(change: str) -> type[Variables]:
     """The kind of variables of this name; `InputError` for unknown ones."""
+    of_kind(str, change=change)
     declared = (function for extra in extras().values() for function in extra.functions)
     kinds = [function.removeprefix(_KIND) for function in declared if function.startswith(_KIND)]
     if change not in kinds:
