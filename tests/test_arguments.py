@@ -10,9 +10,20 @@ from pathlib import Path
 import numpy as np
 import pytest
 from problems import square_octagon
-from public import checked_functions
+from public import NAMES, checked_functions
 
-from critflow import AngleSprings, CritflowError, CriticalManifold, InputError, Network, examine, lattice, spring_state
+from critflow import (
+    AngleSprings,
+    CritflowError,
+    CriticalManifold,
+    InputError,
+    Network,
+    examine,
+    lattice,
+    progress,
+    spring_state,
+    threads,
+)
 from critflow.arguments import generator, of_kind
 
 NETWORK = square_octagon()
@@ -127,6 +138,30 @@ def test_wrong_arguments_of_every_public_function_raise_one_sentence(name):
             assert 10 < len(str(error)) < 300
         except Exception as error:
             raise AssertionError(f"{name}({key} = {wrong}) raised {type(error).__name__}: {error}") from error
+
+
+# Functions of the top level that compute next to nothing, or wait for the disk.
+QUICK = {"lattice", "network_from", "quantity", "spring_state", "three_bar_linkage", "tissue", "write_network"}
+
+
+class Computing(Exception):
+    """Raised where a call begins to compute."""
+
+
+@pytest.mark.parametrize("name", sorted(name for name in FUNCTIONS if name in NAMES and name not in QUICK))
+def test_a_function_that_may_take_long_shows_its_name_and_sets_the_threads(name, monkeypatch):
+    names = []
+
+    def controller():
+        names.append("threads")
+        raise Computing
+
+    monkeypatch.setattr(progress, "_visible", lambda: True)
+    monkeypatch.setattr(progress._LINE, "begin", names.append)
+    monkeypatch.setattr(threads, "_controller", controller)
+    with pytest.raises(Computing):
+        FUNCTIONS[name]()
+    assert names == [name, "threads"]
 
 
 def example(network, number, count=1, rng=None, flag=True):

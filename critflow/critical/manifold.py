@@ -104,15 +104,14 @@ class CriticalConfiguration(Record):
         mean = float(np.abs(self.tensions).mean())
         return float(np.abs(force).max(initial=0.0)) / mean if mean else np.nan
 
-    def springs_of(self, network: Network) -> Network:
-        """The network itself if this is a configuration of it, at any stiffnesses, else an `InputError`."""
+    def require_same_geometry(self, network: Network) -> None:
+        """Raise `InputError` unless this is a configuration of the network, at any stiffnesses."""
         same = self.network
         if network is not same and not (
             np.array_equal(network.edges, same.edges)
             and np.array_equal(network.boundary_vectors, same.boundary_vectors)
         ):
             raise InputError("the configuration belongs to another network: its edges or its cell are not the same")
-        return network
 
 
 def critical_configuration(network: Network, sigma: Array, coordinates: Array) -> CriticalConfiguration:

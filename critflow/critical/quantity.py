@@ -14,7 +14,6 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
-from functools import cached_property
 from typing import Any, ClassVar, Protocol
 
 import numpy as np
@@ -52,17 +51,16 @@ class Balanced(Protocol):
 
 
 @dataclass(frozen=True, eq=False)
-class EdgeState:
-    """A stress σ (N_b,) and bond vectors L (N_b, d) of a network, real or complex, in balance or near it."""
+class StressedBonds:
+    """A stress σ (N_b,) and bond vectors L (N_b, d) without coordinates: a `Balanced` where P is not needed."""
 
-    network: Network
+    manifold: CriticalManifold
     sigma: NDArray[Any]
     bond_vectors: NDArray[Any]
 
-    @cached_property
-    def manifold(self) -> CriticalManifold:
-        """The manifold of the network."""
-        return CriticalManifold(self.network)
+    @property
+    def network(self) -> Network:
+        return self.manifold.network
 
 
 class Quantity(Record, ABC):
@@ -100,7 +98,8 @@ class Quantity(Record, ABC):
                 stiffness = network.stiffness.copy()
                 stiffness[edge] = k * (1 + sign * DIFFERENCE)
                 changed = network.with_stiffness(stiffness)
-                ends.append(self.evaluate(EdgeState(changed, balance.sigma, balance.bond_vectors))[0])
+                there = StressedBonds(CriticalManifold.of(changed), balance.sigma, balance.bond_vectors)
+                ends.append(self.evaluate(there)[0])
             rows[edge] = (ends[0] - ends[1]) / (2 * DIFFERENCE * k)
         return rows
 
@@ -169,7 +168,7 @@ def derivatives_along(quantity: Quantity, balance: Balanced, dsigma: Array, dL: 
     if size == 0:
         return np.zeros_like(sigma), np.zeros_like(L)
     h = IMAGINARY / size
-    there = EdgeState(balance.network, _complex(sigma, h * dsigma), _complex(L, h * dL))
+    there = StressedBonds(balance.manifold, _complex(sigma, h * dsigma), _complex(L, h * dL))
     # Division by NaN, the derivative of a length that vanishes, warns for complex numbers only.
     with np.errstate(invalid="ignore"):
         _, (by_sigma, by_L) = quantity.evaluate(there)
@@ -206,7 +205,7 @@ def has_exact_hessian(manifold: CriticalManifold, quantity: Quantity) -> bool:
         except (TypeError, ValueError, np.exceptions.ComplexWarning):
             return False
         above, below = (
-            quantity.evaluate(EdgeState(manifold.network, sigma + step * dsigma, L + step * dL))[1]
+            quantity.evaluate(StressedBonds(manifold, sigma + step * dsigma, L + step * dL))[1]
             for step in (DIFFERENCE, -DIFFERENCE)
         )
         return all(_agrees(*three) for three in zip(exact, above, below, strict=True))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -51,11 +51,21 @@ class PlanarFaces(Faces):
     def __init__(self, edges: IntArray, bond_vectors: Array, n_vertices: int):
         self.__dict__["_embedding"] = edges, bond_vectors, n_vertices
 
-    def __getattr__(self, name: str) -> Any:
-        if name in ("edges", "signs", "starts"):
-            self.__dict__.update(vars(planar_faces(*self._embedding)))
-            return self.__dict__[name]
-        raise AttributeError(name)
+    @cached_property
+    def _walks(self) -> Faces:
+        return planar_faces(*self.__dict__["_embedding"])
+
+    @property
+    def edges(self) -> IntArray:
+        return self._walks.edges
+
+    @property
+    def signs(self) -> IntArray:
+        return self._walks.signs
+
+    @property
+    def starts(self) -> IntArray:
+        return self._walks.starts
 
 
 def planar_faces(edges: ArrayLike, bond_vectors: ArrayLike, n_vertices: int) -> Faces:

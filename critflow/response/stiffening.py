@@ -90,7 +90,8 @@ def exact_stiffening(
 ) -> StiffeningSolution:
     """The coefficients by the kind of springs; those on edges here."""
     if manifold is not None:
-        critical = replace(critical, network=critical.springs_of(manifold.network))
+        critical.require_same_geometry(manifold.network)
+        critical = replace(critical, network=manifold.network)
     if relaxing := _relaxing(critical, path):
         return failed(Status.floppy, relaxing)
     parts = backbone(critical).components

@@ -8,7 +8,7 @@ from critflow import CriticalManifold, SolveError, Status, WormLike, critical_fr
 from critflow import voronoi_network as voronoi
 from critflow.networks.deformation import deformation_of
 from critflow.paths import continuation
-from critflow.paths.predictor import Predictor
+from critflow.paths.tangent import Predictor
 
 
 def test_path_ends_with_the_range_of_its_law():

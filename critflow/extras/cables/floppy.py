@@ -12,9 +12,8 @@ from critflow.extras.cables.search import NotFloppy, floppy_start
 from critflow.networks.deformation import Deformation
 from critflow.networks.network import Array
 from critflow.paths.continuation import Attempt, Interval, PathPoint, PathProblem, begin, refused
-from critflow.paths.predictor import Predictor
 from critflow.paths.start import BALANCED_START, balanced
-from critflow.paths.tangent import Tangent
+from critflow.paths.tangent import Predictor, Tangent
 from critflow.response.tensor import Elasticity, Errors
 from critflow.result import Status
 from critflow.springs.state import SpringState

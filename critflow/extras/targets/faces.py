@@ -20,12 +20,12 @@ from scipy.sparse.linalg import splu
 
 from critflow.critical.isogonal import face_modes, has_face_modes, isogonal_modes
 from critflow.critical.manifold import CriticalConfiguration, CriticalManifold
-from critflow.critical.quantity import Quantity
+from critflow.critical.quantity import Quantity, StressedBonds
 from critflow.critical.vocabulary import quantity
 from critflow.extras.targets.constrained import Minimum, Problem, minimise_constrained
 from critflow.extras.targets.problem import DesignOptions, DesignResult, EdgeLimits, Target, Variables
 from critflow.linalg.vectors import dot
-from critflow.networks.network import Array, Network
+from critflow.networks.network import Array
 from critflow.result import InputError
 
 SHORTEST_ISOGONAL = 5e-2  # shortest length of an isogonal design by default, in units of the mean
@@ -36,17 +36,10 @@ _LENGTHS = 10.0
 
 
 @dataclass(frozen=True, eq=False)
-class IsogonalState:
+class IsogonalState(StressedBonds):
     """The stress and the bond vectors of lengths ℓ (N_b,), at directions and tensions that are kept."""
 
-    manifold: CriticalManifold
-    sigma: Array
-    bond_vectors: Array
     lengths: Array
-
-    @property
-    def network(self) -> Network:
-        return self.manifold.network
 
 
 class FaceAmplitudes(Variables):

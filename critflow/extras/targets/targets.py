@@ -138,13 +138,8 @@ def design(
     Raises `InputError` for unknown or contradictory targets and wrong shapes or signs, `SolveError` with `throw`.
     """
     kind = _kind(change)
-    start = of_kind(Network, CriticalManifold, CriticalConfiguration, *kind.starts, SpringState, start=start)
-    of_kind(Mapping, targets=targets)
-    prefer = of_kind(np.ndarray, str, CriticalConfiguration, prefer=prefer)
-    max_steps = of_kind(int, max_steps=max_steps)
     of_kind(bool, throw=throw)
-    if max_steps < 0:
-        raise InputError(f"max_steps must not be negative, not {max_steps}")
+    start, prefer, max_steps = _checked(kind, start, targets, prefer, max_steps)
     network = start if isinstance(start, Network) else start.network
     parsed = parse_targets(network, targets)
     variables = kind.of(start, DesignOptions(network, change, prefer, within, signs, free, initial))
@@ -166,6 +161,17 @@ def _searched(problem: TargetProblem, targets: Sequence[Target], refusal: str, m
     # The least change only selects: a design that has its targets is complete without it.
     status = Status.ok if end.reached and preference.name == "change" else end.status
     return _report(problem, targets, end, status, "" if status is Status.ok else _note(problem, end))
+
+
+def _checked(kind: type[Variables], start: Any, targets: Any, prefer: Any, max_steps: Any) -> tuple[Any, Any, int]:
+    """The start, the preference and the limit of the steps, of the kinds that `design` takes."""
+    start = of_kind(Network, CriticalManifold, CriticalConfiguration, *kind.starts, SpringState, start=start)
+    of_kind(Mapping, targets=targets)
+    prefer = of_kind(np.ndarray, str, CriticalConfiguration, prefer=prefer)
+    max_steps = of_kind(int, max_steps=max_steps)
+    if max_steps < 0:
+        raise InputError(f"max_steps must not be negative, not {max_steps}")
+    return start, prefer, max_steps
 
 
 def _kind(change: str) -> type[Variables]:

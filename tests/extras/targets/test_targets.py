@@ -22,8 +22,7 @@ from critflow import (
     voronoi_network,
 )
 from critflow.extras.targets.problem import POWERS, EdgeLimits
-from critflow.extras.targets.stresses import Stresses
-from critflow.extras.targets.targets import cosines, nearness
+from critflow.extras.targets.targets import cosines
 
 MANIFOLD = CriticalManifold(voronoi_network(n_vertices=60, seed=1))
 NETWORK = MANIFOLD.network
@@ -207,15 +206,6 @@ def test_networks_without_moduli_have_designs_that_are_not_reached():
     network = Network([[0, 3], [1, 3], [2, 3], [0, 4], [1, 4], [2, 4], [3, 4]], pins={0: [0, 0], 1: [4, 0], 2: [1, 3]})
     found = design(network, {"length[0]": 0.1, "length[6]": 9.0}, throw=False)
     assert found.status in (Status.not_reached, Status.step_limit) and not found.reached
-
-
-def test_the_gradient_of_the_distance_from_coordinates_is_that_of_differences():
-    stresses = Stresses(MANIFOLD, np.exp(0.3 * np.random.default_rng(1).normal(size=90)))
-    distance = nearness(stresses, NETWORK.positions)
-    value = lambda z: distance.at(stresses.at(z), z)[0]  # noqa: E731
-    gradient = distance.at(stresses.at(stresses.origin), stresses.origin)[1]
-    step = np.random.default_rng(2).normal(size=90)
-    assert_derivative(value, gradient, stresses.origin, [step], 1e-3, 1e-7)
 
 
 def test_no_softening_beyond_that_of_the_stiffest_network_is_designed():
