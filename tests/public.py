@@ -16,7 +16,7 @@ IN_MODULES = {
     "critical.properties": ("stress_hessian", "flat_directions"),
     "critical.transition": ("transition_modulus",),
     "extras.cables.rigidity_surface": ("strain_plane",),
-    "extras.targets.stiffnesses": ("isotropic_targets",),
+    "extras.design_stiffness.stiffnesses": ("isotropic_targets",),
     "extras.tensegrity.second_order": ("second_order_rigidity",),
     "extras.tensegrity.signed_stress": ("signed_stress",),
     "extras.weak.soft_spectrum": ("soft_spectrum",),

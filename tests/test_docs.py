@@ -197,7 +197,8 @@ def test_the_pages_on_theory_name_the_function_of_every_equation():
 # Modules that define the bounds of these functions, and those that are imported from their module.
 DELEGATES = {
     "CriticalManifold": ("precision/refinement.py",),
-    "optimize": ("optimisation/largest_modulus.py",),
+    "critical_from_lengths": ("lengths/lengths_end.py",),
+    "optimize": ("optimisation/optimum.py",),
     "strain_path": ("springs/equilibrium.py",),
 }
 

@@ -28,9 +28,7 @@ WITHOUT = {"workflow": {*PHYSICS, "figures"} - {"result", "extensions"}}
 # Modules of the scene that still import an extra.  This list may only become shorter.
 ARROWS: set[str] = set()
 # Modules that still import a later layer.
-UPWARD = {
-    "optimisation.optimize",
-}
+UPWARD: set[str] = set()
 HEAVY = {"xarray", "dask", "distributed", "netCDF4", "typer", "rich"}
 ALLOWED = {
     *("__future__", "abc", "collections", "copy", "dataclasses", "difflib", "enum"),

@@ -21,6 +21,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.sparse.linalg import LinearOperator
 
 from critflow.arguments import of_kind
+from critflow.critical.edge_lengths import COLLAPSED
 from critflow.extensions import provided
 from critflow.linalg.factor import Factor, FixedPattern
 from critflow.linalg.matrices import block_laplacian, laplacian
@@ -34,9 +35,6 @@ from critflow.precision.double_double import Extended, two_product
 from critflow.precision.refinement import Refined, Refinement
 from critflow.result import InputError, NetworkError, Record, Solution, Stats, Status, Value
 
-# An edge shorter than this part of the mean length has collapsed: its direction, and what follows from it, has half of
-# its digits or fewer.
-COLLAPSED = 1e-8
 # Number of edges from which systems of stresses and displacements are cheaper condensed than as saddle matrices, for
 # stresses that are all positive.
 CONDENSED_EDGES = 100_000

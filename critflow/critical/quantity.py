@@ -20,6 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from critflow.critical.manifold import Balance, CriticalConfiguration, CriticalManifold
+from critflow.critical.units import modulus_unit
 from critflow.linalg.tolerances import EPS
 from critflow.linalg.vectors import quasi_random
 from critflow.networks.network import Array, Network
@@ -117,7 +118,7 @@ class Quantity(Record, ABC):
         return -np.inf, np.inf
 
     def unit(self, network: Network) -> float:
-        """The natural unit of the values on a network, in which absolute tolerances hold: 1 by default."""
+        """The natural unit of the values on a network (`critflow.critical.units`): 1 by default."""
         return 1.0
 
     def preconditioner(self, balance: Balanced) -> Array | float:
@@ -132,9 +133,7 @@ class SpringResponse(Quantity):
     elastic: ClassVar[bool] = True
 
     def unit(self, network: Network) -> float:
-        """⟨k⟩ (V/N_v)^((2 − d)/d), the unit of moduli."""
-        d = network.dimension
-        return float(network.stiffness.mean()) * (1.0 if d == 2 else network.spacing ** (2 - d))
+        return modulus_unit(network)
 
 
 @dataclass(frozen=True, eq=False)

@@ -21,6 +21,7 @@ import scipy.linalg
 from critflow.arguments import of_kind
 from critflow.critical.manifold import CriticalManifold
 from critflow.critical.quantity import Balanced, Partials, SpringResponse
+from critflow.critical.units import stress_unit
 from critflow.linalg.vectors import dot
 from critflow.networks.deformation import Deformable, deformation_of, strain_basis
 from critflow.networks.network import Array, Network
@@ -76,6 +77,11 @@ class TransitionModulus(SpringResponse):
 
     def extreme(self, manifold: CriticalManifold, positive: bool = True) -> tuple[float, float]:
         return 0.0, largest_value(manifold, self.symmetric)
+
+    @property
+    def is_bulk(self) -> bool:
+        """Whether the strain is the dilation of B_0."""
+        return np.array_equal(self.symmetric, dilation(len(self.strain)))
 
     @cached_property
     def symmetric(self) -> Array:
@@ -158,7 +164,7 @@ class StressComponent(SpringResponse):
         return (0.0 if positive and np.linalg.eigvalsh(self.strain)[0] >= 0 else -reach), reach
 
     def unit(self, network: Network) -> float:
-        return float(np.sqrt(network.stiffness.mean())) * network.spacing
+        return stress_unit(network)
 
 
 @dataclass(frozen=True, eq=False, repr=False)

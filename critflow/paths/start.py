@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 
 from critflow.arguments import held, shown
 from critflow.critical.backbone import backbone
-from critflow.critical.manifold import COLLAPSED, CriticalConfiguration
+from critflow.critical.edge_lengths import COLLAPSED
+from critflow.critical.manifold import CriticalConfiguration
 from critflow.extensions import extensible, provided
 from critflow.linalg.factor import FixedPattern
 from critflow.networks.network import Array

@@ -18,9 +18,9 @@ from problems import (
 
 from critflow import CriticalManifold, Network, Status, elasticity, lattice, strain_path, voronoi_network
 from critflow.critical.backbone import backbone
+from critflow.critical.modulus_error import transition_modulus_error
 from critflow.critical.transition import dilation, pure_shear
 from critflow.networks.deformation import strain_basis
-from critflow.response.at_transition import transition_modulus_error
 
 
 @pytest.mark.parametrize("name", UNPINNED)

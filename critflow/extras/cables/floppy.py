@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 
 from critflow.critical.manifold import CriticalManifold
+from critflow.extras.cables.boundary_path import BoundaryPath
 from critflow.extras.cables.critical_strain import critical_strain
 from critflow.extras.cables.onset_start import cables_at_onset
 from critflow.extras.cables.search import NotFloppy, floppy_start
-from critflow.lengths.boundary_path import BoundaryPath
 from critflow.networks.deformation import Deformation
 from critflow.networks.network import Array
 from critflow.paths.continuation import Attempt, Interval, PathPoint, PathProblem, begin, refused

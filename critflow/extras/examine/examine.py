@@ -14,7 +14,8 @@ from numpy.typing import ArrayLike
 from critflow.arguments import of_kind
 from critflow.certificates.counts import Rigidity, rigidity
 from critflow.certificates.spectrum import CLEAR_GAP
-from critflow.extras.cables.critical_strain import CriticalStrain, critical_strain
+from critflow.extras.cables.critical_strain import critical_strain
+from critflow.extras.cables.onset_end import CriticalStrain
 from critflow.extras.examine.report import UNFINISHED, Examination
 from critflow.extras.files.boundaries import UnheldNetwork, hull_volume
 from critflow.extras.files.convert import network_from

@@ -9,7 +9,7 @@ import numpy as np
 
 from critflow.certificates.counts import Rigidity, zero_modes
 from critflow.critical.manifold import CriticalConfiguration
-from critflow.extras.cables.critical_strain import CriticalStrain
+from critflow.extras.cables.onset_end import CriticalStrain
 from critflow.extras.files.data import counted
 from critflow.extras.files.repair import described
 from critflow.extras.fronts.leverage import EdgeLeverage

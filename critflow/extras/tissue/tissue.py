@@ -17,8 +17,8 @@ from numpy.typing import ArrayLike, NDArray
 from critflow.arguments import of_kind
 from critflow.critical.manifold import CriticalConfiguration, critical_configuration
 from critflow.extras.tissue.face_springs import FaceSprings
+from critflow.extras.tissue.perimeter_program import fit_perimeters
 from critflow.extras.tissue.state import TissueState
-from critflow.lengths.cone import fit_perimeters
 from critflow.linalg.tolerances import EPS
 from critflow.networks.network import Array, Network
 from critflow.progress import running
