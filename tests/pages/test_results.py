@@ -49,10 +49,11 @@ def test_every_figure_of_the_paper_has_a_picture_and_a_caption():
 
 @pytest.mark.parametrize("function", sorted({equation.function for equation in EQUATIONS}))
 def test_every_function_exists(function):
-    folder, file, *names = function.removeprefix("workflows.").split(".")
-    package = "workflows" if function.startswith("workflows.") else "critflow"
-    thing = importlib.import_module(f"{package}.{folder}.{file}")
-    for name in names:
+    words = function.split(".")
+    depth = 3 if words[0] in ("extras", "workflows") else 2
+    package = [] if words[0] == "workflows" else ["critflow"]
+    thing = importlib.import_module(".".join([*package, *words[:depth]]))
+    for name in words[depth:]:
         thing = getattr(thing, name)
     assert thing.__doc__, f"{function} has no docstring"
 
