@@ -3,6 +3,7 @@
 A page is executed as one program, in an empty directory, with warnings as errors.  Fenced blocks by info string:
 
     python FILE      written to FILE, before anything is executed
+    KIND critflow/FILE, KIND tests/FILE    of an extra: `tests/test_extras.py` executes it in a copy of the package
     console          lines `$ critflow ...` are executed in turn and must succeed, or end in `# exit N`
     python           executed after all commands, as one program for the page
     output           the exact output of the `python` block before it
@@ -19,12 +20,12 @@ import sys
 from contextlib import redirect_stdout
 from itertools import pairwise
 from pathlib import Path
-from typing import NamedTuple
 
 import matplotlib
 import matplotlib.pyplot as plt
 import numpy as np
 import pytest
+from code_blocks import Block, blocks, is_of_the_package
 from PIL import Image
 
 import critflow
@@ -43,34 +44,10 @@ BUILT = set((DOCS / "_build").rglob("*.md"))
 PAGES = [ROOT / "README.md", ROOT / "workflows" / "README.md", *sorted(set(DOCS.rglob("*.md")) - MADE - BUILT)]
 COLUMNS, SHOWN = 80, ("python", "console", "sh", "text")
 LINES_OF_PICTURE, PICTURES = 40, 24
-INFO_STRINGS = {"python", "output", "console", "text", "sh", "{layer}", "{gallery}"}
+INFO_STRINGS = {"python", "output", "console", "text", "sh", "toml", "{layer}", "{gallery}"}
 # Packages of pages that no extra of the project installs.
 NEEDED = {"docs/recipes/pictures.md": ("skimage", "skan")}
 _MARK = "<<< next block >>>"
-
-
-class Block(NamedTuple):
-    kind: str
-    file: str
-    text: str
-    line: int
-
-
-def blocks(page: Path) -> list[Block]:
-    """The fenced code blocks of a page."""
-    found, current = [], None
-    for number, line in enumerate(page.read_text(encoding="utf-8").split("\n"), 1):
-        if current is None:
-            if opening := re.fullmatch(r"\s*```([\w{}]*) ?(\S*)", line):
-                current = (opening[1], opening[2], [], number)
-        elif line.strip() == "```":
-            kind, file, lines, start = current
-            found.append(Block(kind, file, "\n".join(lines) + "\n", start))
-            current = None
-        else:
-            current[2].append(line)
-    assert current is None, f"{page.name}: a code block is not closed"
-    return found
 
 
 def name_of(page: Path) -> str:
@@ -116,7 +93,7 @@ def test_the_code_of_a_page_runs_and_prints_what_the_page_shows(page, tmp_path, 
     monkeypatch.setattr(backends, "BACKENDS", dict(backends.BACKENDS))  # a page adds one
     found = blocks(page)
     for block in found:
-        if block.kind == "python" and block.file:
+        if block.kind == "python" and block.file and not is_of_the_package(block):
             (tmp_path / block.file).write_text(block.text, encoding="utf-8")
     group = [block for block in found if block.kind == "python" and not block.file]
     with empty_pictures():

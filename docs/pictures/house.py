@@ -52,7 +52,9 @@ for (here, there), count in imports.items():
 axes.plot([-0.5, len(order) - 0.5], [-0.5, len(order) - 0.5], color="0.8", lw=0.8, zorder=1)
 names = [name for _, name in order]
 axes.set_xticks(range(len(order)), names, rotation=90, fontsize=8)
-axes.set_yticks(range(len(order)), [f"{name}  {lines[key]:,}" for name, key in zip(names, order)], fontsize=8)
+axes.set_yticks(
+    range(len(order)), [f"{name}  {lines[key]:,}" for name, key in zip(names, order, strict=True)], fontsize=8
+)
 axes.xaxis.tick_top()
 axes.set(xlim=(-0.5, len(order) - 0.5), ylim=(len(order) - 0.5, -0.5))
 axes.set_xlabel("imports a module of", fontsize=9)
@@ -60,6 +62,7 @@ axes.xaxis.set_label_position("top")
 axes.grid(color="0.92", zorder=0)
 axes.set_axisbelow(True)
 scene, extras = (sum(lines[key] for key in order if key[0] == kind) for kind in ("scene", "extras"))
-for row, text in ((0, f"scene, {scene:,} lines: imports no extra"), (n, f"extras, {extras:,} lines: each can be deleted")):
+labels = (0, f"scene, {scene:,} lines: imports no extra"), (n, f"extras, {extras:,} lines: each can be deleted")
+for row, text in labels:
     axes.text(len(order) - 0.7, row, text, ha="right", va="center", fontsize=9, color="0.2")
 figure.savefig(sys.argv[1] if len(sys.argv) > 1 else Path(__file__).with_suffix(".png"), dpi=90)
