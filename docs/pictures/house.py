@@ -52,9 +52,7 @@ for (here, there), count in imports.items():
 axes.plot([-0.5, len(order) - 0.5], [-0.5, len(order) - 0.5], color="0.8", lw=0.8, zorder=1)
 names = [name for _, name in order]
 axes.set_xticks(range(len(order)), names, rotation=90, fontsize=8)
-axes.set_yticks(
-    range(len(order)), [f"{name}  {lines[key]:,}" for name, key in zip(names, order, strict=True)], fontsize=8
-)
+axes.set_yticks(range(len(order)), [f"{key[1]}  {lines[key]:,}" for key in order], fontsize=8)
 axes.xaxis.tick_top()
 axes.set(xlim=(-0.5, len(order) - 0.5), ylim=(len(order) - 0.5, -0.5))
 axes.set_xlabel("imports a module of", fontsize=9)
