@@ -91,6 +91,15 @@ def held(holder: Any, kinds: tuple[type, ...]) -> Any:
     return None
 
 
+def of_kind(name: str, value: Any, kinds: tuple[type, ...], takes: Callable[[type], bool]) -> Any:
+    """What an argument is or holds of these kinds, or of its own kind if a function takes it, else an `InputError`."""
+    own = type(value.value if isinstance(value, Solution) else value)
+    words = {kind.__name__: kind for kind in (*kinds, *((own,) if takes(own) else ()))}
+    annotation = " | ".join(words)
+    kind = inspect.Parameter(name, inspect.Parameter.POSITIONAL_OR_KEYWORD, annotation=annotation)
+    return _Kinds(kind, words).converted(name, value)
+
+
 def generator(seed: int | np.random.Generator) -> np.random.Generator:
     """The random generator itself, or that of a seed."""
     if isinstance(seed, np.random.Generator):
@@ -169,7 +178,7 @@ class _Kinds:
         """Where the value contains a suitable one."""
         if np.random.Generator in self.classes and is_number(value):
             return f": use numpy.random.default_rng({value})"
-        if reason := getattr(value, "alone", ""):
+        if reason := getattr(value.value if isinstance(value, Solution) else value, "alone", ""):
             return f": {reason}"
         if isinstance(value, Solution):
             return ": use its .value"

@@ -127,8 +127,13 @@ def extensible(function: Callable[..., Any]) -> Any:
         _import_extras_of(type(first))  # type: ignore[arg-type]
         return dispatcher(first, *args, **options)
 
+    def takes(kind: type[Any]) -> bool:
+        """Whether a function is registered for a class, or for one of its bases."""
+        _import_extras_of(kind)  # type: ignore[arg-type]
+        return dispatcher.dispatch(kind) is not function
+
     dispatched.register = dispatcher.register  # type: ignore[attr-defined]
-    dispatched.dispatch = dispatcher.dispatch  # type: ignore[attr-defined]
+    dispatched.takes = takes  # type: ignore[attr-defined]
     return dispatched
 
 

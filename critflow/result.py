@@ -6,10 +6,9 @@ convert it into a `SolveError` that carries the solution.
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, fields
 from enum import IntEnum
-from typing import TYPE_CHECKING, Any, Generic, Self, TypeVar
+from typing import Any, Generic, Self, TypeVar
 
 import numpy as np
 
@@ -69,48 +68,10 @@ _MESSAGES = {
 
 
 class Record:
-    """A dataclass that prints in one line: numbers, names, and shapes in place of arrays."""
-
-    def __init_subclass__(cls, **options: Any) -> None:
-        super().__init_subclass__(**options)
-        # `dataclass` keeps a method that the class itself defines.
-        cls.__repr__ = cls.__repr__  # type: ignore[method-assign]
+    """Prints in one line: numbers, names, and shapes in place of arrays.  For classes with `@dataclass(repr=False)`."""
 
     def __repr__(self) -> str:
         return f"{type(self).__name__}({', '.join(_shown_fields(self))})"
-
-
-class Deferred(Record):
-    """A record whose fields may be computed when they are read first; those have no default but a `default_factory`."""
-
-    @classmethod
-    def deferred(cls, source: Callable[[], Any], **known: Any) -> Self:
-        """A record of known fields; all others are those of the record that `source` computes."""
-        # A default of the class would be read in place of the value that is still to be computed.
-        names = [one.name for one in fields(cls)]  # type: ignore[arg-type]
-        hidden = [name for name in names if name not in known and hasattr(cls, name)]
-        if hidden:
-            raise TypeError(f"{cls.__name__}.{hidden[0]} has a default: give it a default_factory")
-        record = object.__new__(cls)
-        vars(record).update(known, _source=source)
-        return record
-
-    if not TYPE_CHECKING:
-
-        def __getattr__(self, name: str) -> Any:
-            source = self.__dict__.get("_source")
-            if source is None and name in self.__dict__:  # computed by another thread since the name was missing
-                return self.__dict__[name]
-            if source is None or name not in self.__dataclass_fields__:
-                raise AttributeError(f"{type(self).__name__} has no attribute {name!r}")
-            complete = source()
-            rest = {one.name: getattr(complete, one.name) for one in fields(self) if one.name not in vars(self)}
-            vars(self).update(rest, _source=None)
-            return rest[name]
-
-    def __getstate__(self) -> dict[str, Any]:
-        """The fields alone, all of them computed."""
-        return {one.name: getattr(self, one.name) for one in fields(self)}  # type: ignore[arg-type]
 
 
 # Arrays, tuples and mappings of more entries, and texts of more characters, are shortened.
@@ -145,8 +106,8 @@ def _brief(value: Any) -> str:
     return f"{text[:_MOST_CHARACTERS]}..." if isinstance(value, str) else f"{type(value).__name__}(...)"
 
 
-@dataclass(frozen=True)
-class Stats(Deferred):
+@dataclass(frozen=True, repr=False)
+class Stats(Record):
     """Method, work and accuracy of a solve.  Pass the fields by keyword.
 
     method       name of the method
@@ -158,13 +119,13 @@ class Stats(Deferred):
     """
 
     method: str
-    steps: int = field(default_factory=int)
-    residual: float = field(default_factory=lambda: float("nan"))
-    condition: float = field(default_factory=lambda: float("nan"))
-    error_bound: Any = field(default_factory=lambda: float("nan"))
+    steps: int = 0
+    residual: float = np.nan
+    condition: float = np.nan
+    error_bound: Any = np.nan
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Solution(Record, Generic[Value]):
     """The outcome of a solve: `status` says whether `value` is trustworthy, `note` explains it in one sentence.
 
@@ -172,7 +133,7 @@ class Solution(Record, Generic[Value]):
 
     A solve with further results returns a frozen subclass with typed fields, defined next to the solver:
 
-        @dataclass(frozen=True, kw_only=True)
+        @dataclass(frozen=True, kw_only=True, repr=False)
         class Optimum(Solution[CriticalConfiguration]):
             objective: float
     """

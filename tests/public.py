@@ -15,10 +15,12 @@ def checked_functions():
     functions = {name: f for name in NAMES if inspect.isfunction(f := getattr(critflow, name))}
     for module in pkgutil.walk_packages(critflow.__path__, "critflow."):
         apart = ("command", "explore", "workflow", "progress", "__main__")
-        if module.name.startswith(tuple(f"critflow.{name}" for name in apart)):
+        of_command = module.name.endswith((".command", ".hints"))
+        if of_command or module.name.startswith(tuple(f"critflow.{name}" for name in apart)):
             continue
         for name, f in vars(import_module(module.name)).items():
             if inspect.isfunction(f) and hasattr(f, "__wrapped__") and f.__module__ == module.name:
-                if not name.startswith("_"):
+                # Those that are registered by the kind of their first argument have it checked by their caller.
+                if not name.startswith("_") and not hasattr(f, "register"):
                     functions.setdefault(name, f)
     return functions

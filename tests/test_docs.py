@@ -44,6 +44,8 @@ PAGES = [ROOT / "README.md", ROOT / "workflows" / "README.md", *sorted(set(DOCS.
 COLUMNS, SHOWN = 80, ("python", "console", "sh", "text")
 LINES_OF_PICTURE, PICTURES = 40, 24
 INFO_STRINGS = {"python", "output", "console", "text", "sh", "{layer}", "{gallery}"}
+# Packages of pages that no extra of the project installs.
+NEEDED = {"docs/recipes/pictures.md": ("skimage", "skan")}
 _MARK = "<<< next block >>>"
 
 
@@ -108,6 +110,8 @@ def run_python(page: Path, group: list[Block], folder: Path) -> list[str]:
 
 @pytest.mark.parametrize("page", [page for page in PAGES if executed(page)], ids=name_of)
 def test_the_code_of_a_page_runs_and_prints_what_the_page_shows(page, tmp_path, monkeypatch, empty_pictures):
+    for package in NEEDED.get(name_of(page), ()):
+        pytest.importorskip(package)
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(backends, "BACKENDS", dict(backends.BACKENDS))  # a page adds one
     found = blocks(page)

@@ -26,16 +26,7 @@ PHYSICS = LAYERS[: LAYERS.index("workflow")]
 # The engine computes cases of any kind.
 WITHOUT = {"workflow": {*PHYSICS, "figures"} - {"result", "extensions"}}
 # Modules of the scene that still import an extra.  This list may only become shorter.
-ARROWS = {
-    "paths.continuation",
-    "paths.start",
-    "paths.strain_path",
-    "paths.tangent",
-    "response.at_transition",
-    "response.elasticity",
-    "response.stiffening",
-    "springs.state",
-}
+ARROWS: set[str] = set()
 # Modules that still import a later layer.
 UPWARD = {
     "optimisation.optimize",

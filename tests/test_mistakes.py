@@ -1,6 +1,6 @@
 """Sentences that users get for mistakes: for each call and each command, the kind of error and its decisive words.
 
-Rows of an extra stand under its name and are skipped where its folder is deleted.
+Rows stand under the names of the extras that they need, and are skipped where the folder of one is deleted.
 """
 
 from dataclasses import FrozenInstanceError
@@ -49,7 +49,7 @@ def assign(thing, name):
     setattr(thing, name, 3)
 
 
-# By the name of the extra, "" for none: call, kind of error, words of the sentence.
+# By the names of extras, "" for none: call, kind of error, words of the sentence.
 CALLS = {
     "": {
         # Names of quantities, methods and deformations
@@ -178,17 +178,13 @@ CALLS = {
             lambda: cf.strain_path(BEST, [0.01], solver="newton"),
             *(InputError, "solver must be a PathSolver", "not 'newton'"),
         ),
-        "elasticity of a network": (
-            lambda: cf.elasticity(NETWORK),
-            *(InputError, "elasticity of a network depends on its configuration", "give coordinates"),
-        ),
         "elasticity of a number": (
             lambda: cf.elasticity(3),
-            *(InputError, "CriticalConfiguration or a SpringState", "not 3", MAKES_ONE),
+            *(InputError, "CriticalConfiguration", "SpringState", "not 3", MAKES_ONE),
         ),
         "elasticity of coordinates": (
             lambda: cf.elasticity(CRITICAL.coordinates),
-            *(InputError, "CriticalConfiguration or a SpringState", "not an array of shape (60, 2)", MAKES_ONE),
+            *(InputError, "CriticalConfiguration", "SpringState", "not an array of shape (60, 2)", MAKES_ONE),
         ),
         "stiffening of a network": (
             lambda: cf.stiffening(NETWORK),
@@ -275,6 +271,12 @@ CALLS = {
         "change of a network": (lambda: assign(NETWORK, "stiffness"), FrozenInstanceError, "field 'stiffness'"),
         "change of a configuration": (lambda: assign(CRITICAL, "sigma"), FrozenInstanceError, "field 'sigma'"),
     },
+    "rest": {
+        "elasticity of a network": (
+            lambda: cf.elasticity(NETWORK),
+            *(InputError, "elasticity of a network depends on its configuration", "give coordinates"),
+        ),
+    },
     "cables": {
         "deformation misspelt": (
             lambda: cf.critical_strain(NETWORK, 1.05 * CRITICAL.lengths, "shear"),
@@ -328,7 +330,7 @@ CALLS = {
     },
 }
 
-# Calls that look like mistakes and are none, by extra: what they return.
+# Calls that look like mistakes and are none, by extras: what they return.
 ACCEPTED = {
     "": {
         "a strain as a number": (lambda: cf.strain_path(BEST, 0.1).status, cf.Status.ok),
@@ -346,7 +348,7 @@ FIELDS_OF_VALUES = {
     "a path": (cf.strain_path(BEST, [0.001]), "energy"),
 }
 
-# By extra: words of the command, exit code, words of the sentence.
+# By extras: words of the command, exit code, words of the sentence.
 COMMANDS = {
     "": {
         # Words that are no command, option or study
@@ -415,10 +417,6 @@ COMMANDS = {
         "deformation misspelt": (
             ["run", "ensemble", "--set", "deformation=shear"],
             *(2, "deformation=shear must be one of dilation, simple_shear, pure_shear"),
-        ),
-        "no such network": (
-            ["run", "ensemble", "--set", "network=nowhere.csv"],
-            *(2, "network=nowhere.csv", "there is no file nowhere_edges.csv", "check its name"),
         ),
         # Folders and processes
         "--out empty": (["run", TINY, "--out", ""], 2, "--out must be a non-empty path"),
@@ -495,6 +493,8 @@ COMMANDS = {
             ["show", "RESULTS/tiny.nc", "--set", "seed=1"],
             *(2, "which population?", "add --set population=random"),
         ),
+    },
+    "examine files": {
         "examine no file": (
             ["examine", "nowhere.csv"],
             *(2, "there is no file nowhere_edges.csv", "check its name", "NAME_edges.csv and NAME_vertices.csv"),
@@ -506,6 +506,10 @@ COMMANDS = {
         "examine without a boundary": (["examine", "star.csv"], 2, "--pins hull fixes"),
     },
     "files": {
+        "no such network": (
+            ["run", "ensemble", "--set", "network=nowhere.csv"],
+            *(2, "network=nowhere.csv", "there is no file nowhere_edges.csv", "check its name"),
+        ),
         "convert no file": (["convert", "nowhere.csv", "x.json"], 2, "no file nowhere_edges.csv", "check its name"),
         "convert to no file": (["convert", "text.txt"], 2, "a file to read and one to write", "convert FILE OUT"),
         "convert to an unknown ending": (
@@ -514,10 +518,12 @@ COMMANDS = {
         ),
     },
     "explore": {
-        "explore no file": (["explore", "nowhere.csv"], 2, "no file nowhere_edges.csv", "check its name"),
         "explore at too large a port": (["explore", "--port", "99999"], 2, "'--port'", "less than or equal to 65535"),
     },
-    "targets": {
+    "explore files": {
+        "explore no file": (["explore", "nowhere.csv"], 2, "no file nowhere_edges.csv", "check its name"),
+    },
+    "targets files": {
         "make without --out": (["make", "star.csv"], 2, "Missing option '--out'"),
         "make a target without its value": (
             ["make", "star.csv", "--pins", "hull", "--out", "m.csv", "--target", "C_B"],
@@ -528,20 +534,21 @@ COMMANDS = {
 
 
 def rows(table):
-    """Every row of a table of extras, as the name of its extra and its own name."""
-    return [pytest.param(extra, name, id=f"{extra} {name}".strip()) for extra in table for name in table[extra]]
+    """Every row of a table: the names of its extras, and its own name."""
+    return [pytest.param(extras, name, id=f"{extras} {name}".strip()) for extras in table for name in table[extras]]
 
 
-def skip_deleted(extra):
-    if extra and EXTRAS.exists() and not (EXTRAS / extra / "__init__.py").exists():
-        pytest.skip(f"{extra} is deleted")
+def skip_deleted(extras):
+    deleted = [extra for extra in extras.split() if not (EXTRAS / extra / "__init__.py").exists()]
+    if deleted and EXTRAS.exists():
+        pytest.skip(f"deleted: {', '.join(deleted)}")
 
 
-@pytest.mark.parametrize("extra, name", rows(CALLS))
-def test_a_wrong_call_gives_its_kind_of_error_and_its_sentence(extra, name, monkeypatch, tmp_path):
-    skip_deleted(extra)
+@pytest.mark.parametrize("extras, name", rows(CALLS))
+def test_a_wrong_call_gives_its_kind_of_error_and_its_sentence(extras, name, monkeypatch, tmp_path):
+    skip_deleted(extras)
     monkeypatch.chdir(tmp_path)
-    call, kind, *words = CALLS[extra][name]
+    call, kind, *words = CALLS[extras][name]
     with pytest.raises(kind) as caught:
         call()
     sentence = str(caught.value)
@@ -551,11 +558,11 @@ def test_a_wrong_call_gives_its_kind_of_error_and_its_sentence(extra, name, monk
     assert list(tmp_path.iterdir()) == []
 
 
-@pytest.mark.parametrize("extra, name", rows(ACCEPTED))
-def test_a_call_that_is_no_mistake_returns(extra, name, monkeypatch, tmp_path):
-    skip_deleted(extra)
+@pytest.mark.parametrize("extras, name", rows(ACCEPTED))
+def test_a_call_that_is_no_mistake_returns(extras, name, monkeypatch, tmp_path):
+    skip_deleted(extras)
     monkeypatch.chdir(tmp_path)
-    call, expected = ACCEPTED[extra][name]
+    call, expected = ACCEPTED[extras][name]
     assert call() == expected
 
 
@@ -593,10 +600,10 @@ def here(tmp_path, monkeypatch):
     return tmp_path
 
 
-@pytest.mark.parametrize("extra, name", rows(COMMANDS))
-def test_a_wrong_command_gives_its_exit_code_and_its_sentence(extra, name, here, results, capsys):
-    skip_deleted(extra)
-    words, code, *decisive = COMMANDS[extra][name]
+@pytest.mark.parametrize("extras, name", rows(COMMANDS))
+def test_a_wrong_command_gives_its_exit_code_and_its_sentence(extras, name, here, results, capsys):
+    skip_deleted(extras)
+    words, code, *decisive = COMMANDS[extras][name]
     files = sorted(here.rglob("*"))
     capsys.readouterr()
     assert main([word.replace("RESULTS", str(results)) for word in words]) == code

@@ -5,12 +5,13 @@ from dataclasses import FrozenInstanceError, dataclass
 
 import numpy as np
 import pytest
+from public import checked_functions
 
 from critflow import CriticalManifold, Solution, SolveError, Status, lattice
-from critflow.result import CritflowError, Deferred, Stats
+from critflow.result import CritflowError, Record, Stats
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, repr=False)
 class Root(Solution[float]):
     """A solution with a typed field."""
 
@@ -66,6 +67,20 @@ def test_a_failed_solution_raises_its_reason(note):
     assert isinstance(caught.value, CritflowError)
 
 
+def records(kind):
+    """The dataclasses of the package that derive from a class."""
+    for derived in kind.__subclasses__():
+        if derived.__module__.startswith("critflow.") and "__dataclass_params__" in vars(derived):
+            yield derived
+        yield from records(derived)
+
+
+def test_no_record_replaces_its_representation():
+    assert checked_functions()  # with all modules imported
+    assert len(list(records(Record))) > 20
+    assert [kind.__name__ for kind in records(Record) if kind.__dataclass_params__.repr] == []
+
+
 def test_results_print_in_one_line():
     root = Root(2.0, Status.stalled, Stats("bisection"), "no change of sign", bracket=(1.0, 3.0))
     assert repr(root) == "Root(stalled, 2, bracket=(1, 3), note='no change of sign')"
@@ -75,30 +90,3 @@ def test_results_print_in_one_line():
     text = repr(manifold.solve(np.ones(48)))
     assert text.startswith(f"ForceBalance(ok, CriticalConfiguration(network={network}, sigma=array(48), ")
     assert "\n" not in text and len(text) < 300
-
-
-def test_a_deferred_record_is_computed_once_for_all_its_readers():
-    calls = []
-
-    def compute():
-        calls.append(1)
-        return Stats(method="late", steps=3, residual=1e-12)
-
-    stats = Stats.deferred(compute, condition=2.0)
-    assert not calls and stats.condition == 2.0
-    assert (stats.method, stats.steps, stats.residual, len(calls)) == ("late", 3, 1e-12, 1)
-    # Another thread that missed the name before finds it afterwards.
-    assert Stats.__getattr__(stats, "steps") == 3
-    with pytest.raises(AttributeError, match="no attribute 'nothing'"):
-        stats.nothing  # noqa: B018
-
-
-def test_a_default_that_would_hide_a_deferred_field_is_refused():
-    @dataclass(frozen=True)
-    class Hiding(Deferred):
-        known: int
-        late: int | None = None
-
-    with pytest.raises(TypeError, match="has a default"):
-        Hiding.deferred(lambda: Hiding(1, 2), known=1)
-    assert Hiding.deferred(lambda: Hiding(1, 2), known=1, late=2).late == 2

@@ -31,7 +31,7 @@ from critflow.result import InputError, Record, Solution, Stats, Status
 BALANCED = 1e-8
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Rigidity(Record):
     """Counts of a configuration.
 
@@ -66,7 +66,7 @@ class Rigidity(Record):
         return bool(self.prestress_stable) or self.first_order_rigid
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class ZeroModes(Record):
     """Displacements that change no length to first order, all orthonormal, zero at pins (`FirstOrder`).
 
@@ -207,7 +207,7 @@ def zero_modes(network: Network, coordinates: ArrayLike, tolerance: float | None
     return Solution(ZeroModes(modes, *gap), status, stats, doubt)
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class StressSpace(Record):
     """The stresses that share a configuration: the kernel of the map σ → configuration.
 
@@ -287,7 +287,7 @@ def _stabilises(
     return None if open_question else False, sigma[None]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Certificate(Record):
     """Quantities that show that a configuration is critical, and their accuracy.
 

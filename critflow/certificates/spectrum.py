@@ -37,7 +37,6 @@ FROM_ROUNDING = 6.0
 # Inverse iteration: shift in units of the squared tolerance, so that values below it gain a hundredfold in every step;
 # most steps; largest singular value, in units of the tolerance, of a null space that has converged.
 _SHIFT, _MOST_ITERATIONS, _CONVERGED = 0.01, 6, 1e-6
-_PROBES = 8  # random null vectors that estimate the largest singular value of all
 # Squared singular values near the first of these are resolved best in the search for the smallest that is not zero;
 # the others follow where it does not converge within this number of restarts times edges, as for long chains.
 _MODERATE, _RESTARTS_TIMES_SIZE = (1e-3, 1e-6, 1e-9), 3_000_000
@@ -53,6 +52,7 @@ class Spectrum:
     n_coordinates, n_motions  number of free coordinates, and of zero modes among them
     gap                       largest value that counts as zero and the smallest that does not, or limits of them
     pattern                   of RᵀR
+    dense                     whether all values are computed
 
     Raises `InputError` for a tolerance that is not positive, or too small for a large network.
     """
@@ -63,18 +63,18 @@ class Spectrum:
             raise InputError(f"the tolerance must be positive, not {self._tolerance}: 1e-6 separates most networks")
         self.bond_vectors = network.bond_vectors(coordinates)
         self.lengths = length = np.linalg.norm(self.bond_vectors, axis=1)
-        self._dense = network.n_edges <= DENSE_EDGES
+        self.dense = network.n_edges <= DENSE_EDGES
         self._largest_rounding = np.inf
         if tolerance is None:
             # Norm of the change of all rows, each √2 times a direction.
             reach = float(max(np.abs(coordinates).max(), np.abs(network.boundary_vectors).max()))
             rounding = EPS * float(np.linalg.norm(np.sqrt(2) * (1 + reach / length)))
-            self._largest_rounding = max(ROUNDING_MARGIN * rounding, 0.0 if self._dense else ITERATION_ERROR)
+            self._largest_rounding = max(ROUNDING_MARGIN * rounding, 0.0 if self.dense else ITERATION_ERROR)
         self.n_coordinates = network.dimension * len(network.free)
         unit = self.bond_vectors / length[:, None]
         self._R = spread_columns(network, unit)
         self._network = network
-        if not self._dense:
+        if not self.dense:
             self._count(network, unit)
             return
         left, values, right = np.linalg.svd(self._R.toarray())
@@ -125,25 +125,12 @@ class Spectrum:
 
     def null_space(self, count: int, of_stresses: bool) -> tuple[Array, tuple[float, float]]:
         """An orthonormal basis of unit tensions (count, N_b) or motions (count, d·n_free), and the gap."""
-        if self._dense:
+        if self.dense:
             return self._null[0 if of_stresses else 1], self.gap
-        vectors, largest = self._null_vectors(count, of_stresses)
+        vectors, largest = self.null_vectors(count, of_stresses)
         return vectors.T, (largest, self._smallest_nonzero(vectors, of_stresses))
 
-    def largest_zero(self) -> float:
-        """The largest singular value that counts as zero: of large networks an estimate from a few null vectors.
-
-        Tensions and motions share their singular values, so the smaller null space has all that matter.  A value of one
-        of its n vectors appears in p random ones reduced by √(p/n), to a factor of ten or so.
-        """
-        n_stresses, n_motions = self._R.shape[0] - self.n_coordinates + self.n_motions, self.n_motions
-        count = min(n_stresses, n_motions)
-        if self._dense or not count:
-            return self.gap[0]
-        probes = min(count, _PROBES)
-        return self._null_vectors(probes, n_stresses < n_motions)[1] * float(np.sqrt(count / probes))
-
-    def _null_vectors(self, count: int, of_stresses: bool) -> tuple[Array, float]:
+    def null_vectors(self, count: int, of_stresses: bool) -> tuple[Array, float]:
         """Orthonormal vectors (n, count) of a null space, random ones of a larger one, and the norm of R on them."""
         M = self._R.T if of_stresses else self._R
         amplified = self._filter(_SHIFT * self._tolerance**2, of_stresses)

@@ -24,7 +24,7 @@ from critflow.result import InputError, Record
 Mask = NDArray[np.bool_]
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Backbone(Record):
     """The stressed part of a critical configuration.
 

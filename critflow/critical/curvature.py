@@ -40,7 +40,7 @@ def dense(operator: LinearOperator) -> Array:
     return operator @ np.eye(columns)
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class StereographicChart(Record):
     """Unit stresses by N_b − 1 coordinates s about a pole σ⁰ (`projection`); s = 0 is the pole itself.
 
@@ -109,7 +109,7 @@ class StereographicChart(Record):
         return at
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class SurfaceGeometry(Record):
     """The manifold at one point of a chart, as operators; `dense` makes matrices of them.
 
@@ -154,7 +154,7 @@ def unit_response(manifold: CriticalManifold, configuration: CriticalConfigurati
     return manifold.response(configuration) * float(np.linalg.norm(configuration.sigma))
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class PrincipalCurvatures(Record):
     """Curvatures κ of the manifold towards its normal σ, by growing size (n,), and the method that found them.
 

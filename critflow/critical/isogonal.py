@@ -35,14 +35,14 @@ from critflow.result import InputError, Record, Solution, Stats, Status
 FLAT_TRIANGLE = 1e-12  # twice the area of a degenerate force triangle, over the square of the mean tension
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
+@dataclass(frozen=True, eq=False, kw_only=True, repr=False)
 class IsogonalOptimum(Solution[CriticalConfiguration]):
     """The best configuration of an isogonal family, and the amplitudes a (n_modes,) that lead to it."""
 
     amplitudes: Array
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class IsogonalModes(Record):
     """Isogonal modes at a configuration, as rows of dense or sparse matrices; amplitudes a (n_modes,) combine them.
 

@@ -11,8 +11,8 @@ have taken all digits it returns a status in place of numbers.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
-from functools import cache, cached_property, partial
+from dataclasses import dataclass, field, fields, replace
+from functools import cached_property
 from typing import Any, overload
 
 import numpy as np
@@ -32,7 +32,7 @@ from critflow.networks.checks import edge_values
 from critflow.networks.network import Array, Network
 from critflow.precision.double_double import Extended, two_product
 from critflow.precision.refinement import Refined, Refinement
-from critflow.result import Deferred, InputError, NetworkError, Solution, Stats, Status, Value
+from critflow.result import InputError, NetworkError, Record, Solution, Stats, Status, Value
 
 # An edge shorter than this part of the mean length has collapsed: its direction, and what follows from it, has half of
 # its digits or fewer.
@@ -43,13 +43,10 @@ CONDENSED_EDGES = 100_000
 # A stress with Σσ² = N_b to this relative accuracy counts as scaled and keeps its digits: the sum of squares is
 # rounded by a few EPS.
 SCALED = 4e-15
-# Condition up to which refinement under tension is sure to converge: a solve keeps five digits of a bound that is far
-# from sharp.
-CERTAIN = 1e11
 
 
-@dataclass(frozen=True, eq=False)
-class CriticalConfiguration(Deferred):
+@dataclass(frozen=True, eq=False, repr=False)
+class CriticalConfiguration(Record):
     """A network in balance under a stress: σ (N_b,), coordinates x (N_v, d) and bond vectors L (N_b, d).
 
     σ is the force density (tension per length) with Σσ² = N_b; it is defined up to that scale.
@@ -60,19 +57,25 @@ class CriticalConfiguration(Deferred):
     bond_errors  (N_b,) bounds on |δL_α| likewise, relative to the length of the edge and not of the cell
     rest_lengths  ℓ (N_b,) of the cables of which it is the onset: |L| on taut edges and more on slack ones.  None where
                   it is made from a stress, without knowledge of slack edges
+    maker         the manifold that made it, if one did
     """
 
     network: Network
     sigma: Array
     coordinates: Array
     bond_vectors: Array
-    error_bound: float = field(default_factory=lambda: np.nan)
-    bond_errors: Array = field(default_factory=lambda: None, repr=False)  # type: ignore[arg-type,return-value]
-    rest_lengths: Array | None = field(default_factory=lambda: None, repr=False)
+    error_bound: float = np.nan
+    bond_errors: Array = field(default=None, repr=False)  # type: ignore[arg-type]
+    rest_lengths: Array | None = field(default=None, repr=False)
+    maker: CriticalManifold | None = field(default=None, repr=False)
 
     def __post_init__(self) -> None:
         if self.bond_errors is None:
             object.__setattr__(self, "bond_errors", np.full(self.network.n_edges, np.nan))
+
+    def __getstate__(self) -> dict[str, Any]:
+        """The numbers alone: factors of matrices are in the memory of one process."""
+        return {one.name: getattr(self, one.name) for one in fields(self) if one.name != "maker"}
 
     @cached_property
     def lengths(self) -> Array:
@@ -87,6 +90,8 @@ class CriticalConfiguration(Deferred):
     @cached_property
     def manifold(self) -> CriticalManifold:
         """The manifold that made the configuration, or one of its network, made at its first use."""
+        if self.maker is not None and self.maker.network is self.network:
+            return self.maker
         return CriticalManifold(self.network)
 
     @property
@@ -192,7 +197,7 @@ class Balance:
         return product(self.network.free_incidence, self.factor.solve(product(self.network.divergence, edge_vectors)))
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
+@dataclass(frozen=True, eq=False, kw_only=True, repr=False)
 class ForceBalance(Solution[Value]):
     """The configuration of a stress.
 
@@ -309,8 +314,7 @@ class CriticalManifold:
         x = self.network.all_coordinates(refined.x)
         if status is not Status.ok:
             x[:] = np.nan
-        value = CriticalConfiguration(self.network, sigma, x, refined.L, refined.error, refined.L_errors)
-        vars(value)["manifold"] = self
+        value = CriticalConfiguration(self.network, sigma, x, refined.L, refined.error, refined.L_errors, maker=self)
         stats = Stats(
             "force density",
             refined.steps,
@@ -320,21 +324,6 @@ class CriticalManifold:
         )
         solution = ForceBalance(value, status, stats, negative_pivots=n_negative)
         return solution.or_raise("no configuration for this stress") if throw else solution
-
-    def solve_when_read(self, stress: Array, balance: Balance | None = None) -> ForceBalance[CriticalConfiguration]:
-        """As `solve`, with the same numbers, computed when one of them is read first.
-
-        Computed at once where the status is not certain before.  Under tension P⁻¹ ≥ 0, and none of its entries in row
-        i exceeds the resistance from vertex i to a fixed one, at most (N_v − 1)/min σ along a path.  Skeel's condition
-        is thus at most 4 N_v Σσ/min σ, and refinement converges if that is small.
-        """
-        sigma = _scaled(stress, self.network.n_edges).high
-        if not 0 < 4 * self.network.n_vertices * sigma.sum() < CERTAIN * sigma.min():
-            return self.solve(stress, balance=balance)
-        solution = cache(partial(self.solve, stress, balance=balance))
-        known = {"network": self.network, "sigma": sigma, "rest_lengths": None, "manifold": self}
-        value = CriticalConfiguration.deferred(lambda: solution().value, **known)
-        return ForceBalance(value, Status.ok, Stats.deferred(lambda: solution().stats), negative_pivots=0)
 
     def _solve_shifted(self, sigma: Extended, failed: Refined) -> tuple[Refined, int, Status]:
         """The configuration by a factor of P + δ, its negative pivots and status, where a factor of P fails.

@@ -28,7 +28,7 @@ FLAT = 1e-9  # eigenvalues of a stress Hessian below this part of the largest ar
 DENSE_EDGES = 2000  # most edges for all eigenvalues of a stress Hessian: 32 MB and some seconds
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Properties(Record):
     """Quantities of a critical configuration and their gradients (N_b,), by name.
 
@@ -77,7 +77,7 @@ def properties(critical: CriticalConfiguration, quantities: Sequence[str | Quant
     )
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class FlatDirections(Record):
     """The directions in stress along which a quantity does not change to second order.
 

@@ -10,7 +10,6 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
-from types import SimpleNamespace
 from typing import ClassVar, Protocol
 
 import numpy as np
@@ -37,6 +36,19 @@ class Balanced(Protocol):
     def bond_vectors(self) -> Array: ...
     @property
     def manifold(self) -> CriticalManifold: ...
+
+
+@dataclass(frozen=True, eq=False)
+class StressedBonds:
+    """A stress σ (N_b,) and bond vectors L (N_b, d) without coordinates: a `Balanced` where P is not needed."""
+
+    manifold: CriticalManifold
+    sigma: Array
+    bond_vectors: Array
+
+    @property
+    def network(self) -> Network:
+        return self.manifold.network
 
 
 class Quantity(Record, ABC):
@@ -78,8 +90,7 @@ class Quantity(Record, ABC):
                 stiffness = network.stiffness.copy()
                 stiffness[edge] = k * (1 + sign * DIFFERENCE)
                 changed = network.with_stiffness(stiffness)
-                there = SimpleNamespace(network=changed, sigma=balance.sigma, bond_vectors=balance.bond_vectors)
-                there.manifold = CriticalManifold.of(changed)
+                there = StressedBonds(CriticalManifold.of(changed), balance.sigma, balance.bond_vectors)
                 ends.append(self.evaluate(there)[0])
             rows[edge] = (ends[0] - ends[1]) / (2 * DIFFERENCE * k)
         return rows

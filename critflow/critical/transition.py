@@ -68,7 +68,7 @@ class _WorkAndCost:
         return np.asarray(self.sigma**2 * self.flexibility / self.k)
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class TransitionModulus(SpringResponse):
     """Modulus at the transition for b → (1 + γA) b: μ_A = (Σ σḣ)²/(V Σ σ²|L|²/k), ḣ = L·A L (`GenericModulus`).
 
@@ -109,7 +109,7 @@ class TransitionModulus(SpringResponse):
         return 0.5 * (self.strain + self.strain.T)
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class PenalisedModulus(SpringResponse):
     """μ_A − (u/N_b) Σ (s_α/r)^(−10), s = σ scaled to Σs² = N_b (`ShearMod+Constraint`): keeps every s above about r.
 
@@ -169,7 +169,7 @@ class PenalisedModulus(SpringResponse):
         return self.unit(balance.network) * (tenth * (tenth**2) ** 2), square
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class StressComponent(SpringResponse):
     """Component S:A/√D of the stress, S = Σσ L⊗L, D = Σσ²|L|²/k: all that linear elasticity is at the transition.
 
@@ -205,7 +205,7 @@ class StressComponent(SpringResponse):
         return float(np.sqrt(network.stiffness.mean())) * network.spacing
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class TensorComponent(SpringResponse):
     """Component C_ab of the elasticity tensor; at the transition C_ab = S_a S_b/(V D).
 

@@ -52,7 +52,7 @@ class _RelativeVariance(_OfLengths):
         return self.of_tensions * (change * length + derivative * dlength), stretching + turning
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class LengthVariance(_RelativeVariance):
     """V_L = ⟨(|L| − ⟨|L|⟩)²⟩/⟨|L|⟩² (`LengthVariance`)."""
 
@@ -60,7 +60,7 @@ class LengthVariance(_RelativeVariance):
     of_tensions: ClassVar[bool] = False
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class TensionVariance(_RelativeVariance):
     """V_τ = ⟨(τ − ⟨τ⟩)²⟩/⟨τ⟩² of the tensions τ = σ|L| (`TensionVariance`)."""
 
@@ -68,7 +68,7 @@ class TensionVariance(_RelativeVariance):
     of_tensions: ClassVar[bool] = True
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class EdgeLength(_OfLengths):
     """The length |L_α| of one edge."""
 
@@ -95,7 +95,7 @@ class EdgeLength(_OfLengths):
         return np.zeros_like(dsigma), ddL
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class FaceArea(_OfLengths):
     """The area ½ Σ_(i<j) s_i × s_j of one face of a planar network, of its sides s in turn."""
 

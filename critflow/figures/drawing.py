@@ -29,7 +29,6 @@ from critflow.figures.plot import (
 )
 from critflow.networks.network import Array, Network
 from critflow.result import InputError, Solution
-from critflow.springs.state import SpringState
 from critflow.workflow.output import require_folder
 
 # Colour of edges without values.
@@ -101,8 +100,6 @@ def _parts(thing: Any) -> tuple[Network, Array, Array | None, Array | None]:
     if isinstance(thing, Solution):
         thing = thing.value
     of_faces = getattr(thing, "pressures", getattr(thing, "face_tensions", None))
-    if isinstance(thing, SpringState) and thing.faces is not None:
-        of_faces = thing.tension
     thing = getattr(thing, "configuration", thing)
     network = thing if isinstance(thing, Network) else getattr(thing, "network", None)
     if not isinstance(network, Network):

@@ -32,7 +32,7 @@ EVEN = 0.16
 SOLVED = 1e-6  # relative residual of a Newton step that determines the error of its start
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
+@dataclass(frozen=True, eq=False, kw_only=True, repr=False)
 class FromLengths(Solution[CriticalConfiguration]):
     """The critical configuration of rest lengths ℓ.
 
@@ -104,20 +104,14 @@ def _configuration_of(manifold: CriticalManifold, lengths: Array) -> FromLengths
     if len(slack):
         status = Status.slack_edges
         note = f"{len(slack)} of {network.n_edges} edges are slack, edge {slack[0]} among them; narrow the lengths"
-
-    def accuracy() -> Stats:
-        x, sigma = value.coordinates, value.sigma
-        error = np.nan if len(slack) else newton_error(manifold.saddle, network, lengths, x, sigma)
-        return Stats("conic", condition=balanced.stats.condition, error_bound=2 * error)
-
-    def cables() -> CriticalConfiguration:
-        return replace(balanced.value, rest_lengths=np.where(end.taut, balanced.value.lengths, ratio * lengths))
-
-    value = CriticalConfiguration.deferred(cables, network=network, sigma=balanced.value.sigma, manifold=manifold)
+    value = replace(balanced.value, rest_lengths=np.where(end.taut, balanced.value.lengths, ratio * lengths))
+    error = np.nan
+    if not len(slack):
+        error = 2 * newton_error(manifold.saddle, network, lengths, value.coordinates, value.sigma)
     return FromLengths(
         value=value,
         status=status,
-        stats=Stats.deferred(accuracy, method="conic", steps=steps, residual=end.error),
+        stats=Stats("conic", steps, end.error, balanced.stats.condition, error),
         note=note,
         slack_edges=slack,
         ratio=ratio,
@@ -166,7 +160,7 @@ def _balanced(
     """
     network, taut, part = manifold.network, end.taut, end.part
     if taut.all():
-        balance = manifold.solve_when_read(end.sigma)
+        balance = manifold.solve(end.sigma)
         return balance if balance.ok else None
     if part is None or part.several:
         return None

@@ -167,6 +167,11 @@ def eliminating_backends() -> dict[str, type[Backend]]:
     return BACKENDS | _brought("backends")
 
 
+def backend_named(name: str) -> type[Backend]:
+    """The eliminating solver of a name; an extra is imported for its own alone."""
+    return BACKENDS[name] if name in BACKENDS else _brought("backends")[name]
+
+
 def iterative_factor(name: str) -> Any:
     """The kind of `Factor` of an iterative solver; None for an eliminating one."""
     return None if name in BACKENDS else _brought("iterations").get(name)
@@ -190,7 +195,7 @@ def choose_backend(backend: str, n_entries: int, in_space: bool = False) -> str:
             return "qdldl"  # without the import of an extra
         larger = min(eliminating_backends().keys() & sizes.keys(), key=sizes.__getitem__)
         return larger if n_entries > sizes[larger] else "qdldl"
-    if backend not in (installed := available_backends()):
+    if backend not in BACKENDS and backend not in (installed := available_backends()):
         raise InputError(
             f"no backend {backend!r} is installed: choose 'auto' or one of {', '.join(installed)}, and pip install "
             "'critflow[fast,multigrid]' for all of them"

@@ -24,9 +24,9 @@ from numpy.typing import NDArray
 
 from critflow.linalg.backends import (
     Backend,
+    backend_named,
     choose_backend,
     choose_iteration,
-    eliminating_backends,
     iterative_factor,
     multiply,
 )
@@ -116,7 +116,7 @@ class FixedPattern:
         """Order and analyse the pattern for elimination, as the first elimination does otherwise."""
         with self._lock:
             if not self._solvers:
-                self._add(eliminating_backends()[self.elimination](self._model()))
+                self._add(backend_named(self.elimination)(self._model()))
 
     def factorize(self, values: Array, shift: float | Array = 0.0) -> Factor:
         """L D Lᵀ of A + shift·1, with values (n_sources,) and a shift for all or for each of the rows (n,)."""

@@ -24,7 +24,7 @@ _NO_POLYGONS = (
 )
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Faces(Record):
     """The polygons of a planar network, each a closed walk along its edges with the face on the left.
 

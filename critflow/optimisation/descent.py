@@ -18,7 +18,7 @@ from critflow.optimisation.minimize import METHODS, Fire, Method, Minimum, Point
 from critflow.optimisation.saddles import Descent, minimise_past_saddles
 from critflow.optimisation.stress_objective import SignedStressObjective, StressObjective
 from critflow.progress import tell
-from critflow.result import Stats, Status
+from critflow.result import Status
 
 FADED = 1e-12  # σ that tends to zero, where Σσ² = N_b: far below the stresses of any optimum (1e-3)
 # Ratio of a stress to the median, at most, from which a failed descent is repeated: from 10 or 100 a few starts of
@@ -88,11 +88,11 @@ def descend(
         objective, repeated, objective.unknowns(start), max_steps, partial(_saddle_is_possible, monitor)
     )
     balance = end.point.state.balance
-    reached = manifold.solve_when_read(balance.sigma, balance)
+    reached = manifold.solve(balance.sigma, balance=balance)
     optimum = Optimum(
         value=reached.value,
         status=end.status,
-        stats=Stats.deferred(lambda: reached.stats, method=method, steps=end.steps, residual=end.point.residual),
+        stats=replace(reached.stats, method=method, steps=end.steps, residual=end.point.residual),
         objective=objective.unit * end.point.value,
         saddles=saddles,
         crossings=tuple(monitor.crossings),

@@ -26,7 +26,7 @@ from critflow.linalg.matrices import spread_columns
 from critflow.linalg.vectors import dot
 from critflow.networks.deformation import Deformable
 from critflow.networks.network import Array, Network
-from critflow.result import InputError, Solution, SolveError, Stats, Status
+from critflow.result import InputError, Solution, SolveError, Status
 
 BALANCED = 1e-8  # relative force balance, and relative distance from the bound, of a modulus that attains its bound
 NO_LENGTH = 1e-10  # length, in units of the mean, of an edge that vanishes in the configuration of the largest modulus
@@ -36,7 +36,7 @@ PARALLEL_FORCES = 1e-9
 _QUARTER_TURN = np.array([[0.0, -1.0], [1.0, 0.0]])
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
+@dataclass(frozen=True, eq=False, kw_only=True, repr=False)
 class Optimum(Solution[CriticalConfiguration]):
     """The best critical configuration by an objective; `stats.residual` is the largest component of dO/dσ.
 
@@ -106,16 +106,12 @@ def largest_modulus(network: Network | CriticalManifold, strain: Deformable) -> 
     bound, zero = float(np.trace(F @ moment @ F.T)) / network.volume, vanishes(F, moment, A)
     if zero or is_dilation(A):
         # F = A of a dilation is isotropic: the configuration is L* itself.
-        found: Solution[CriticalConfiguration] = manifold.solve_when_read(balance.sigma, balance)
-        x = network.all_coordinates(balance.coordinates)
-        here = CriticalConfiguration(network, balance.sigma, x, balance.bond_vectors)
+        found: Solution[CriticalConfiguration] = manifold.solve(balance.sigma, balance=balance)
     else:
         found, shortest = _closed(manifold, balance.bond_vectors, F, A, bound)
-        here = found.value
-    if not found.ok or len(here.collapsed_edges):
-        here = found.value
-    stats = Stats.deferred(lambda: found.stats, method="closed_form", steps=0, residual=here.residual)
-    optimum = Optimum(found.value, Status.ok, stats, objective=modulus.evaluate(here)[0], bound=bound)
+    here = found.value
+    stats = replace(found.stats, method="closed_form", steps=0)
+    optimum = Optimum(here, Status.ok, stats, objective=modulus.evaluate(here)[0], bound=bound)
     if here.residual < BALANCED and (zero or abs(optimum.gap) < BALANCED) and shortest > NO_LENGTH:
         edges = here.collapsed_edges
         note = f"edges {', '.join(map(str, edges))} have no length there" if len(edges) else ""

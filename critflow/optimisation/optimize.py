@@ -28,7 +28,7 @@ from critflow.optimisation.descent import DESCENTS, Observer, descend
 from critflow.optimisation.largest_modulus import Optimum, largest_modulus
 from critflow.optimisation.stress_objective import SignedStressObjective, StressObjective
 from critflow.response.at_transition import transition_modulus_error
-from critflow.result import InputError, Solution, Stats
+from critflow.result import InputError, Solution
 
 # Tolerance of dO/dσ times N_b above which the iteration towards equal lengths alone is faster than with Newton's method
 # at its end: the same 15 to 35 steps for 100 to 10,000 vertices.
@@ -182,24 +182,14 @@ def _closed_form(problem: _Problem) -> Optimum:
         )
     if not optimum.ok:
         return replace(optimum, stats=replace(optimum.stats, residual=np.nan))
-    stats = Stats.deferred(
-        lambda: replace(optimum.stats, residual=_residual(evaluate(manifold, goal, optimum.value.sigma))),
-        method="closed_form",
-        steps=0,
-    )
+    stats = replace(optimum.stats, residual=_residual(evaluate(manifold, goal, optimum.value.sigma)))
     if problem.is_bulk:
-        error = partial(_bulk_error, goal, optimum)
+        error = partial(transition_modulus_error, dilation(manifold.network.dimension), optimum.value)
     else:
         # Value and bound are both rounded, and the value is at most the exact bound.
         rounding = EPS * manifold.network.n_edges * optimum.bound
         error = partial(float, abs(optimum.bound - optimum.objective) + rounding)
     return replace(optimum, stats=stats, error_of=error)
-
-
-def _bulk_error(goal: Quantity, optimum: Optimum) -> float:
-    """The error bound of the refined configuration, and the difference of the value, which is that of the plain one."""
-    difference = abs(goal.evaluate(optimum.value)[0] - optimum.objective)
-    return difference + transition_modulus_error(dilation(optimum.value.network.dimension), optimum.value)
 
 
 def _closed_form_pays(problem: _Problem) -> bool:
@@ -222,12 +212,11 @@ def _cone_program(problem: _Problem) -> Optimum:
 def _least_variance(
     found: Solution[CriticalConfiguration], manifold: CriticalManifold, method: str, steps: int, here: Evaluation | None
 ) -> Optimum:
-    """The optimum at a configuration of equal lengths, whose coordinates are computed when they are read."""
+    """The optimum at a configuration of equal lengths."""
     variance, residual = (here.value, _residual(here)) if here else (np.nan, np.nan)
     # An optimum of the stresses is of springs, without rest lengths.
-    known = {"network": manifold.network, "sigma": found.value.sigma, "rest_lengths": None, "manifold": manifold}
-    value = CriticalConfiguration.deferred(lambda: found.value, **known)
-    stats = Stats.deferred(lambda: found.stats, method=method, steps=steps, residual=residual)
+    value = replace(found.value, rest_lengths=None)
+    stats = replace(found.stats, method=method, steps=steps, residual=residual)
     # The least variance is zero.
     return Optimum(value, found.status, stats, objective=variance, error_of=partial(float, variance))
 
@@ -249,7 +238,7 @@ def _equal_lengths(problem: _Problem, tolerance: float) -> Optimum | None:
             continue  # The gradient, which costs as much as a step, is about two deviations an edge.
         here = evaluate_at(balance, goal)
         if _residual(here) < tolerance:
-            found = manifold.solve_when_read(balance.sigma, balance)
+            found = manifold.solve(balance.sigma, balance=balance)
             return _least_variance(found, manifold, "iteration", step, here)
     return None
 

@@ -15,12 +15,20 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from critflow.arguments import checked, shown
-from critflow.extras.cables.floppy import unstressed_part
 from critflow.linalg.factor import FixedPattern
 from critflow.networks.deformation import Deformable, Deformation, deformation_of
 from critflow.networks.network import Array
-from critflow.paths.continuation import Course, Progress, Step, advance, begin, refused
-from critflow.paths.start import Beginning, Start, balanced, start_of
+from critflow.paths.continuation import (
+    EXPECTED_STEPS,
+    MOST_ITERATIONS,
+    Attempt,
+    BranchTest,
+    Interval,
+    PathProblem,
+    advance,
+)
+from critflow.paths.start import Beginning, Start, start_of
+from critflow.paths.unknowns import unknowns_of
 from critflow.progress import counted
 from critflow.response.tensor import Elasticity
 from critflow.result import InputError, Record, Solution, Stats, Status
@@ -28,12 +36,10 @@ from critflow.springs.equilibrium import relaxation_method
 from critflow.springs.laws import SpringLaw
 from critflow.springs.state import SpringState
 
-LOOSENING_WORK = 1e-9  # work of a strain on the stress of a transition, relative to its size, below which it loosens
 MEASURES = ("tensors", "moduli", "energy")  # what a path measures at each strain, in falling order of time
-_LOOSENED = "the strain loosens the network, which is floppy on this side of the transition: change its sign"
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class StrainPath(Record):
     """Equilibria at strains γ (n,): moduli, energy and forces (n,), Newton steps and status, the states.
 
@@ -160,48 +166,39 @@ def strain_path(
     first, options = start_of(start, law, taut_only), solver or PathSolver()
     gamma, method = check_strains(strains, signed=True, zero=first.stress is None), relaxation_method(options.method)
     path = deformation_of(deformation, first.springs.network.dimension)
-    gradients = {strain: path.gradient(strain) for strain in gamma.tolist()}  # refuses those that invert the cell
+    for strain in gamma.tolist():
+        path.gradient(strain)  # refuses those that invert the cell
     if not isinstance(measure, str) or measure not in MEASURES:
         raise InputError(f"a path measures one of {', '.join(MEASURES)}, not {shown(measure)}")
-    if path.free and method != "newton":
-        raise InputError("free components of the cell need Newton's method: method='newton'")
-    pattern = (None if first.part else options.pattern) or first.springs.pattern()
-    course = Course(first.springs.network, path, method, options.tolerance, measure, pattern, gradients)
-    result = _solution(course, gamma, _follow(course, first, gamma), first.note)
+    springs, network = first.springs, first.springs.network
+    pattern = (None if first.part else options.pattern) or springs.pattern()
+    unknowns = unknowns_of(springs, path, pattern, method, options.tolerance)
+    exact = method == "newton"
+    branch = BranchTest(EXPECTED_STEPS, MOST_ITERATIONS) if exact else BranchTest(np.inf, np.inf)
+    has_moduli = measure != "energy" and network.has_volume and network.dimension > 1
+    problem = PathProblem(network, path, pattern, unknowns, branch, exact, measure, has_moduli)
+    result = _solution(problem, method, gamma, _follow(problem, first, gamma), first.note)
     return result.or_raise("the strain path stopped") if throw else result
 
 
-def _follow(course: Course, first: Beginning, gamma: Array) -> list[Progress]:
+def _follow(problem: PathProblem, first: Beginning, gamma: Array) -> list[Interval]:
     """Advance from strain to strain; the last entry alone may have failed."""
-    springs, stress, reached = first.springs, first.stress, list[Progress]()
-    floppy = unstressed_part(course, springs, gamma) if stress is None else None
-    if floppy is not None:
-        reached, point = floppy
-    else:
-        if stress is None and not balanced(springs):
-            raise InputError(
-                f"the springs are not in equilibrium, a force of {springs.max_force:.2g} is left: call equilibrium() "
-                "first"
-            )
-        last = begin(course, springs, stress)
-        point = last.point
-        if stress is None and (gamma[0] == 0 or not last.end.ok):
-            reached = [last]
-        elif stress is not None and _loosened(springs, stress, course.deformation, gamma[0]):
-            reached = [refused(point, gamma[0], Status.floppy, _LOOSENED)]
+    reached, point = problem.unknowns.beginning(problem, first, gamma)
     for strain in counted(gamma[len(reached) :].tolist(), "strain"):
         if reached and not reached[-1].end.ok:
             break
-        reached.append(advance(course, point, strain))
+        reached.append(advance(problem, point, strain))
         point = reached[-1].point
     return reached
 
 
-def _solution(course: Course, gamma: Array, reached: list[Progress], note: str) -> Solution[StrainPath]:
+def _solution(
+    problem: PathProblem, method: str, gamma: Array, reached: list[Interval], note: str
+) -> Solution[StrainPath]:
     """The path up to the last strain that was reached, with the status of the last step."""
-    path, last = _assembled(course, gamma, reached), reached[-1]
+    path, last = _assembled(problem, gamma, reached), reached[-1]
     stats = Stats(
-        course.method,
+        method,
         int(path.steps.sum()),
         residual=float(np.max(path.max_force[: len(path.states)], initial=0.0)),
         error_bound=float(np.nanmax(path.coordinate_error[: len(path.states)], initial=0.0)),
@@ -210,20 +207,12 @@ def _solution(course: Course, gamma: Array, reached: list[Progress], note: str) 
     return Solution(path, last.end.status, stats, note)
 
 
-def _loosened(springs: SpringState, stress: Array, deformation: Deformation, strain: float) -> bool:
-    """Whether a strain of this sign loosens a network in tension, which is then floppy: γ Σ σ L·A L < 0."""
-    sigma = springs.edge_tension(stress * springs.spring_lengths) / springs.lengths
-    L, A = springs.bond_vectors, np.copysign(1.0, strain) * deformation.velocity(0.0)
-    work, size = np.sum(sigma[:, None] * L * (L @ A.T)), np.linalg.norm(A) * np.sum(sigma * springs.lengths**2)
-    return bool((sigma >= 0).all() and work < -LOOSENING_WORK * size)
-
-
-def _assembled(course: Course, gamma: Array, reached: list[Progress]) -> StrainPath:
+def _assembled(problem: PathProblem, gamma: Array, reached: list[Interval]) -> StrainPath:
     """The path of all strains, of which only the last one tried may have failed."""
-    d, m, tensors = course.deformation.dimension, len(course.free_strains), course.measure == "tensors"
-    ends = [progress.end for progress in reached if progress.end.ok]
+    d, m, tensors = problem.deformation.dimension, len(problem.deformation.free), problem.measure == "tensors"
+    ends = [interval.end for interval in reached if interval.end.ok]
 
-    def measured(value: Callable[[Step], float | Array], *shape: int) -> Array:
+    def measured(value: Callable[[Attempt], float | Array], *shape: int) -> Array:
         values = np.full((len(gamma), *shape), np.nan)
         if ends:
             values[: len(ends)] = [value(end) for end in ends]
@@ -232,9 +221,9 @@ def _assembled(course: Course, gamma: Array, reached: list[Progress]) -> StrainP
     def of_moduli(value: Callable[[Elasticity], float]) -> Array:
         return measured(lambda end: np.nan if end.moduli is None else value(end.moduli))
 
-    def counted(value: Callable[[Progress], int], elsewhere: int = 0) -> NDArray[np.int64]:
+    def counted(value: Callable[[Interval], int], elsewhere: int = 0) -> NDArray[np.int64]:
         values = np.full(len(gamma), elsewhere)
-        values[: len(reached)] = [value(progress) for progress in reached]
+        values[: len(reached)] = [value(interval) for interval in reached]
         return values
 
     return StrainPath(
@@ -244,19 +233,19 @@ def _assembled(course: Course, gamma: Array, reached: list[Progress]) -> StrainP
         shear_modulus_stress_corrected=of_moduli(lambda moduli: moduli.shear_stress_corrected),
         energy=measured(lambda end: end.state.energy),
         max_force=measured(lambda end: end.state.max_force),
-        steps=counted(lambda progress: progress.iterations),
-        status=counted(lambda progress: progress.end.status, Status.missing),
+        steps=counted(lambda interval: interval.iterations),
+        status=counted(lambda interval: interval.end.status, Status.missing),
         states=tuple(end.state for end in ends),
-        inserted=counted(lambda progress: progress.inserted),
+        inserted=counted(lambda interval: interval.inserted),
         coordinate_error=measured(lambda end: end.coordinate_error),
         bulk_modulus_error=of_moduli(lambda moduli: moduli.errors.bulk),
         shear_modulus_error=of_moduli(lambda moduli: max(moduli.errors.shear, moduli.errors.shear_stress_corrected)),
-        deformation=course.deformation,
+        deformation=problem.deformation,
         modulus=measured(lambda end: end.tangent.second / volume_of(end.state) if end.tangent else np.nan),
         modulus_error=measured(lambda end: end.tangent.second_error / volume_of(end.state) if end.tangent else np.nan),
         stress=measured(lambda end: _stress(end.state) if end.moduli is None else end.moduli.stress, d, d),
         elasticity=tuple(end.moduli for end in ends if tensors and end.moduli is not None),
-        free_components=measured(lambda end: end.cell.stretch, m),
+        free_components=measured(lambda end: end.cell.free, m),
     )
 
 

@@ -1,8 +1,7 @@
-"""The tangent of a strain path: velocities of vertices and free components, and the modulus along the path.
+"""The tangent of a strain path: velocities of its unknowns, and the modulus along the path.
 
-With the cell b → (1 + Σ q E) F(γ) b, vertices x = (1 + Σ q E) F y + u and G = (1 + Σ q E)⁻¹, the strain γ and the
-free components have the rates A = (1 + Σ q E) F'F⁻¹ G and A_m = E_m G, and the second derivatives of the boundary
-b̈ = (1 + Σ q E) F''F⁻¹ G b and E_m F'F⁻¹ G b.  For rates a, b with relaxed bond rates L̇ = A L + g u and ḣ = L·L̇,
+The strain γ has the rate A = F'F⁻¹ of the cell and the second derivative F''F⁻¹; free components q of the cell have
+rates A_m and mixed second derivatives with γ.  For rates a, b with relaxed bond rates L̇ = A L + g u and ḣ = L·L̇,
     E_ab = Σ ḣ_a K ḣ_b + σ (L̇_a·L̇_b + L·L̈_ab);
 free components follow with q̇ = −E_mn⁻¹ E_nγ, and the modulus along the path is (E_γγ + E_γm q̇_m)/V.
 Antisymmetric parts of A only rotate, so their relaxation u is zero.
@@ -15,13 +14,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from critflow.critical.transition import strain_components
-from critflow.extras.rest.free_cell import stretched
-from critflow.linalg.factor import Factor
+from critflow.linalg.factor import Factor, FixedPattern
 from critflow.linalg.tolerances import EPS
 from critflow.linalg.vectors import dot, norms
-from critflow.networks.deformation import Deformation
 from critflow.networks.network import Array
 from critflow.response.linear_response import LinearResponse, accumulated_rounding
+from critflow.springs.newton import FLOPPY_SHIFT
 from critflow.springs.state import SpringState
 
 # Corrections of a relaxation, the part of it at which they stop, and the largest that rounding may leave.
@@ -33,30 +31,14 @@ class Tangent:
     """Derivatives along a path at one state.
 
     relaxation    dx/dγ − Ȧx, (n_free, d): velocities relative to the affine motion of the cell
-    stretch_rate  dq/dγ, (m,)
+    free_rate     dq/dγ of free components, (m,)
     second        d²E/dγ² of the relaxed energy, and its rounding error
     """
 
     relaxation: Array
-    stretch_rate: Array
+    free_rate: Array
     second: float
     second_error: float
-
-
-def path_rates(deformation: Deformation, strain: float, gradient: Array, stretch: Array) -> tuple[Array, Array]:
-    """Rates (1 + m, d, d) of γ and of the free components, and L̈_γb/L for all b, (1 + m, d, d).
-
-    gradient  F(γ), (d, d)
-    """
-    back = np.linalg.inv(gradient)
-    velocity, acceleration = deformation.rate(strain) @ back, deformation.second_rate(strain) @ back
-    if not deformation.free:
-        return velocity[None], acceleration[None]
-    E = deformation.free_strains
-    S = stretched(stretch, E)
-    G = np.linalg.inv(S)
-    rates = np.concatenate([(S @ velocity @ G)[None], E @ G])
-    return rates, np.concatenate([(S @ acceleration @ G)[None], E @ velocity @ G])
 
 
 def tangent_of_response(response: LinearResponse, rates: Array, second_rates: Array) -> Tangent:
@@ -73,8 +55,17 @@ def tangent_of_response(response: LinearResponse, rates: Array, second_rates: Ar
     return Tangent(response.relaxation(path @ weights), path[1:], float(V * (E[0] @ path)), V * error)
 
 
-def tangent(state: SpringState, rates: Array, second_rates: Array, relaxations: Array) -> Tangent:
-    """The tangent from the rates of the cell and the relaxations u (1 + m, n_free, d) to each of them."""
+def tangent_of_springs(
+    state: SpringState, rates: Array, second_rates: Array, pattern: FixedPattern, factor: Factor | None
+) -> Tangent | None:
+    """The tangent from the relaxations to each rate, by a factor near the state; None where it is not determined."""
+    if factor is None:
+        factor = state.factorize(pattern)
+        if factor.indefinite:
+            factor = state.factorize(pattern, FLOPPY_SHIFT * state.stiffness_scale)
+    relaxations = relaxations_to(state, factor, rates)
+    if relaxations is None:
+        return None
     network, L, sigma = state.network, state.bond_vectors, state.sigma
     speeds = np.array([L @ A.T + network.free_incidence @ u for A, u in zip(rates, relaxations, strict=True)])
     hdots, rows = np.array([dot(L, speed) for speed in speeds]), speeds.reshape(len(speeds), -1)

@@ -1,8 +1,8 @@
 """Elasticity at the transition by the only self-stress, and its errors.
 
 With stresses s of springs, their rates ḣ_a under the strains E_a and their flexibility f,
-    V C_ab = (s·ḣ_a)(s·ḣ_b)/D,   D = Σ s² f   (`GenericModulus`):
-of edges s = σ, ḣ = L·E_a L, f = |L|²/k; of the perimeters of faces s = T, ḣ = ṗ_a, f = 1/κ.
+    V C_ab = (s·ḣ_a)(s·ḣ_b)/D,   D = Σ s² f   (`GenericModulus`),
+of edges s = σ, ḣ = L·E_a L, f = |L|²/k.
 
 Errors δL of the bond vectors and the rounding of σ change a modulus by its partial derivatives, to first order, and by
 a second order that is bounded in closed form; the rounding of its sums is measured in extended precision.  The errors
@@ -18,7 +18,6 @@ import numpy as np
 
 from critflow.critical.manifold import CriticalConfiguration
 from critflow.critical.transition import TransitionModulus, dilation, pure_shear
-from critflow.extras.tissue.tissue import CriticalTissue
 from critflow.linalg.tolerances import EPS
 from critflow.linalg.vectors import dot
 from critflow.networks.deformation import strain_basis
@@ -39,25 +38,19 @@ def elasticity_at_transition(critical: CriticalConfiguration, volume: float, rou
     errors = Errors(
         partial(_tensor_errors, error, critical, volume), partial(error, dilation(L.shape[1])), shear, shear
     )
-    return _of_one_self_stress(critical.sigma, _rates(L), flexibility, L.shape[1], volume, errors)
+    return tensor_of_self_stress(critical.sigma, strain_rates(L), flexibility, L.shape[1], volume, errors)
 
 
-def tissue_at_transition(critical: CriticalTissue, volume: float) -> Elasticity:
-    """Of a tissue with one self-stress; errors are unknown."""
-    configuration, faces = critical.configuration, critical.faces
-    rates = (_rates(configuration.bond_vectors) / configuration.lengths) @ faces.sides.T
-    return _of_one_self_stress(critical.face_tensions, rates, 1 / faces.stiffness, critical.network.dimension, volume)
-
-
-def _rates(L: Array) -> Array:
-    """L·A L of the dilation and of all strains of `strain_basis`, (1 + m, N_b)."""
+def strain_rates(L: Array) -> Array:
+    """ḣ = L·A L of the dilation and of all strains of `strain_basis`, (1 + m, N_b)."""
     d = L.shape[1]
     return np.array([dot(L, L @ A) for A in (dilation(d), *strain_basis(d)[1])])
 
 
-def _of_one_self_stress(
+def tensor_of_self_stress(
     stress: Array, rates: Array, flexibility: Array, dimension: int, volume: float, errors: Errors | None = None
 ) -> Elasticity:
+    """C_ab by the stresses s (n,), flexibilities f (n,), and rates ḣ (1 + m, n) of the dilation and of all strains."""
     works = np.array([stress @ rate for rate in rates])
     tensor = np.outer(works, works / (stress**2 @ flexibility)) / volume
     affine, nothing = (rates[1:] / flexibility) @ rates[1:].T / volume, np.zeros((dimension, dimension))

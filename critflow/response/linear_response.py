@@ -37,7 +37,7 @@ _CONTRACTION_MARGIN = 10.0
 _NO_RELAXATION = 1e-5
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
+@dataclass(frozen=True, eq=False, kw_only=True, repr=False)
 class LinearResponse(Solution[Elasticity]):
     """The elasticity of a state under stress and the responses to strains.
 

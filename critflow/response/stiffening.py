@@ -11,71 +11,29 @@ Those of dilation are the C_B and C_G of `moduli`, with M = B/(1 + γ)² and so 
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import astuple, dataclass, replace
+from dataclasses import astuple, replace
 from functools import partial
+from typing import Any
 
 import numpy as np
 
-from critflow.arguments import checked
+from critflow.arguments import checked, of_kind
 from critflow.certificates.prestress import stabilises
 from critflow.certificates.uniqueness import require_only_self_stress
 from critflow.critical.backbone import backbone
 from critflow.critical.manifold import CriticalConfiguration, CriticalManifold
-from critflow.critical.transition import dilation, pure_shear
-from critflow.extras.tissue.tissue import CriticalTissue
-from critflow.extras.tissue.tissue_energy import PerimeterSystem, TissueEnergy, balanced_system
-from critflow.linalg.tolerances import EPS
+from critflow.extensions import extensible
 from critflow.networks.deformation import Deformable, Deformation, deformation_of
-from critflow.networks.network import Array
 from critflow.precision.residual import exact_displacement
-from critflow.response.tensor import TRUSTED_ERROR
-from critflow.response.third_order import ThirdOrderEnergy, cubed, squared
-from critflow.result import InputError, Record, Solution, Stats, Status
+from critflow.response.coefficients import Stiffening, StiffeningSolution, coefficients, failed, with_status
+from critflow.response.third_order import ThirdOrderEnergy
+from critflow.result import InputError, Status
 from critflow.springs.laws import HOOKEAN, SpringLaw
-
-# Largest relative residual of the linear system of the stiffening coefficients; a regular system leaves 1e-14.
-CONSISTENT_RESPONSE = 1e-9
-NO_WORK = 100.0  # A strain that does less work on the self-stress than this number times its rounding does none
-# Unbalanced force of a critical tissue over its mean tension, from which exact balance is a small correction.
-BALANCED_TISSUE = 1e-8
-# Errors of a tissue are the largest change in two samples of perturbed bond vectors, times ten.
-_SAMPLES, _SAMPLE_MARGIN = 2, 10.0
-
-
-@dataclass(frozen=True)
-class Stiffening(Record):
-    """Moduli at the transition and their first derivatives with strain.
-
-    modulus_0, C  of the modulus (1/V) d²E/dγ² along the path
-    """
-
-    bulk_0: float
-    shear_0: float
-    C_B: float
-    C_G: float
-    C_G_stress_corrected: float
-    modulus_0: float
-    C: float
-
-
-@dataclass(frozen=True, kw_only=True)
-class StiffeningSolution(Solution[Stiffening]):
-    """Coefficients of the moduli.
-
-    loosening  whether positive strains loosen the network: it is then rigid at negative ones, where the coefficients
-               hold as well
-    """
-
-    loosening: bool = False
-
-
-NO_STIFFENING = Stiffening(*[np.nan] * 7)
 
 
 @checked
 def stiffening(
-    critical: CriticalConfiguration | CriticalTissue,
+    critical: Any,
     throw: bool = True,
     *,
     law: SpringLaw = HOOKEAN,
@@ -84,9 +42,7 @@ def stiffening(
 ) -> StiffeningSolution:
     """Growth of the moduli along a path exactly, from the critical configuration alone: no strain path.
 
-    The module's docstring defines the moduli and coefficients, `third_order` the derivatives E_abc of the energy; with
-    t = tr A, dilation δ, shear ε and the path γ,
-        C_B = E_δδγ/V − t B_0,   C_G = E_εεγ/V − t G_0,   C = E_γγγ/V − t M_0,   stress-corrected C_G − ½ E_δγ/V.
+    The module's docstring defines the moduli and coefficients, `coefficients` their sums of derivatives of the energy.
     A law adds Σ E''' e_δ² e_γ/V to the C_B of Hookean springs, and likewise to the others, with the elongations
     e_a = ḣ_a/|L| = c_a σ̂|L|/k; the moduli at the transition are the same for all laws.
 
@@ -94,8 +50,8 @@ def stiffening(
                  to first order but G, whose axes do not rotate
     manifold     of the network, with other stiffnesses for instance; that of the configuration by default
 
-    Springs on perimeters of faces, of `critical_from_perimeters`, have the same coefficients by `tissue_energy`; their
-    errors are ten times the largest change in two samples of bond vectors perturbed by their errors.
+    A tissue, of `critical_from_perimeters`, has the same coefficients; their errors are ten times the largest change in
+    two samples of bond vectors perturbed by their errors.
 
     Slack edges, σ = 0, resist nothing; disconnected taut parts add up.  The value is that of the configuration in exact
     balance under the floating-point σ, found from the given coordinates in extended precision.
@@ -116,25 +72,28 @@ def stiffening(
     >>> round(found.C_B / found.bulk_0, 6)  # −1/2 of springs as stiff as their stress
     -0.5
     """
-    if isinstance(critical, CriticalTissue):
-        solution = _of_tissue(critical, law, deformation_of(deformation, critical.network.dimension))
-        return solution.or_raise("no stiffening coefficients") if throw else solution
-    if manifold is not None:
-        critical = replace(critical, network=critical.springs_of(manifold.network))
+    critical = of_kind("critical", critical, (CriticalConfiguration,), exact_stiffening.takes)
     path = deformation_of(deformation, critical.network.dimension)
-    relaxing = _relaxing(critical, path)
-    if relaxing:
-        solution = _failed(Status.floppy, relaxing)
-    else:
-        parts = backbone(critical).components
-        found = [
-            _stiffening((manifold if part is critical else None) or part.manifold, part, law, path) for part in parts
-        ]
-        solution = _total(found)
+    solution: StiffeningSolution = exact_stiffening(critical, path, law, manifold)
     return solution.or_raise("no stiffening coefficients") if throw else solution
 
 
-def _stiffening(
+@extensible
+def exact_stiffening(
+    critical: CriticalConfiguration, path: Deformation, law: SpringLaw, manifold: CriticalManifold | None
+) -> StiffeningSolution:
+    """The coefficients by the kind of springs; those on edges here."""
+    if manifold is not None:
+        critical = replace(critical, network=critical.springs_of(manifold.network))
+    if relaxing := _relaxing(critical, path):
+        return failed(Status.floppy, relaxing)
+    parts = backbone(critical).components
+    return _total(
+        [_of_part((manifold if part is critical else None) or part.manifold, part, law, path) for part in parts]
+    )
+
+
+def _of_part(
     manifold: CriticalManifold, critical: CriticalConfiguration, law: SpringLaw, path: Deformation
 ) -> StiffeningSolution:
     """The coefficients of a configuration without slack edges."""
@@ -145,118 +104,14 @@ def _stiffening(
     if not stable:
         undecided = stable is not False
         note = "" if undecided else "the stress does not stabilise all zero modes"
-        return _failed(Status.undecided if undecided else Status.unstable, note)
+        return failed(Status.undecided if undecided else Status.unstable, note)
     factor = manifold.prestress.factorize_signed(critical.sigma)
     balance = exact_displacement(network, critical.coordinates, lambda _: critical.sigma, factor.solve)
     if not np.isfinite(balance.remainder):
-        return _failed(Status.ill_conditioned, "rounding hides which configuration balances this stress exactly")
+        return failed(Status.ill_conditioned, "rounding hides which configuration balances this stress exactly")
 
     energy_of = partial(ThirdOrderEnergy, network, critical.sigma, balance.bond_vectors, system, law)
-    return _judged(_coefficients(energy_of, network.volume, path))
-
-
-@dataclass(frozen=True, eq=False)
-class _Coefficients:
-    """Coefficients with their errors and condition, the energy behind them, and the index of γ among its strains."""
-
-    energy: ThirdOrderEnergy | TissueEnergy
-    gamma: int
-    value: Stiffening
-    error: Stiffening
-    condition: float
-
-
-def _judged(found: _Coefficients) -> StiffeningSolution:
-    """The coefficients with the status that their residual, work and errors allow."""
-    value, responses = found.value, found.energy.responses
-    residual = max(response.residual for response in responses)
-    stats = Stats("exact", 1, residual=residual, condition=found.condition, error_bound=found.error)
-    if not residual < CONSISTENT_RESPONSE:
-        return _failed(Status.singular, "", stats)
-    work, rounding = responses[found.gamma].work
-    if not work > NO_WORK * rounding:
-        return _failed(
-            Status.floppy, "the strain does no work on the self-stress, so nothing resists it to first order"
-        )
-    largest = max(abs(value.bulk_0), abs(value.C_B), abs(value.C_G), abs(value.C))
-    if not max(astuple(found.error)) < TRUSTED_ERROR * largest:
-        note = "rounding errors may exceed the coefficients: choose stresses of more similar magnitude"
-        return _failed(Status.ill_conditioned, note, stats)
-    loosening = responses[found.gamma].amplitude < 0
-    note = "positive strains loosen the network: the coefficients hold at negative ones" if loosening else ""
-    return StiffeningSolution(value, Status.ok, stats, note, loosening=loosening)
-
-
-def _coefficients(
-    energy_of: Callable[[list[Array]], ThirdOrderEnergy | TissueEnergy], volume: float, path: Deformation
-) -> _Coefficients:
-    """Those of a dilation δ, a shear ε and the path γ of the strained network, which may be the dilation itself."""
-    d, V, A, shear = path.dimension, volume, path.rate(0.0), pure_shear(path.dimension)
-    gamma = 0 if _dilates(path) else 2
-    energy = energy_of([dilation(d), shear] if gamma == 0 else [dilation(d), shear, A])
-    thirds = [
-        squared(0, gamma, (1 / d) * (1 / d - 1) * np.eye(d), A / d),
-        squared(1, gamma, 0 * A, shear @ A),
-        cubed(gamma, path.second_rate(0.0)),
-    ]
-    found = [energy.third(terms) for terms in thirds]
-    third = np.array([one.value for one in found]) / V
-    errors = [energy.third_error(terms, one.by_length) for terms, one in zip(thirds, found, strict=True)]
-    zeroth = np.array([energy.second(a, a) for a in (0, 1, gamma)]) / V
-    zeroth_error = np.array([energy.second_error(a, a) for a in (0, 1, gamma)]) / V
-    growth = float(np.trace(A))
-    half_pressure, pressure_error = 0.5 * energy.second(0, gamma) / V, 0.5 * energy.second_error(0, gamma) / V
-    first = third - growth * zeroth
-    change = np.array([float(np.sum(one.by_length)) for one in found]) / V
-    return _Coefficients(
-        energy,
-        gamma,
-        _ordered(zeroth, first, -half_pressure),
-        _ordered(zeroth_error, np.array(errors) / V + abs(growth) * zeroth_error, pressure_error),
-        condition=float(np.max(change / np.maximum(np.abs(first), 1e-300))),
-    )
-
-
-def _ordered(zeroth: Array, first: Array, correction: float) -> Stiffening:
-    (bulk, shear, modulus), (C_B, C_G, C) = zeroth.tolist(), first.tolist()
-    return Stiffening(bulk, shear, C_B, C_G, C_G + correction, modulus, C)
-
-
-def _of_tissue(tissue: CriticalTissue, law: SpringLaw, path: Deformation) -> StiffeningSolution:
-    """The coefficients of springs on perimeters."""
-    if law != HOOKEAN:
-        raise InputError("springs on perimeters are Hookean: leave out law=")
-    if path.free:
-        return _failed(Status.floppy, "free components of the cell relax the tensions of a tissue: fix the cell")
-    if not ((tissue.face_tensions > 0).all() and tissue.configuration.residual < BALANCED_TISSUE):
-        raise InputError("faces without tension and edges without length leave no response: change the perimeters")
-    system, errors = balanced_system(tissue)
-    if tissue.faces.several_self_stresses(tissue.network, system.bond_vectors):
-        raise InputError(
-            "this requires one self-stress and the perimeters have several: follow strain_path() and fit its moduli"
-        )
-    if system.soft:
-        return _failed(Status.unstable, "the tensions of the faces do not stabilise all zero modes")
-    V, rng = tissue.network.volume, np.random.default_rng(0)
-    found = _coefficients(partial(TissueEnergy, system), V, path)
-    samples = []
-    for _ in range(_SAMPLES):
-        noise = (errors * rng.standard_normal(errors.shape))[:, None]
-        other = PerimeterSystem(tissue, system.tensions, system.bond_vectors * (1 + noise))
-        there = _coefficients(partial(TissueEnergy, other), V, path).value
-        samples.append(np.abs(np.subtract(astuple(there), astuple(found.value))))
-    changes = _SAMPLE_MARGIN * (np.max(samples, axis=0) + EPS * np.abs(astuple(found.value)))
-    error = Stiffening(*map(float, changes))
-    return _judged(replace(found, error=error))
-
-
-def _dilates(path: Deformation) -> bool:
-    """Whether the path is the dilation whose coefficients are C_B and C_G of the paper."""
-    d = path.dimension
-    return bool(
-        np.allclose(path.rate(0.0), dilation(d), rtol=0, atol=1e-15)
-        and np.allclose(path.second_rate(0.0), (1 / d) * (1 / d - 1) * np.eye(d), rtol=0, atol=1e-15)
-    )
+    return with_status(coefficients(energy_of, network.volume, path))
 
 
 def _relaxing(critical: CriticalConfiguration, path: Deformation) -> str:
@@ -278,19 +133,13 @@ def _relaxing(critical: CriticalConfiguration, path: Deformation) -> str:
     )
 
 
-def _failed(status: Status, note: str, stats: Stats | None = None) -> StiffeningSolution:
-    unlimited = Stiffening(*[np.inf] * 7)
-    stats = stats or Stats("exact", 1, error_bound=unlimited if status is Status.ill_conditioned else np.nan)
-    return StiffeningSolution(NO_STIFFENING, status, stats, note)
-
-
 def _total(parts: list[StiffeningSolution]) -> StiffeningSolution:
     """The sum over taut parts, which are disconnected; the first failure decides the status."""
     for part in parts:
         if not part.ok:
             return part
     if len({part.loosening for part in parts}) > 1:
-        return _failed(Status.slack_edges, "the strain stretches some taut parts and loosens others: take each part")
+        return failed(Status.slack_edges, "the strain stretches some taut parts and loosens others: take each part")
     value, error = (
         Stiffening(*map(float, np.sum([astuple(each) for each in numbers], axis=0)))
         for numbers in ([part.value for part in parts], [part.stats.error_bound for part in parts])

@@ -21,7 +21,7 @@ from critflow.result import InputError
 from critflow.springs.laws import HOOKEAN
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Stiffening(SpringResponse):
     """C of the modulus (1/V) d²E/dγ² = M_0 + Cγ along a path of deformations, C = E_γγγ/V − M_0 tr A (`stiffening`).
 

@@ -71,7 +71,7 @@ class Errors:
         return f"Errors(bulk={self.bulk:.6g}, shear={self.shear:.6g})"
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Elasticity(Record):
     """Elasticity tensors, in units of energy per volume, with m = d(d + 1)/2 components, and moduli.
 

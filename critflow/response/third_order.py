@@ -99,6 +99,14 @@ class Derivatives(NamedTuple):
     by_length: Array
 
 
+class ThirdDerivative(NamedTuple):
+    """E_abc, its error, and the sum of its changes per relative error of each bond vector."""
+
+    value: float
+    error: float
+    change: float
+
+
 class ThirdOrderEnergy:
     """Second and third derivatives of the energy in the strains A_a (n, d, d), with errors (estimates).
 
@@ -193,6 +201,12 @@ class ThirdOrderEnergy:
             by_k += derivative * cs * s * flexibility / k
         by_length = norms(by_L) * self._lengths
         return Derivatives(float(np.sum(edges)), (by_s - (by_s @ s) * s) / self._norm, by_L, by_k, by_length)
+
+    def third_with_error(self, terms: Sequence[Term]) -> ThirdDerivative:
+        """E_abc of the terms, with its error (estimate)."""
+        derivatives = self.third(terms)
+        error = self.third_error(terms, derivatives.by_length)
+        return ThirdDerivative(derivatives.value, error, float(np.sum(derivatives.by_length)))
 
     def third_error(self, terms: Sequence[Term], by_length: Array) -> float:
         """Error (estimate) of E_abc, which changes by `by_length` (N_b,) per relative error of the bond vectors.

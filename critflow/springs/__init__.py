@@ -1,1 +1,1 @@
-"""Springs: laws, states and equilibria; tissues with springs on the perimeters of faces."""
+"""Springs: laws, states and equilibria."""

@@ -1,4 +1,4 @@
-"""Equilibria of springs and tissues at a strain, by Newton's method with sparse factors or by FIRE, with errors."""
+"""Equilibria of springs at a strain, by Newton's method with sparse factors or by FIRE, with errors."""
 
 from __future__ import annotations
 
@@ -23,7 +23,6 @@ from critflow.springs.state import SpringState, State
 # convergence is quadratic, so the last digits cost one step.
 LOOSEST_TOLERANCE = 1e-8
 FINEST_TOLERANCE = 1e-14  # force that rounding leaves; no relaxation is repeated with a smaller tolerance
-COLLAPSING_LENGTH = 1e-3  # in a failed relaxation an edge below this part of the mean length is reported as collapsing
 
 # Shifts of the Hessian for the correction of a state with floppy parts: corrections shrink by shift/(shift + stiffness)
 # in each mode, and the last shift is as small as the rounding of the factor permits.
@@ -39,7 +38,7 @@ _REFINEMENT = 1e-3
 _TIME_STEP, _LONGEST_MOVE = 0.075, 0.3
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, repr=False)
 class Equilibrium(Solution[State]):
     """A relaxed state with bounds of its errors.
 
@@ -168,11 +167,10 @@ def _by_fire(state: State, pattern: FixedPattern, tolerance: float, max_steps: i
 
 def _with_collapse(failed: Equilibrium[State]) -> Equilibrium[State]:
     """A failed relaxation, with `Status.edge_collapse` where the reason is an edge that shrinks to zero length."""
-    state, length = failed.value, failed.value.lengths
-    # Perimeters resist no change of the length of a single edge.
-    if state.faces is None or not length.min() < COLLAPSING_LENGTH * length.mean():
+    edge = failed.value.collapsing_edge()
+    if edge is None:
         return failed
-    note = f"edge {int(length.argmin())} shrinks to zero length, where its tension has no direction"
+    note = f"edge {edge} shrinks to zero length, where its tension has no direction"
     return replace(failed, status=Status.edge_collapse, note=note)
 
 
@@ -244,7 +242,7 @@ def _correction(state: SpringState, pattern: FixedPattern, factor: Factor | None
         if np.isfinite(correction.remainder):
             return correction, factor
     factor = state.factorize(pattern)
-    if state.taut or (factor.sound and not factor.n_negative):
+    if state.taut() or (factor.sound and not factor.n_negative):
         # Small pivots may still be accurate; whether corrections shrink decides.
         correction = state.exact_displacement(factor)
         if np.isfinite(correction.remainder):

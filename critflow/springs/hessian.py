@@ -23,7 +23,7 @@ from critflow.springs.newton import FLOPPY_SHIFT
 from critflow.springs.state import EdgeMatrix, SpringState
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class HessianSplit(Record):
     """H = response ᵀ · diag(stiffness) · response + prestress, over the free coordinates in the order (vertex, axis).
 
@@ -60,15 +60,11 @@ def geometric_split(state: SpringState) -> HessianSplit:
 
 @checked
 def hookean_split(state: SpringState) -> HessianSplit:
-    """H = R̃ᵀ k R̃ + P̃ with k = K|L|² + σ, the stiffness of any law, Aᵀ κ A of faces (`HookeanPrestressMatrix`)."""
+    """H = R̃ᵀ k R̃ + P̃ with k = K|L|² + σ, the stiffness of any law (`HookeanPrestressMatrix`)."""
     geometric = geometric_split(state)
     R = sp.csr_array(sp.diags_array(1 / state.lengths) @ geometric.response)
-    if state.faces is None:
-        stiffness: EdgeMatrix = state.modified_stiffness * state.lengths**2 + state.sigma
-    else:
-        stiffness = state.faces.overlap
     prestress = sp.csr_array(geometric.prestress - R.T @ sp.diags_array(state.sigma) @ R)
-    return HessianSplit(R, stiffness, prestress)
+    return HessianSplit(R, state.axial_stiffness, prestress)
 
 
 @checked

@@ -41,6 +41,11 @@ class SpringLaw(ABC):
     # Whether the energy is zero below the rest length: every equilibrium of a convex law is then the global minimum.
     one_sided: ClassVar[bool] = False
 
+    @property
+    def near_rest(self) -> SpringLaw:
+        """The law next to |L| = ℓ, where E'' = k: Hookean, but for springs that are slack below."""
+        return self if self.one_sided else HOOKEAN
+
     @abstractmethod
     def energy(self, extension: Array, rest: Array, k: Array) -> Array:
         """E, zero at rest."""

@@ -6,13 +6,15 @@ leaves out their softening: modes that are floppy in H_c and feel no compression
 
 from __future__ import annotations
 
+from typing import Protocol
+
 import numpy as np
 
 from critflow.linalg.factor import Factor, FixedPattern
 from critflow.linalg.vectors import quasi_random
 from critflow.networks.network import Array
 from critflow.result import Status
-from critflow.springs.state import SpringState
+from critflow.springs.newton import Elastic
 
 ROUNDING_COMPRESSION = 16  # a stress −σ below this number of its roundings may be rounding
 HESSIAN_ROUNDING = 1e-14  # eigenvalues of the Hessian that rounding may change in sign, over the largest stiffness
@@ -26,20 +28,34 @@ _ITERATIONS = 3
 _MOST_MODES = 4
 
 
-def compressed_edges(state: SpringState) -> Array:
+class Stressed(Elastic, Protocol):
+    """What decides about a minimum: also the stress, stiffnesses and rates of edges."""
+
+    @property
+    def sigma(self) -> Array: ...
+    @property
+    def stress_rounding(self) -> Array: ...
+    @property
+    def edge_stiffness(self) -> Array: ...
+    @property
+    def largest_stiffness(self) -> float: ...
+    def edge_rates(self, motion: Array) -> Array: ...
+
+
+def compressed_edges(state: Stressed) -> Array:
     """|σ| (N_b,) of edges that are compressed by more than rounding, 0 for all others."""
     if state.sigma.min() >= 0:
         return np.zeros_like(state.sigma)
     return np.where(state.sigma < -ROUNDING_COMPRESSION * state.stress_rounding, -state.sigma, 0.0)
 
 
-def minimum_factor(state: SpringState, pattern: FixedPattern) -> Factor | None:
+def minimum_factor(state: Stressed, pattern: FixedPattern) -> Factor | None:
     """A factor of H − δ, if that is positive definite: the state is then a minimum."""
     factor = state.factorize(pattern, -HESSIAN_ROUNDING * state.largest_stiffness)
     return factor if factor.sound and not factor.n_negative else None
 
 
-def stability_of(state: SpringState, pattern: FixedPattern) -> tuple[Status, str]:
+def stability_of(state: Stressed, pattern: FixedPattern) -> tuple[Status, str]:
     """`ok` for a minimum, `unstable` for a saddle, `undecided` where rounding hides which, with the reason.
 
     Eigenvalues within rounding of zero count as zero if they are floppy modes, which no compressed edge softens.

@@ -12,14 +12,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Generic
+from typing import Generic, Protocol, Self, TypeVar
 
 import numpy as np
 
 from critflow.linalg.factor import Factor, FixedPattern
 from critflow.networks.network import Array
 from critflow.result import Status
-from critflow.springs.state import State
 
 # Stiffness that regularises floppy modes.  They feel no force, so the shift changes no answer; the stiffness of soft
 # modes at a strain γ, about γ k, is far above it.
@@ -47,6 +46,30 @@ _REUSE_AFTER, _REUSE_DECREASE = 1e-2, 0.3
 
 # Where rounding stops the iteration within this number of tolerances, the state has converged.
 _ROUNDING_MARGIN = 10
+
+
+class Elastic(Protocol):
+    """What this method asks of a state: energy, forces −∂E/∂x in any shape, their unit, and factors of the Hessian."""
+
+    @property
+    def energy(self) -> float: ...
+    @property
+    def forces(self) -> Array: ...
+    @property
+    def max_force(self) -> float: ...
+    @property
+    def lengths(self) -> Array: ...
+    @property
+    def stiffness_scale(self) -> float: ...
+    @property
+    def length_scale(self) -> float: ...
+    def taut(self) -> bool: ...
+    def moved(self, displacement: Array) -> Self: ...
+    def factorize(self, pattern: FixedPattern, shift: float = 0.0) -> Factor: ...
+    def factorize_convex(self, pattern: FixedPattern, shift: float) -> Factor: ...
+
+
+State = TypeVar("State", bound=Elastic)
 
 
 @dataclass(frozen=True, eq=False)
@@ -169,7 +192,7 @@ class _Damping:
     def _factorize_hessian(self, here: _Iterate[State]) -> bool:
         """Factorise the Hessian; False where it is indefinite."""
         self.factor = here.state.factorize(self._pattern, max(self.shift, self._floppy_shift))
-        if here.state.taut or not self.factor.indefinite:
+        if here.state.taut() or not self.factor.indefinite:
             return True
         if self._floppy_shift == 0.0:
             # A part may be floppy only, as one of slack edges is.

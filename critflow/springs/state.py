@@ -2,31 +2,29 @@
 
 Any energy E of the lengths has σ = ∂E/∂h, K = ∂²E/∂h² with h = |L|²/2, and the Hessian R^hᵀ K R^h + P(σ) ⊗ 1
 (`GenericHessian`).  Springs of one law on the edges have a diagonal K: σ_α = E'/|L| and K_α = (E'' − σ_α)/|L_α|²
-(`ForceDensity`, `ModifiedStiffness`); Hookean ones E = ½ Σ k(|L| − ℓ)² (`HookeanEnergy`).  Hookean springs on the
-perimeters of faces, E = ½ Σ κ(p − p0)², couple the edges of each face (`face_springs`).
+(`ForceDensity`, `ModifiedStiffness`); Hookean ones E = ½ Σ k(|L| − ℓ)² (`HookeanEnergy`).  Springs on sums of lengths
+are a subclass, which overrides the methods of springs and of edges: they are where the two differ.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
-from functools import cache, cached_property
-from typing import Any, TypeAlias, TypeVar
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import TypeAlias, TypeVar
 
 import numpy as np
 import scipy.sparse as sp
 from numpy.typing import ArrayLike
 
 from critflow.arguments import checked
-from critflow.extras.tissue.face_springs import FaceSprings
 from critflow.linalg.factor import Factor, FixedPattern
-from critflow.linalg.matrices import block_laplacian, edge_blocks, pair_laplacian
+from critflow.linalg.matrices import block_laplacian, edge_blocks
 from critflow.linalg.products import product
 from critflow.linalg.tolerances import EPS
 from critflow.linalg.vectors import dot, norms
 from critflow.networks.checks import edge_values
 from critflow.networks.network import Array, Network, validated_coordinates
-from critflow.precision.double_double import Extended, lengths, less_squares, two_square
-from critflow.precision.geometry import exact_sums
+from critflow.precision.double_double import Extended, less_squares, two_square
 from critflow.precision.residual import Displacement, exact_displacement
 from critflow.result import InputError, Record
 from critflow.springs.laws import HOOKEAN, SpringLaw, checked_law
@@ -34,8 +32,6 @@ from critflow.springs.laws import HOOKEAN, SpringLaw, checked_law
 # Where every stress σ is larger, in units of k, the Hessian is at least that multiple of the Laplacian of the network,
 # and its pivots are not examined.
 TAUT = 1e-7
-# Cached values that do not depend on the configuration.
-_OF_SPRINGS = ("length_scale", "mean_stiffness", "rest_squares")
 
 EdgeMatrix: TypeAlias = Array | sp.coo_array
 """A symmetric matrix over edges: its diagonal (N_b,), or all of it (N_b, N_b) sparse."""
@@ -46,14 +42,12 @@ def times(matrix: EdgeMatrix, values: Array) -> Array:
     return matrix * values if isinstance(matrix, np.ndarray) else np.asarray((matrix @ values.T).T)
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class SpringState(Record):
     """Springs in a configuration: rest lengths ℓ (N_b,), coordinates x (N_v, d), bond vectors L (N_b, d), their law.
 
     L is stored in addition to x: it has a relative rounding, while differences of coordinates have the rounding of the
     box size, which near the transition exceeds the extensions that cause the forces.
-
-    faces  whose perimeters (N_f,) are the springs, of rest lengths p0 (N_f,) and Hookean; None: the edges are
     """
 
     network: Network
@@ -61,33 +55,37 @@ class SpringState(Record):
     coordinates: Array
     bond_vectors: Array
     law: SpringLaw = HOOKEAN
-    faces: FaceSprings | None = None
 
-    # Springs: one for each edge, or for each face.
+    # Springs, one for each edge.
 
     @property
     def stiffness(self) -> Array:
-        """k of the springs, (N_b,) or κ (N_f,)."""
-        return self.network.stiffness if self.faces is None else self.faces.stiffness
+        """k, (N_b,)."""
+        return self.network.stiffness
+
+    @cached_property
+    def lengths(self) -> Array:
+        """|L|, (N_b,)."""
+        return norms(self.bond_vectors)
 
     @property
     def spring_lengths(self) -> Array:
-        """|L| (N_b,), or perimeters p = A|L| (N_f,)."""
-        return self.lengths if self.faces is None else self.faces.sides @ self.lengths
+        """|L|, (N_b,)."""
+        return self.lengths
 
     @cached_property
     def extension(self) -> Array:
-        """|L| − ℓ (N_b,), or p − p0 (N_f,)."""
+        """|L| − ℓ, (N_b,)."""
         return self.spring_lengths - self.rest_lengths
 
     @property
     def tension(self) -> Array:
-        """E' of the springs, (N_b,) or T (N_f,)."""
+        """E', (N_b,)."""
         return self.law.tension(self.extension, self.rest_lengths, self.stiffness)
 
     @property
     def spring_stiffness(self) -> Array:
-        """E'' of the springs, (N_b,) or (N_f,)."""
+        """E'', (N_b,)."""
         return self.law.stiffness(self.extension, self.rest_lengths, self.stiffness)
 
     @cached_property
@@ -103,20 +101,17 @@ class SpringState(Record):
         return self.edge_tension(self.tension) / self.lengths
 
     def edge_tension(self, tension: Array) -> Array:
-        """τ (N_b,) of tensions of the springs, τ = Aᵀ T."""
-        return tension if self.faces is None else self.faces.sides.T @ tension
+        """τ (N_b,) of tensions of the springs."""
+        return tension
 
     @property
     def edge_stiffness(self) -> Array:
-        """Stiffnesses (N_b,) that bound the resistance of the edges to a change of |L|; E'' of springs on edges."""
-        if self.faces is None:
-            return self.spring_stiffness
-        # A matrix without negative entries is at most the diagonal of its row sums.
-        return np.asarray(self.faces.overlap.sum(axis=1))
+        """Stiffnesses (N_b,) that limit the resistance of the edges to a change of |L|: E''."""
+        return self.spring_stiffness
 
     @property
     def modified_stiffness(self) -> EdgeMatrix:
-        """K = ∂²E/∂h∂h: its diagonal (E'' − σ)/|L|² (N_b,) for springs on edges, else (N_b, N_b)."""
+        """K = ∂²E/∂h∂h, (E'' − σ)/|L|²."""
         return self.couplings(self.edge_stiffness, self.sigma)
 
     def convex_parts(self) -> tuple[EdgeMatrix, Array]:
@@ -125,14 +120,13 @@ class SpringState(Record):
         return self.couplings(np.maximum(self.edge_stiffness, 0.0), tension), tension
 
     def couplings(self, stiffness: Array, sigma: Array) -> EdgeMatrix:
-        """K of stresses σ (N_b,), and of E'' (N_b,) for springs on edges."""
-        if self.faces is None:
-            return (stiffness - sigma) / self.lengths**2
-        pairs, length = self.faces.overlap, self.lengths
-        values = pairs.data / (length[pairs.row] * length[pairs.col])
-        same = pairs.row == pairs.col
-        values[same] -= (sigma / length**2)[pairs.row[same]]
-        return sp.coo_array((values, (pairs.row, pairs.col)), shape=pairs.shape)
+        """K of E'' (N_b,) and stresses σ (N_b,)."""
+        return (stiffness - sigma) / self.lengths**2
+
+    @property
+    def axial_stiffness(self) -> EdgeMatrix:
+        """∂²E/∂|L|∂|L| = K|L|² + σ, the stiffness of any law."""
+        return self.modified_stiffness * self.lengths**2 + self.sigma
 
     def resistance(self, hdot: Array) -> Array:
         """K ḣ for changes ḣ of h, both (m, N_b)."""
@@ -140,9 +134,7 @@ class SpringState(Record):
 
     def pattern(self) -> FixedPattern:
         """The pattern of the Hessian, of this state and all others of the same graph."""
-        if self.faces is None:
-            return block_laplacian(self.network)
-        return pair_laplacian(self.network, (self.faces.overlap.row, self.faces.overlap.col))
+        return block_laplacian(self.network)
 
     def factorize(self, pattern: FixedPattern, shift: float = 0.0) -> Factor:
         """Factorise H + shift·1."""
@@ -154,60 +146,32 @@ class SpringState(Record):
 
     def blocks(self, K: EdgeMatrix, sigma: Array) -> Array:
         """Values for the pattern of K L Lᵀ + σ 1."""
-        L = self.bond_vectors
-        if isinstance(K, np.ndarray):
-            return edge_blocks(K, L, sigma)
-        blocks = K.data[:, None, None] * L[K.row, :, None] * L[K.col, None, :]
-        same = np.flatnonzero(K.row == K.col)
-        blocks[same] += sigma[K.row[same], None, None] * np.eye(L.shape[1])
-        return np.asarray(blocks.ravel())
+        return edge_blocks(K, self.bond_vectors, sigma)
 
     # Units and roundings.
 
     @cached_property
     def stiffness_scale(self) -> float:
-        """Mean stiffness times the largest factor of stiffening of a spring; times a length, the unit of force."""
+        """⟨k⟩ times the largest factor of stiffening of a spring; times a length, the unit of force."""
         k, now = self.stiffness, self.spring_stiffness
         # The forces of stiffened springs have larger rounding errors.
-        return self.mean_stiffness * (1.0 if now is k else max(1.0, float(np.max(now / k))))
-
-    @cached_property
-    def mean_stiffness(self) -> float:
-        """⟨k⟩."""
-        return float(self.stiffness.mean())
+        return float(k.mean()) * (1.0 if now is k else max(1.0, float(np.max(now / k))))
 
     @cached_property
     def length_scale(self) -> float:
         """Mean length at rest."""
         return float(self.rest_lengths.mean())
 
-    @cached_property
-    def rest_squares(self) -> Extended:
-        """ℓ² (N_b,), exactly."""
-        return two_square(self.rest_lengths)
-
     @property
     def stress_rounding(self) -> Array:
         """Rounding error of σ, (N_b,), a difference of lengths and bond vectors that are rounded."""
-        if self.faces is None:
-            return EPS * self.edge_stiffness
-        return EPS * self.edge_tension(self.stiffness * self.spring_lengths) / self.lengths
+        return EPS * self.edge_stiffness
 
     def exact_stress(self, bond_vectors: Extended) -> Array:
         """σ (N_b,) of other bond vectors (N_b, d), accurate to the rounding of σ itself."""
-        rest = self.rest_lengths
-        if self.faces is None:
-            length = norms(bond_vectors.high)
-            extension = less_squares(bond_vectors, self.rest_squares) / (length + rest)
-        else:
-            exact = lengths(bond_vectors)
-            length, extension = exact.high, exact_sums(self.faces.sides, exact, rest)
-        return self.edge_tension(self.law.tension(extension, rest, self.stiffness)) / length
-
-    @cached_property
-    def lengths(self) -> Array:
-        """|L|, (N_b,)."""
-        return norms(self.bond_vectors)
+        rest, length = self.rest_lengths, norms(bond_vectors.high)
+        extension = less_squares(bond_vectors, two_square(rest)) / (length + rest)
+        return self.law.tension(extension, rest, self.stiffness) / length
 
     @cached_property
     def forces(self) -> Array:
@@ -225,14 +189,13 @@ class SpringState(Record):
         at_vertex = np.bincount(self.network.edges.ravel(), np.repeat(self.edge_stiffness, 2))
         return 2 * float(at_vertex.max())
 
-    @property
-    def taut(self) -> bool:
-        """Whether the Hessian is certainly positive definite: it is not less than P(σ), of a connected network.
+    def taut(self, least: float = TAUT) -> bool:
+        """Whether all σ exceed `least` in units of k: the Hessian is then not below P(σ), of a connected network."""
+        return bool(self.sigma.min() > least * self.stiffness_scale and self.edge_stiffness.min() >= 0)
 
-        Perimeters leave that of a single edge's length open.
-        """
-        tense = self.faces is None and self.sigma.min() > TAUT * self.stiffness_scale
-        return bool(tense and self.edge_stiffness.min() >= 0)
+    def collapsing_edge(self) -> int | None:
+        """An edge that shrinks to zero length in a relaxation that failed: none, since its spring resists that."""
+        return None
 
     @property
     def unique(self) -> bool:
@@ -280,20 +243,11 @@ class SpringState(Record):
         return self.placed(self.coordinates @ gradient.T, self.bond_vectors @ gradient.T, network)
 
     def placed(self: State, coordinates: Array, bond_vectors: Array, network: Network | None = None) -> State:
-        """The same springs elsewhere: as `replace`, which takes longer, with the cached values of the springs."""
-        there, here = object.__new__(type(self)), self.__dict__
-        there.__dict__.update((name, here[name]) for name in (*_names(type(self)), *_OF_SPRINGS) if name in here)  # type: ignore[arg-type]
-        there.__dict__.update(coordinates=coordinates, bond_vectors=bond_vectors, network=network or self.network)
-        return there
+        """The same springs elsewhere."""
+        return replace(self, coordinates=coordinates, bond_vectors=bond_vectors, network=network or self.network)
 
 
 State = TypeVar("State", bound=SpringState)
-
-
-@cache
-def _names(kind: type[Any]) -> tuple[str, ...]:
-    """Names of the fields of a class of states."""
-    return tuple(field.name for field in fields(kind))
 
 
 @checked

@@ -92,18 +92,19 @@ class Workers:
         for option, value in (("--time-limit", self.case_seconds), ("--memory-limit", self.gigabytes)):
             if value is not None and not 0 < value < math.inf:
                 raise InputError(f"{option} {value:g} must be a number above zero")
-        hint, limited = nearest(self.cluster, CLUSTERS, "clusters"), (self.case_seconds, self.gigabytes) != (HOUR, None)
-        open_scheduler = self.scheduler and not self.scheduler.startswith("tls://") and not self.insecure
-        for wrong, message in (
-            (self.processes < 0 or self.jobs < 1, "--workers must not be negative, and --jobs must be positive"),
-            (self.scheduler and self.cluster, "--scheduler and --cluster exclude each other: give one of them"),
-            (self.cluster not in ("", *CLUSTERS), f"there is no cluster {self.cluster!r}: {hint}"),
-            (open_scheduler, f"the scheduler at {self.scheduler!r} is not encrypted: use tls://, or add --insecure"),
-            (limited and not self.processes and not self.remote, "limits need worker processes: give --workers 1"),
-            (self.remote and self.gigabytes is not None, "--memory-limit applies to local workers: leave it out"),
-        ):
-            if wrong:
-                raise InputError(message)
+        limited = (self.case_seconds, self.gigabytes) != (HOUR, None)
+        if self.processes < 0 or self.jobs < 1:
+            raise InputError("--workers must not be negative, and --jobs must be positive")
+        if self.scheduler and self.cluster:
+            raise InputError("--scheduler and --cluster exclude each other: give one of them")
+        if self.cluster not in ("", *CLUSTERS):
+            raise InputError(f"there is no cluster {self.cluster!r}: {nearest(self.cluster, CLUSTERS, 'clusters')}")
+        if self.scheduler and not self.scheduler.startswith("tls://") and not self.insecure:
+            raise InputError(f"the scheduler at {self.scheduler!r} is not encrypted: use tls://, or add --insecure")
+        if limited and not self.processes and not self.remote:
+            raise InputError("limits need worker processes: give --workers 1")
+        if self.remote and self.gigabytes is not None:
+            raise InputError("--memory-limit applies to local workers: leave it out")
 
     @property
     def remote(self) -> bool:

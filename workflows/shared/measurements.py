@@ -9,7 +9,7 @@ from critflow.lengths.taut_set import NO_STRESS
 from critflow.networks.deformation import deformation_of
 from critflow.paths.strain_path import PathSolver
 from critflow.response.at_transition import elasticity_at_transition
-from critflow.response.stiffening import NO_STIFFENING
+from critflow.response.coefficients import NO_STIFFENING
 
 from .reports import parameters as parameters_of
 from .structure import relative_variance

@@ -61,7 +61,7 @@ UNRESOLVED = "the bounds on the strain hold, but the weakest stresses were not s
 ESTIMATED = "a bound on the strain is only an estimate: see `proven`"
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class CriticalStrain(Record):
     """The onset of rigidity on a path of deformations.
 

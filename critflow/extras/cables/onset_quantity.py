@@ -10,7 +10,7 @@ from critflow.networks.network import Network
 from critflow.result import InputError
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class OnsetStrain(Quantity):
     """The critical strain of a deformation for given rest lengths: a quantity of rest lengths, not of a stress."""
 

@@ -18,7 +18,7 @@ from critflow.progress import counted
 from critflow.result import InputError, Record, Status
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class RigiditySurface(Record):
     """Points of the rigidity surface on rays F = 1 + γA; NaN where a ray does not meet it, or no bounds are proven.
 

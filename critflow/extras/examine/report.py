@@ -49,7 +49,7 @@ _STRAINS = {
 _UNITS = {2: "stiffness", 3: "stiffness/length"}
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Examination(Record):
     """The answers to the questions about one network; a part that could not be computed is None, with a sentence.
 

@@ -44,7 +44,7 @@ def with_pins(data: NetworkData, pins: Pins) -> NetworkData:
     """The data with fixed vertices.
 
     pins  "outer_face", "two_edges" (vertices of one or two edges), "degree" (of one edge), "hull" (on the convex hull),
-          "box" (on the bounding box), "border" (at the edges of a picture), names or indices of vertices, or a mask
+          "box" (on the bounding box), "border" (at the edges of a label mask), names or indices of vertices, or a mask
     """
     if pins is None:
         return data

@@ -16,9 +16,9 @@ from numpy.typing import ArrayLike
 from critflow.arguments import checked, shown
 from critflow.extras.files.boundaries import Pins, hull_volume, with_offsets, with_pins
 from critflow.extras.files.data import NetworkData, from_zero
-from critflow.extras.files.formats import format_of_object, readable_format, writable_format
+from critflow.extras.files.formats import READ_PICTURES, format_of_object, is_frame, readable_format, writable_format
+from critflow.extras.files.labels import from_labels, read_labels
 from critflow.extras.files.meshes import from_polygons
-from critflow.extras.files.pictures import from_labels, from_skeleton, read_picture
 from critflow.extras.files.repair import ImportedNetwork, check, imported, in_its_plane
 from critflow.extras.files.tables import read_tables
 from critflow.networks.checks import floats
@@ -38,21 +38,19 @@ def network_from(
     nearest: bool = False,
     strict: bool = False,
     contract: bool = False,
-    join_crossings: bool = False,
     volume: float | str | None = None,
     **given: Any,
 ) -> ImportedNetwork:
     """A network from a file or an object of another program, checked and repaired, with one sentence for each repair.
 
-    source   a path, or those of two tables; a networkx graph; ASE atoms; a meshio mesh; a case of a critflow dataset; a
-             `Network`; or None, with the arrays edges= and positions= (and offsets= or bond_vectors=), polygons= and
-             positions=, picture= or labels=, which may be paths
+    source   a path; two tables, as paths or pandas data frames; a networkx graph; ASE atoms; a meshio mesh; a case of a
+             critflow dataset; a `Network`; or None, with the arrays edges= and positions= (and offsets= or
+             bond_vectors=), polygons= and positions=, or labels=, which may be a path
     cell     (d, d) rows are the cell vectors; without one the cell of the source is used
-    pins     fixed vertices: "hull", "degree", "box", "border" of a picture, a list of vertices, or a mask
+    pins     fixed vertices: "hull", "degree", "box", "border" of a label mask, a list of vertices, or a mask
     nearest  accept nearest images of edges longer than 0.4 of the height of the cell
     strict   refuse a source that needs any repair
     contract  join the edges of vertices of two edges: springs in series
-    join_crossings  put a vertex where two edges of a planar network cross
     volume   V to which the moduli of a network without a cell refer; that of the source, or "hull", the convex hull,
              by default
 
@@ -74,7 +72,7 @@ def network_from(
         data = replace(data, cell=vectors[:d, :d])
     check(data)
     data = in_its_plane(data)
-    found = imported(with_pins(with_offsets(data, nearest), pins), strict, contract, join_crossings)
+    found = imported(with_pins(with_offsets(data, nearest), pins), strict, contract)
     return _referring(found, data.volume if volume is None else volume)
 
 
@@ -214,9 +212,9 @@ def _record(source: Any, given: dict[str, Any]) -> NetworkData:
         assert known.read is not None
         with _one_sentence(source, known.name):
             data = known.read(Path(source), **_taken(given, known.keywords))
-    elif isinstance(source, Sequence) and len(source) == 2 and all(map(_is_path, source)):
-        with _one_sentence(" and ".join(map(str, source)), "tables"):
-            data = read_tables([Path(path) for path in source])
+    elif isinstance(source, Sequence) and len(source) == 2 and all(_is_path(one) or is_frame(one) for one in source):
+        with _one_sentence(" and ".join(str(one) if _is_path(one) else shown(one) for one in source), "tables"):
+            data = read_tables([Path(one) if _is_path(one) else one for one in source])
     elif source is None or isinstance(source, Sequence | np.ndarray):
         data = _from_keywords(given if source is None else given | {"edges": source})
     elif isinstance(source, Network | Solution) or isinstance(getattr(source, "network", None), Network):
@@ -259,14 +257,16 @@ def _one_sentence(source: object, kind: str) -> Iterator[None]:
 
 
 def _from_keywords(given: dict[str, Any]) -> NetworkData:
-    kind = next((kind for kind in ("edges", "polygons", "picture", "labels") if kind in given), None)
+    if "picture" in given:
+        raise InputError(f"a picture {READ_PICTURES}")
+    kind = next((kind for kind in ("edges", "polygons", "labels") if kind in given), None)
     if kind is None:
-        raise InputError("give a source: a file, an object, or one of edges=, polygons=, picture=, labels=")
+        raise InputError("give a source: a file, an object, or one of edges=, polygons=, labels=")
     value = given.pop(kind)
-    if kind in ("picture", "labels"):
+    if kind == "labels":
         with _one_sentence(value if _is_path(value) else "the array", "a picture"):
-            array = read_picture(Path(value)) if _is_path(value) else value
-        return (from_skeleton if kind == "picture" else from_labels)(array, **_taken(given, ("pixel",)))
+            mask = read_labels(Path(value)) if _is_path(value) else value
+        return from_labels(mask, **_taken(given, ("pixel",)))
     if "positions" not in given:
         raise InputError(f"{kind}= needs positions=, one row for each vertex")
     positions = given.pop("positions")

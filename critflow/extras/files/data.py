@@ -32,7 +32,7 @@ NUMBER = r"[+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?|[Nn]a[Nn]|[+-]?
 EDGE_FIELDS = ("edges", "offsets", "bond_vectors", *EDGE_VALUES, "sides", "edge_numbers")
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class NetworkData(Record):
     """A network as a file or an object holds it.
 
@@ -47,7 +47,7 @@ class NetworkData(Record):
     force_densities  (N_b,) σ
     sides            (N_b, 2) polygons of the source on both sides of each edge; -1: none
     volume           V to which the moduli of a network without a cell refer
-    border           vertices at the edges of a picture
+    border           vertices at the edges of a label mask
     ids              name of each vertex in the source
     known_digits     digits of the coordinates where a format fixes them; None: to be found
     nearest_images   whether the format defines edges by nearest images
@@ -55,7 +55,7 @@ class NetworkData(Record):
     notes            sentences on how the source was read, its repairs, and what else is unusual
     repaired         whether anything was corrected, which a strict reading refuses
     edge_numbers     (N_b,) edge of the source of each edge
-    vertex_numbers   (N_v,) vertex of the source of each vertex; -1 for one at a crossing of edges
+    vertex_numbers   (N_v,) vertex of the source of each vertex
 
     Raises `NetworkError` for values that are no numbers, and for edges and offsets that are not whole.
     """

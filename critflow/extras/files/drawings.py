@@ -1,4 +1,4 @@
-"""Drawings to cut, SVG and DXF, and solids to print, STL and 3MF, in millimetres.
+"""Drawings to cut, SVG, and solids to print, STL and 3MF, in millimetres.
 
 Periodic networks are cut at the border of their cell.
 """
@@ -47,18 +47,6 @@ def write_svg(
         f"{paths}</svg>\n",
         encoding="utf-8",
     )
-
-
-def write_dxf(data: NetworkData, path: Path, size: float = 100.0) -> None:
-    """A DXF drawing of lines in millimetres whose larger side is `size` mm."""
-    ezdxf = optional("ezdxf")
-    segments, _, low, high = planar_segments(data)
-    scale = size / float((high - low).max())
-    drawing = ezdxf.new("R2010", units=4)
-    space = drawing.modelspace()
-    for a, b in (scale * (segments - low)).tolist():
-        space.add_line(a, b)
-    drawing.saveas(path)
 
 
 def write_solid(

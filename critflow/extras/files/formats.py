@@ -8,11 +8,10 @@ from pathlib import Path
 
 from critflow.arguments import shown
 from critflow.extras.files.data import NetworkData, from_dataset, optional, require_regular
-from critflow.extras.files.drawings import write_dxf, write_solid, write_svg
+from critflow.extras.files.drawings import write_solid, write_svg
 from critflow.extras.files.graphs import from_graph, read_graph, write_graph
 from critflow.extras.files.meshes import from_mesh, read_mesh, write_mesh
 from critflow.extras.files.particles import from_atoms, read_gsd, read_lammps, write_gsd, write_lammps
-from critflow.extras.files.pictures import read_fibres
 from critflow.extras.files.tables import read_tables, write_tables
 from critflow.result import InputError
 from critflow.workflow.output import require_folder
@@ -45,12 +44,12 @@ class Format:
     keywords: tuple[str, ...] = ()
 
 
+# The class of one table of pandas.
+FRAME = "pandas.DataFrame"
 _SOLID = ("size", "radius", "by_stiffness")
 # All formats; whoever adds one enters it here (docs/extending.md).
 FORMATS = [
-    Format("tables", (".csv", ".txt", ".tsv"), read_tables, write_tables),
-    Format("tables", (".xlsx",), read_tables, write_tables, ("openpyxl",)),
-    Format("picture of fibres", (".png", ".tif", ".tiff", ".npy"), read_fibres, keywords=("pixel",)),
+    Format("tables", (".csv", ".txt", ".tsv"), read_tables, write_tables, kind=FRAME, convert=read_tables),
     Format(
         *("graph", (".graphml", ".gml", ".json"), read_graph, write_graph, ("networkx",)),
         kind="networkx.Graph",
@@ -65,15 +64,42 @@ FORMATS = [
     Format("mesh", (".msh", ".ply", ".obj", ".xdmf"), read_mesh),
     Format("critflow dataset", kind="xarray.Dataset", convert=from_dataset),
     Format("SVG drawing", (".svg",), write=write_svg, planar=True, options=("size", "width", "by_stiffness")),
-    Format("DXF drawing", (".dxf",), write=write_dxf, packages=("ezdxf",), planar=True, options=("size",)),
     Format("STL solid", (".stl",), write=write_solid, packages=("trimesh",), options=_SOLID),
     Format("3MF solid", (".3mf",), write=write_solid, packages=("trimesh", "lxml.etree", "networkx"), options=_SOLID),
 ]
+# What libraries read and write in a few lines: a sentence that goes on after the name of the file.
+READ_PICTURES = (
+    "is read by scikit-image and skan, as docs/recipes/pictures.md shows for fibres: give edges= and positions=, or "
+    "labels= for a mask whose values number the cells of a tissue"
+)
+_WORKBOOKS = "by pandas, as docs/recipes/workbooks.md shows"
+_DRAWINGS = "by ezdxf, as docs/recipes/drawings.md shows"
+_RECIPES = {
+    "read": {
+        **dict.fromkeys((".png", ".jpg", ".tif", ".tiff", ".npy"), READ_PICTURES),
+        ".xlsx": f"is read {_WORKBOOKS}: give its sheets of edges and vertices",
+        ".dxf": f"is read {_DRAWINGS}: give edges= and positions=",
+    },
+    "write": {
+        ".xlsx": f"is written {_WORKBOOKS}: choose .csv here",
+        ".dxf": f"is written {_DRAWINGS}: choose .svg here",
+    },
+}
+
+
+def is_frame(source: object) -> bool:
+    """Whether an object is a table of pandas."""
+    return FRAME in _kinds(source)
+
+
+def _kinds(source: object) -> set[str]:
+    """The classes of an object, each with its package: "networkx.Graph"."""
+    return {f"{each.__module__.split('.')[0]}.{each.__name__}" for each in type(source).__mro__}
 
 
 def format_of_object(source: object) -> Format:
     """The format of an object of another library, by the names of its classes, else an `InputError`."""
-    kinds = {f"{each.__module__.split('.')[0]}.{each.__name__}" for each in type(source).__mro__}
+    kinds = _kinds(source)
     for known in FORMATS:
         if known.kind in kinds:
             return known
@@ -118,6 +144,8 @@ def _format_of(path: Path, task: str) -> Format:
     possible = {ending: known for known in FORMATS if getattr(known, task) for ending in known.endings}
     if path.suffix.lower() in possible:
         return possible[path.suffix.lower()]
+    if path.suffix.lower() in _RECIPES[task]:
+        raise InputError(f"{path.name} {_RECIPES[task][path.suffix.lower()]}")
     known = any(path.suffix.lower() in format.endings for format in FORMATS)
     what = f"is {'read' if task == 'write' else 'written'} only" if known else "is that of no format"
     raise InputError(f"the ending {path.suffix!r} of {str(path)!r} {what}: choose one of {', '.join(possible)}")

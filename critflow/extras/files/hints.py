@@ -8,6 +8,7 @@ import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial, wraps
+from importlib import import_module
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -18,7 +19,6 @@ from critflow.extras.files.convert import network_from
 from critflow.extras.files.data import number, require_regular
 from critflow.extras.files.repair import ImportedNetwork
 from critflow.result import InputError
-from critflow.workflow.dataset import opened_dataset
 from critflow.workflow.selected import choose_case
 
 FilesArgument = Annotated[
@@ -70,14 +70,13 @@ _HINTS: dict[str, tuple[str | None, str, Callable[[Any], Any]]] = {
     "volume": ("V", "Volume to which moduli refer without a cell: a number, or hull.", value_of),
     "pixel": (
         "SIZE",
-        "Size of a pixel of a picture; three numbers for a stack, pages first.",
-        partial(numbers_of, "pixel", "'0.5' or '2 0.5 0.5'"),
+        "Size of a pixel of a label mask; two numbers for rows and columns.",
+        partial(numbers_of, "pixel", "'0.5' or '0.5 0.4'"),
     ),
-    "labels": (None, "The values of a picture number the cells of a tissue; else it is fibres.", bool),
+    "labels": (None, "The file is a picture whose values number the cells of a tissue.", bool),
     "nearest": (None, "Accept nearest images of long edges.", bool),
     "strict": (None, "Refuse a file that needs a repair.", bool),
     "contract": (None, "Join the edges of vertices of two edges in series.", bool),
-    "join_crossings": (None, "Put a vertex where two edges cross in the plane.", bool),
 }
 _Case = Annotated[
     list[str], typer.Option("--set", metavar="AXIS=VALUE", help="The case of a critflow dataset; may be repeated.")
@@ -143,7 +142,8 @@ def read(files: Sequence[Path], hints: Hints) -> ImportedNetwork:
         return network_from(labels=file, **keywords)
     if file.suffix != ".nc":
         return network_from(file if len(files) == 1 else files, **keywords)
-    with opened_dataset(file) as dataset:
+    # Its xarray and dask would delay the commands on all other files.
+    with import_module("critflow.workflow.dataset").opened_dataset(file) as dataset:
         return network_from(choose_case(dataset, hints.case).load(), **keywords)
 
 

@@ -1,8 +1,7 @@
 """From a record to a network: each repair with one sentence, or refusal of all repairs.
 
 Repairs, in this order: dimensions without extent, self loops, repeated edges, bare vertices, edges between fixed
-vertices, and edges that cannot carry tension.  Edges that cross get a vertex, and chains are contracted, on request.
-Nothing is dropped silently.
+vertices, and edges that cannot carry tension.  Chains are contracted on request.  Nothing is dropped silently.
 """
 
 from __future__ import annotations
@@ -15,7 +14,6 @@ import scipy.sparse as sp
 from numpy.typing import NDArray
 
 from critflow.extras.files.boundaries import require_boundary
-from critflow.extras.files.crossings import crossings_of, split
 from critflow.extras.files.data import EDGE_VALUES, Array, IntArray, NetworkData, bond_vectors_of, counted
 from critflow.networks.blocks import components
 from critflow.networks.checks import check_ends, finite_rows
@@ -32,7 +30,7 @@ _FAR = 1e100
 _FLAT = 1e-9
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
+@dataclass(frozen=True, eq=False, kw_only=True, repr=False)
 class ImportedNetwork(Solution[Network]):
     """A network from another program; `print` shows how it was read and repaired.
 
@@ -85,10 +83,8 @@ class ImportedNetwork(Solution[Network]):
 
     @property
     def vertex_names(self) -> tuple[str, ...]:
-        """Names or numbers of the vertices in the source; "crossing" for those at a crossing of edges."""
-        if self.data.ids:
-            return self.data.ids
-        return tuple("crossing" if vertex < 0 else str(vertex) for vertex in np.asarray(self.data.vertex_numbers))
+        """Names or numbers of the vertices in the source."""
+        return self.data.ids or tuple(map(str, np.asarray(self.data.vertex_numbers).tolist()))
 
     def __str__(self) -> str:
         return "\n  ".join([f"{self.data.source}: {described(self.value)}", *self.notes])
@@ -101,18 +97,15 @@ def described(network: Network) -> str:
     return f"{network.n_vertices:,} vertices, {network.n_edges:,} edges, {network.dimension}D, {kind}, z = {z:.3g}"
 
 
-def imported(
-    read: NetworkData, strict: bool = False, contract: bool = False, join_crossings: bool = False
-) -> ImportedNetwork:
+def imported(read: NetworkData, strict: bool = False, contract: bool = False) -> ImportedNetwork:
     """The network of a checked record with all offsets and fixed vertices known.
 
     strict    refuse a record that needs any repair, with `NetworkError`
     contract  replace each chain of edges through vertices of two edges by one edge: springs in series
-    join_crossings  put a vertex where two edges of a planar network cross
     """
     steps = (
-        *(_without_loops, _without_repeats, require_boundary, partial(_with_crossings, join=join_crossings)),
-        *(_without_bare, _without_fixed_edges, _carrying, partial(_with_chains, join=contract), _with_short_edges),
+        *(_without_loops, _without_repeats, require_boundary, _without_bare, _without_fixed_edges),
+        *(_carrying, partial(_with_chains, join=contract), _with_short_edges),
     )
     data = replace(read, edge_numbers=np.arange(read.n_edges), vertex_numbers=np.arange(read.n_vertices))
     for step in steps:
@@ -120,6 +113,8 @@ def imported(
         if strict and data.repaired:
             raise NetworkError(f"strict=True refuses: {data.notes[-1]}; correct the source, or leave strict out")
     data = replace(data, notes=(*read.notes, *_digits(read), *data.notes[len(read.notes) :]))
+    faces, note = _faces(data)
+    data = data.noting(*note)
     network = Network(
         data.edges,
         data.offsets,  # type: ignore[arg-type]
@@ -128,7 +123,7 @@ def imported(
         {i: data.positions[i] for i in data.pins},
         n_vertices=data.n_vertices,
         positions=data.positions,
-        faces=_faces(data),
+        faces=faces,
     )
     return ImportedNetwork(
         value=network,
@@ -138,23 +133,26 @@ def imported(
     )
 
 
-def _faces(data: NetworkData) -> Faces | None:
-    """The faces of a planar network without crossings; those polygons that are whole where the source names any."""
+def _faces(data: NetworkData) -> tuple[Faces | None, tuple[str, ...]]:
+    """The faces of a planar network without crossings, or a sentence on why it has none.
+
+    Where the source names polygons, those that are whole.
+    """
     if data.dimension != 2:
-        return None
+        return None, ()
     try:
         faces = planar_faces(data.edges, bond_vectors_of(data), data.n_vertices)
-    except NetworkError:
-        return None
+    except NetworkError as error:
+        return None, (f"the network has no faces: {error}",)
     if data.sides is None:
-        return faces
+        return faces, ()
     # A polygon is whole where it borders every edge of a walk; holes between polygons are no faces.
     named = np.repeat(data.sides[faces.edges[faces.starts[:-1]]], faces.sizes, axis=0)
     sides = data.sides[faces.edges]
     borders = ((named[:, :, None] == sides[:, None]) & (named[:, :, None] >= 0)).any(axis=2)
     whole = np.logical_and.reduceat(borders, faces.starts[:-1]).any(axis=1)
     kept, starts = np.repeat(whole, faces.sizes), np.concatenate([[0], np.cumsum(faces.sizes[whole])])
-    return Faces(faces.edges[kept], faces.signs[kept], starts)
+    return Faces(faces.edges[kept], faces.signs[kept], starts), ()
 
 
 def check(data: NetworkData) -> None:
@@ -234,20 +232,6 @@ def _without_repeats(data: NetworkData) -> NetworkData:
         if both
         else f"{counted(repeated, 'repeated edge', 'was')} removed"
     )
-
-
-def _with_crossings(data: NetworkData, join: bool) -> NetworkData:
-    """Crossings of edges in the plane, reported or joined by a vertex."""
-    if data.dimension != 2:
-        return data
-    pairs, parts = crossings_of(data)
-    if not len(pairs):
-        return data
-    count = f"{counted(len(pairs), 'crossing')} of two edges"
-    if join:
-        return split(data, pairs, parts).repairing(f"{count}, joined by a vertex there")
-    i, j = np.asarray(data.edge_numbers)[pairs[0]]
-    return data.noting(f"{count} without a vertex, edges {i} and {j} first; join_crossings=True puts one there")
 
 
 def _without_bare(data: NetworkData) -> NetworkData:

@@ -1,4 +1,4 @@
-"""Tables of vertices and edges, as text or in a workbook, with or without header, counted from 0 or 1 or named.
+"""Tables of vertices and edges with a header, as text or data frames of pandas, counted from 0 or 1 or named.
 
 pandas is loaded at its first use: it takes longer than the rest of the package.
 """
@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from importlib import import_module
 from io import StringIO
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,7 +24,6 @@ from critflow.extras.files.data import (
     bond_vectors_of,
     edge_values,
     from_zero,
-    optional,
     require_regular,
     unread,
 )
@@ -41,42 +40,49 @@ _FIXED, _YES = ("fixed", "pinned", "pin"), ("1", "true", "yes")
 _OFFSETS = ("offset_x", "offset_y", "offset_z")
 # The length, and the number of an edge, follow from the rest.
 _READ = {*_TAIL, *_HEAD, *_OFFSETS, *(name for names in EDGE_VALUES.values() for name in names), "length", "edge", "id"}
-_KNOWN = {*_TAIL, *_HEAD, *_ID, *_COORDINATES}
 
 
-def read_tables(path: Path | Sequence[Path]) -> NetworkData:
-    """The network of an edge table and a vertex table: two files in any order, one name for both, or one workbook.
+class _Table(NamedTuple):
+    """A table as text: its name in messages, the data frame of its cells, and its comment lines."""
 
-    Edge columns: tail and head, then optional offsets, stiffness, rest length and force density by name.  Vertex
-    columns: coordinates, with an optional first column of names.  Without a header columns are taken in this order.
-    Comment lines of the vertex table give the cell vectors, row by row, and the volume: `# cell` with d² numbers,
-    `# volume` with one.
+    name: str
+    cells: Any
+    comments: Sequence[str] = ()
+
+    def column(self, names: Sequence[str]) -> str | None:
+        """The first of these names that a column has."""
+        return next((name for name in names if name in self.cells.columns), None)
+
+
+def read_tables(source: Path | Sequence[Any] | Any) -> NetworkData:
+    """The network of an edge table and a vertex table: one name for both files, or two files or frames in any order.
+
+    Edge columns: tail and head, then optional offsets, stiffness, rest length and force density.  Vertex columns:
+    coordinates, with optional names and marks of fixed vertices.  Comment lines of the vertex table give the cell
+    vectors, row by row, and the volume: `# cell` with d² numbers, `# volume` with one.
     """
-    (edges_name, lines), (vertices_name, vertex_lines) = sources = _sources(path)
-    table, vertices = (_table(*source) for source in sources)
-    if {*_COORDINATES} & set(table.columns) and not {*_COORDINATES} & set(vertices.columns):
-        table, edges_name, vertices, vertices_name, vertex_lines = vertices, vertices_name, table, edges_name, lines
-    ids, positions, pinned = _vertices(vertices, vertices_name)
-    d = positions.shape[1]
-    ends = [_named(table, _TAIL), _named(table, _HEAD)]
-    if not set(table.columns) & _READ and table.shape[1] > 1:
-        ends = list(table.columns[:2])
+    edges, vertices = _sources(source)
+    if edges.column(_COORDINATES) and not vertices.column(_COORDINATES):
+        edges, vertices = vertices, edges
+    ids, positions, pinned = _vertices(vertices)
+    d, table = positions.shape[1], edges.cells
+    ends = [edges.column(_TAIL), edges.column(_HEAD)]
     if None in ends:
-        raise InputError(f"{edges_name} has no columns for tail and head: name them tail and head, or put them first")
+        raise InputError(f"{edges.name} has no columns for tail and head: name them tail and head in its header")
     offsets = [name for name in _OFFSETS[:d] if name in table.columns]
-    columns = {field: name for field, names in EDGE_VALUES.items() if (name := _named(table, names)) is not None}
-    values: dict[str, Any] = {field: _numbers(table[[name]], edges_name)[:, 0] for field, name in columns.items()}
-    cell, volume = (_comment(vertex_lines, word, n, vertices_name) for word, n in (("cell", d**2), ("volume", 1)))
+    columns = {field: name for field, names in EDGE_VALUES.items() if (name := edges.column(names)) is not None}
+    values: dict[str, Any] = {field: _numbers(table[[name]], edges.name)[:, 0] for field, name in columns.items()}
+    cell, volume = _comment(vertices, "cell", d**2), _comment(vertices, "volume", 1)
     data = NetworkData(
-        edges=_indices(table[ends], ids, edges_name),
+        edges=_indices(table[ends], ids, edges.name),
         positions=positions,
-        offsets=_numbers(table[offsets], edges_name) if len(offsets) == d else None,  # type: ignore[arg-type]
+        offsets=_numbers(table[offsets], edges.name) if len(offsets) == d else None,  # type: ignore[arg-type]
         cell=None if cell is None else cell.reshape(d, d),
         volume=None if volume is None else float(volume[0]),
         pins=pinned,
         ids=tuple(ids),
-        source=f"tables {edges_name} and {vertices_name}",
-        notes=unread([name for name in table.columns if name not in ends and isinstance(name, str)], _READ),
+        source=f"tables {edges.name} and {vertices.name}",
+        notes=unread(table.columns, _READ),
         **values,
     )
     return data if ids else from_zero(data)
@@ -92,13 +98,6 @@ def write_tables(data: NetworkData, path: Path) -> None:
     edges |= {**edge_values(data), "length": np.linalg.norm(bond_vectors_of(data), axis=1)}
     known = {"cell": data.cell, "volume": data.volume}
     comments = [f"# {name} {' '.join(map(repr, np.ravel(v).tolist()))}" for name, v in known.items() if v is not None]
-    if path.suffix.lower() == ".xlsx":
-        with pandas.ExcelWriter(path, engine="openpyxl") as book:
-            vertices.to_excel(book, sheet_name="vertices", index=False, startrow=len(comments))
-            for row, comment in enumerate(comments):
-                book.sheets["vertices"].cell(row + 1, 1, comment)
-            pandas.DataFrame(edges).to_excel(book, sheet_name="edges", index=False)
-        return
     edges_path, vertices_path = table_paths(path)
     mark = "\t" if path.suffix.lower() == ".tsv" else ","
     with vertices_path.open("w", newline="", encoding="utf-8") as file:
@@ -116,56 +115,59 @@ def table_paths(path: Path) -> tuple[Path, Path]:
     return edges, nodes if nodes.exists() and not vertices.exists() else vertices
 
 
-def _sources(path: Path | Sequence[Path]) -> list[tuple[str, list[str]]]:
-    """Names and lines of two tables, that of edges first if their names say so."""
-    if isinstance(path, Path) and path.suffix.lower() == ".xlsx":
-        book = optional("openpyxl").load_workbook(path, read_only=True, data_only=True)
-        sheets = {
-            f"sheet {sheet.title}": ["\t".join("" if v is None else str(v) for v in row) for row in sheet.values]
-            for sheet in book.worksheets
-        }
-        book.close()
-        tables = sorted(sheets.items(), key=lambda sheet: not re.search("edge|bond|link", sheet[0], re.IGNORECASE))[:2]
-    else:
-        paths = table_paths(path) if isinstance(path, Path) else path
-        for part in paths:
-            require_regular(part)
-        tables = [(part.name, part.read_text(encoding="utf-8-sig").splitlines()) for part in paths]
-    if len(tables) != 2:
+def _sources(source: Path | Sequence[Any] | Any) -> list[_Table]:
+    """Two tables, that of edges first if their names say so."""
+    pair = table_paths(source) if isinstance(source, Path) else source
+    if isinstance(pair, import_module("pandas").DataFrame):
         raise InputError("a network needs two tables: give one of edges and one of vertices")
-    return tables
+    named = zip(("the first table", "the second table"), pair, strict=True)
+    return [_of_file(one) if isinstance(one, Path) else _of_frame(one, name) for name, one in named]
 
 
-def _table(name: str, text: list[str]) -> Any:
-    """The data frame of lines of text, with its header in lower case; without a header the columns are numbered."""
+def _of_file(path: Path) -> _Table:
+    """A file of text with a header: separated by semicolons, tabs, commas or blanks."""
+    require_regular(path)
     pandas = import_module("pandas")
-    lines = [line.strip(" ") for line in text]
-    first_line = next((line for line in lines if line.strip() and not line.startswith("#")), None)
-    if first_line is None:
-        raise InputError(f"{name} is an empty table: give one row per vertex or edge")
-    # The detection of pandas fails for aligned columns; a comma next to another mark is that of decimals.
-    blanks = re.search(r"[0-9] +[-+.0-9]", first_line)
-    mark = next((mark for mark in (";", "\t", *("," * (not blanks))) if mark in first_line), r"\s+")
+    lines = [line.strip(" ") for line in path.read_text(encoding="utf-8-sig").splitlines()]
+    header = next((line for line in lines if line.strip() and not line.startswith("#")), None)
+    if header is None:
+        raise InputError(f"{path.name} is an empty table: give one row per vertex or edge")
+    # The detection of pandas fails for aligned columns.
+    mark = next((mark for mark in (";", "\t", ",") if mark in header), r"\s+")
     try:
         table = pandas.read_csv(
             StringIO("\n".join(lines)), sep=mark, header=None, comment="#", dtype=str, keep_default_na=False
         )
     except pandas.errors.ParserError as error:
-        raise InputError(f"the rows of {name} differ in their numbers of columns: {error}") from None
+        raise InputError(f"the rows of {path.name} differ in their numbers of columns: {error}") from None
     table = table.fillna("").apply(lambda column: column.str.strip())
-    number, first = _are_numbers(table), table.iloc[0].str.lower()
-    # A first row of text above rows of numbers names the columns, known or not.
-    unknown = len(table) > 1 and not number[0].any() and number[1:].all()
-    if number[0].all() or not (unknown or set(first) & _KNOWN):
-        return table
+    if _are_numbers(table.iloc[[0]]).all():
+        raise InputError(f"{path.name} has no header: name the columns tail and head, or x and y, in its first line")
     if len(table) == 1:
+        raise InputError(f"{path.name} has a header and no rows: give one row per vertex or edge")
+    comments = [line for line in lines if line.startswith("#")]
+    return _Table(path.name, _titled(table.iloc[1:], list(table.iloc[0])), comments)
+
+
+def _of_frame(frame: Any, name: str) -> _Table:
+    """A data frame of pandas."""
+    if not len(frame):
         raise InputError(f"{name} has a header and no rows: give one row per vertex or edge")
-    return table.iloc[1:].set_axis(first, axis=1).loc[:, ~first.duplicated().to_numpy()]
+    return _Table(name, _titled(frame.astype(object).map(_text).mask(frame.isna(), ""), list(frame.columns)))
 
 
-def _named(table: Any, names: tuple[str, ...]) -> str | None:
-    """The first of these names that a column has."""
-    return next((name for name in names if name in table.columns), None)
+def _text(cell: Any) -> str:
+    """A cell as in a table of text, with all digits: 3 for 3.0."""
+    if not isinstance(cell, float | np.floating):
+        return str(cell).strip()
+    number = float(cell)
+    return str(int(number)) if number.is_integer() and number else repr(number)
+
+
+def _titled(table: Any, titles: Sequence[Any]) -> Any:
+    """A table with its titles in lower case, the first column of each."""
+    lower = [str(title).strip().lower() for title in titles]
+    return table.set_axis(lower, axis=1).iloc[:, [n for n, title in enumerate(lower) if title not in lower[:n]]]
 
 
 def _are_numbers(cells: Any) -> NDArray[np.bool_]:
@@ -183,9 +185,9 @@ def _numbers(cells: Any, source: str) -> Array:
     return np.array(cells.replace(",", ".", regex=True).to_numpy(object), dtype=float)
 
 
-def _comment(lines: list[str], word: str, count: int, name: str) -> Array | None:
+def _comment(table: _Table, word: str, count: int) -> Array | None:
     """The numbers (count,) in the comment line of a table that begins with a word, or None."""
-    spaced = (line.replace("#", "# ").replace(";", " ") for line in lines if line.lstrip().startswith("#"))
+    spaced = (line.replace("#", "# ").replace(";", " ") for line in table.comments)
     line = next((line for line in spaced if line.split()[:2] == ["#", word]), None)
     if line is None:
         return None
@@ -195,30 +197,22 @@ def _comment(lines: list[str], word: str, count: int, name: str) -> Array | None
         words = text.split()
         if len(words) == count and all(re.fullmatch(NUMBER, each) for each in words):
             return np.array(words, dtype=float)
-    raise InputError(f"{name}: the line '# {word}' must give {count} numbers{', the vectors by rows' * (count > 1)}")
+    rows = ", the vectors by rows" * (count > 1)
+    raise InputError(f"{table.name}: the line '# {word}' must give {count} numbers{rows}")
 
 
-def _vertices(table: Any, source: str) -> tuple[list[str], Array, tuple[int, ...]]:
+def _vertices(table: _Table) -> tuple[list[str], Array, tuple[int, ...]]:
     """Names (empty: counted), positions and the indices of fixed vertices."""
-    columns, name = list(table.columns), _named(table, _ID)
-    axes = next((axes for axes in _AXES if {*axes[:2]} <= set(columns)), None)
-    if axes is not None:
-        columns = [axis for axis in axes if axis in columns]
-    elif isinstance(columns[0], str):
-        raise InputError(f"{source} has no columns x and y: name the coordinates x, y and z in its header")
-    elif len(columns) > 2:
-        # Three columns of which the first counts or is text: a name and two coordinates.
-        counts = (list(map(str, range(start, start + len(table)))) for start in (0, 1))
-        if list(table[0]) in counts or not _are_numbers(table[[0]]).all():
-            name, columns = columns[0], columns[1:]
-    if not 1 <= len(columns) <= 3:
-        raise InputError(f"{source} has {len(columns)} columns of coordinates: give 2 or 3, and names in a column id")
-    ids = [] if name is None else list(table[name])
+    name, fixed, present = table.column(_ID), table.column(_FIXED), set(table.cells.columns)
+    axes = next((axes for axes in _AXES if {*axes[:2]} <= present), None)
+    if axes is None:
+        raise InputError(f"{table.name} has no columns x and y: name the coordinates x, y and z in its header")
+    ids = [] if name is None else list(table.cells[name])
     if len(set(ids)) != len(ids):
-        raise InputError(f"{source} gives a vertex twice: names must differ")
-    fixed = _named(table, _FIXED)
-    marks = () if fixed is None else np.flatnonzero(table[fixed].str.lower().isin(_YES))
-    return ids, _numbers(table[columns], source), tuple(map(int, marks))
+        raise InputError(f"{table.name} gives a vertex twice: names must differ")
+    marks = () if fixed is None else np.flatnonzero(table.cells[fixed].str.lower().isin(_YES))
+    positions = _numbers(table.cells[[axis for axis in axes if axis in present]], table.name)
+    return ids, positions, tuple(map(int, marks))
 
 
 def _indices(ends: Any, ids: list[str], source: str) -> IntArray:
@@ -229,8 +223,7 @@ def _indices(ends: Any, ids: list[str], source: str) -> IntArray:
             return np.array([[index[a], index[b]] for a, b in ends.to_numpy(object)])
         except KeyError as missing:
             raise InputError(
-                f"{source} names the vertex {missing.args[0]!r}, which the vertex table lacks: correct it, or name the "
-                "columns tail and head if it is the title of one"
+                f"{source} names the vertex {missing.args[0]!r}, which the vertex table lacks: correct it"
             ) from None
     if not _are_numbers(ends).all():
         raise InputError(f"{source} names vertices by text, and the vertex table has no column id: add one")

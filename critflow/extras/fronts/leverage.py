@@ -48,7 +48,7 @@ Mask = NDArray[np.bool_]
 _BLOCK = 4_000_000
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class EdgeLeverage(Record):
     """A quantity after cutting each edge with the stress of the others unchanged; NaN where the cut opens the network.
 

@@ -52,7 +52,7 @@ _LIMIT_EDGES = "limit the edges, as by within={'force_densities': (0.2, None)}"
 _BACKWARDS = "a multiplier is negative: here an objective improves without cost, so the point is not on the front"
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
+@dataclass(frozen=True, eq=False, kw_only=True, repr=False)
 class Front(Solution[tuple[CriticalConfiguration, ...]]):
     """Configurations of a front in the order of the first objective, from its best value on.
 

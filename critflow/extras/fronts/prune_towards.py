@@ -42,7 +42,7 @@ _TAKEN_BACK = 6
 _PRIME = 7919
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
+@dataclass(frozen=True, eq=False, kw_only=True, repr=False)
 class PrunedDesign(Solution[CriticalConfiguration]):
     """A configuration of a part of the edges, with the stress that they had.
 

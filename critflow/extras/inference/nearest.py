@@ -60,7 +60,7 @@ _GROWTH, _DECAY, _LARGEST = 10.0, 0.2, 1e12
 _LONGEST = 3.0
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
+@dataclass(frozen=True, eq=False, kw_only=True, repr=False)
 class Nearest(Solution[Any]):
     """The critical configuration nearest to observed positions, with pressures a `PressurisedConfiguration`.
 

@@ -16,7 +16,6 @@ from critflow.extras.files.hints import FilesArgument, Hints, in_shell, read, re
 from critflow.extras.files.repair import ImportedNetwork
 from critflow.extras.inference.nearest import nearest_critical
 from critflow.extras.targets.targets import Design, design
-from critflow.figures.drawing import draw, require_picture, saved
 from critflow.networks.network import Network
 from critflow.optimisation.optimize import optimize
 from critflow.progress import running
@@ -52,6 +51,9 @@ def make(
     # Before a long computation, whose result could not be written.
     writable_format(out)
     if picture is not None:
+        # matplotlib takes a third of the time of a small network.
+        from critflow.figures.drawing import draw, require_picture, saved
+
         require_picture(picture)
     imported = read(files, hints)
     print(in_shell(str(imported)))

@@ -21,7 +21,7 @@ from critflow.result import Stats, Status
 from critflow.springs.equilibrium import NEWTON_STEPS, Equilibrium, as_minimum, with_bounds
 from critflow.springs.minimum import ROUNDING_COMPRESSION, stability_of
 from critflow.springs.newton import FLOPPY_SHIFT, newton
-from critflow.springs.state import EdgeMatrix, SpringState, times
+from critflow.springs.state import TAUT, EdgeMatrix, SpringState, times
 
 # Strain of the cell by the stress that is left, above which nothing fixes its free components.  In a cell that cables
 # pull flat the remaining step is the whole of what is left, 1; where they are fixed it is rounding over a stiffness.
@@ -38,28 +38,20 @@ UNFIXED = (
 )
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
-class FreeCellState(SpringState):
+@dataclass(frozen=True, eq=False)
+class FreeCellState:
     """Springs in a cell with free components, all in the units of the module.
 
+    springs  of any kind
     stretch  q (m,)
     strains  E (m, d, d)
 
     `forces` and displacements are vectors (n_free·d + m,): those of the vertices, then those of p.
     """
 
+    springs: SpringState
     stretch: Array
     strains: Array
-
-    @classmethod
-    def of(cls, springs: SpringState, stretch: Array, strains: Array) -> FreeCellState:
-        """The same springs with components of the cell free, which have the stretches q."""
-        parts = (springs.network, springs.rest_lengths, springs.coordinates, springs.bond_vectors, springs.law)
-        return cls(*parts, springs.faces, stretch=stretch, strains=strains)
-
-    def springs_of(self, network: Network) -> SpringState:
-        """The springs alone, in a network whose cell has the rounding of one deformation, not of many."""
-        return SpringState(network, self.rest_lengths, self.coordinates, self.bond_vectors, self.law, self.faces)
 
     @cached_property
     def rates(self) -> Array:
@@ -69,39 +61,80 @@ class FreeCellState(SpringState):
     @property
     def unit(self) -> float:
         """s = √N_b ⟨ℓ⟩."""
-        return float(np.sqrt(len(self.rest_lengths))) * self.length_scale
+        return float(np.sqrt(len(self.springs.rest_lengths))) * self.springs.length_scale
 
     @property
     def energy(self) -> float:
-        energy = super().energy
+        """E; infinite where the cell is inverted."""
+        energy = self.springs.energy
         return energy if np.isfinite(energy) else np.inf
 
     @cached_property
     def forces(self) -> Array:
-        vertices = -(self.network.divergence @ (self.sigma[:, None] * self.bond_vectors))
-        return np.concatenate([vertices.ravel(), self.conjugate_forces / self.unit])
+        """The unbalanced forces on the vertices and on p, (n_free·d + m,)."""
+        return np.concatenate([self.springs.forces.ravel(), self.conjugate_forces / self.unit])
+
+    @cached_property
+    def max_force(self) -> float:
+        """Largest component of the unbalanced forces."""
+        return float(np.abs(self.forces).max(initial=0.0))
+
+    # What Newton's method and the test for a minimum ask of the springs.
+
+    @property
+    def sigma(self) -> Array:
+        return self.springs.sigma
+
+    @property
+    def lengths(self) -> Array:
+        return self.springs.lengths
+
+    @property
+    def edge_stiffness(self) -> Array:
+        return self.springs.edge_stiffness
+
+    @property
+    def stress_rounding(self) -> Array:
+        return self.springs.stress_rounding
+
+    @property
+    def stiffness_scale(self) -> float:
+        return self.springs.stiffness_scale
+
+    @property
+    def length_scale(self) -> float:
+        return self.springs.length_scale
+
+    @property
+    def largest_stiffness(self) -> float:
+        return self.springs.largest_stiffness
+
+    def taut(self, least: float = TAUT) -> bool:
+        return self.springs.taut(least)
 
     @property
     def conjugate_forces(self) -> Array:
         """r_m = −Σ σ L·A_m L = −∂E/∂q_m, (m,)."""
-        return -np.asarray(np.einsum("ad,mad,a->m", self.bond_vectors, self._stretches(), self.sigma))
+        springs = self.springs
+        return -np.asarray(np.einsum("ad,mad,a->m", springs.bond_vectors, self._stretches(), springs.sigma))
 
     @property
     def conjugate_rounding(self) -> Array:
         """Rounding errors of r, (m,): proofs to first order, in σ, products and sum."""
-        speed = np.linalg.norm(self._stretches(), axis=2)
-        return np.asarray(speed @ ((self.stress_rounding + 4 * EPS * np.abs(self.sigma)) * self.lengths))
+        springs, speed = self.springs, np.linalg.norm(self._stretches(), axis=2)
+        return np.asarray(speed @ ((springs.stress_rounding + 4 * EPS * np.abs(springs.sigma)) * springs.lengths))
 
     def moved(self, displacement: Array) -> FreeCellState:
-        m, d = len(self.stretch), self.network.dimension
+        """The state after displacing the vertices and p by a vector (n_free·d + m,)."""
+        springs, m, d = self.springs, len(self.stretch), self.springs.network.dimension
         change = displacement[-m:] / self.unit
         stretch = self.stretch + change
         step = np.eye(d) + np.tensordot(change, self.rates, 1)
         if not (np.linalg.det(step) > 0 and np.linalg.det(stretched(stretch, self.strains)) > 0):
             # A step that inverts the cell is refused by its energy.
-            return replace(self, bond_vectors=np.full_like(self.bond_vectors, np.nan))
-        there = replace(self.deformed(step), stretch=stretch)
-        return super(FreeCellState, there).moved(displacement[:-m].reshape(-1, d))
+            return replace(self, springs=replace(springs, bond_vectors=np.full_like(springs.bond_vectors, np.nan)))
+        springs = springs.deformed(step).moved(displacement[:-m].reshape(-1, d))
+        return replace(self, springs=springs, stretch=stretch)
 
     def near_rest(self, pattern: FixedPattern) -> FreeCellState:
         """A state near by without stress, where there is one, by Gauss-Newton steps to the rest lengths."""
@@ -109,27 +142,33 @@ class FreeCellState(SpringState):
         for _ in range(_REST_STEPS):
             # The stiffness without the softening of compressed edges, which is not small against that of nearly floppy
             # modes: a fibre that is not quite straight lengthens by the square of its deflection.
-            slack = state.tension == 0
-            bare = replace(state, rest_lengths=np.where(slack, state.rest_lengths, state.spring_lengths))
+            springs = state.springs
+            rest = np.where(springs.tension == 0, springs.rest_lengths, springs.spring_lengths)
+            bare = replace(state, springs=replace(springs, rest_lengths=rest))
             factor = bare.factorize(pattern, _REST_SHIFT * state.stiffness_scale)
             state = state.moved(factor.solve(state.forces))
         return state
 
     def edge_rates(self, motion: Array) -> Array:
+        """Changes (N_b, d) of the bond vectors by a motion (n_free·d + m,)."""
         m = len(self.stretch)
-        return super().edge_rates(motion[:-m]) + np.tensordot(motion[-m:] / self.unit, self._stretches(), 1)
+        return self.springs.edge_rates(motion[:-m]) + np.tensordot(motion[-m:] / self.unit, self._stretches(), 1)
 
     def factorize(self, pattern: FixedPattern, shift: float = 0.0) -> BorderedFactor:
-        return self.bordered(super().factorize(pattern, shift), self.modified_stiffness, self.sigma, shift)
+        """Factorise the second derivatives in vertices and p, plus shift·1."""
+        springs = self.springs
+        return self.bordered(springs.factorize(pattern, shift), springs.modified_stiffness, springs.sigma, shift)
 
     def factorize_convex(self, pattern: FixedPattern, shift: float) -> BorderedFactor:
-        return self.bordered(super().factorize_convex(pattern, shift), *self.convex_parts(), shift)
+        """Factorise their convex part plus shift·1."""
+        springs = self.springs
+        return self.bordered(springs.factorize_convex(pattern, shift), *springs.convex_parts(), shift)
 
     def bordered(self, vertices: Factor, axial: EdgeMatrix, isotropic: Array, shift: float = 0.0) -> BorderedFactor:
         """The factor for vertices and cell, from one for the vertices, of the stiffness c L Lᵀ + t 1 of the edges."""
-        L, V = self.bond_vectors, self._stretches() / self.unit
+        L, V, divergence = self.springs.bond_vectors, self._stretches() / self.unit, self.springs.network.divergence
         TV = times(axial, np.einsum("ad,mad->ma", L, V))[:, :, None] * L + isotropic[:, None] * V
-        X = np.stack([(self.network.divergence @ one).ravel() for one in TV], axis=1)
+        X = np.stack([(divergence @ one).ravel() for one in TV], axis=1)
         C = np.einsum("mad,nad->mn", V, TV) + shift * np.eye(len(V))
         return BorderedFactor(vertices, X, C, float(np.sum(np.abs(V) * np.abs(TV))))
 
@@ -142,12 +181,14 @@ class FreeCellState(SpringState):
 
         Cables at their rest length resist extension but no contraction: they are judged as slack.
         """
-        if self.law.one_sided:
-            tension = np.maximum(NO_TENSION * self.sigma.max(), ROUNDING_COMPRESSION * self.stress_rounding)
-            rest = np.where(self.sigma > tension, self.rest_lengths, np.maximum(self.rest_lengths, 2 * self.lengths))
-            tense = replace(self, rest_lengths=rest)
-            vertices = tense.factorize(pattern, FLOPPY_SHIFT * self.stiffness_scale).vertices
-            border = tense.bordered(vertices, tense.modified_stiffness, tense.sigma)
+        springs = self.springs
+        if springs.law.one_sided:
+            tension = np.maximum(NO_TENSION * springs.sigma.max(), ROUNDING_COMPRESSION * springs.stress_rounding)
+            longer = np.maximum(springs.rest_lengths, 2 * springs.lengths)
+            rest = np.where(springs.sigma > tension, springs.rest_lengths, longer)
+            tense = replace(self, springs=replace(springs, rest_lengths=rest))
+            vertices = tense.factorize(pattern, FLOPPY_SHIFT * springs.stiffness_scale).vertices
+            border = tense.bordered(vertices, tense.springs.modified_stiffness, tense.springs.sigma)
             left = np.maximum(left, tense.stretch_errors(border) * (self.unit / tense.unit))
         with np.errstate(invalid="ignore"):
             strain = np.abs(np.tensordot(left / self.unit, np.abs(self.rates), 1)).max()
@@ -155,7 +196,7 @@ class FreeCellState(SpringState):
 
     def _stretches(self) -> Array:
         """A_m L, (m, N_b, d)."""
-        return np.einsum("mij,aj->mai", self.rates, self.bond_vectors)
+        return np.einsum("mij,aj->mai", self.rates, self.springs.bond_vectors)
 
 
 def stretched(stretch: Array, strains: Array) -> Array:
@@ -218,18 +259,19 @@ def relaxed_with_cell(
     """
     end = newton(state, tolerance, NEWTON_STEPS, pattern)
     q = end.state.stretch
+    # The cell has the rounding of one deformation, not of many.
     network = reference.deformed(stretched(q, state.strains) @ gradient)
     stats = Stats("newton", end.steps, residual=end.state.max_force)
-    solution = Equilibrium(end.state.springs_of(network), end.status, stats, indefinite=end.indefinite)
+    solution = Equilibrium(replace(end.state.springs, network=network), end.status, stats, indefinite=end.indefinite)
     if not solution.ok:
         return solution, None, q
     vertices = (end.factor if isinstance(end.factor, BorderedFactor) else end.state.factorize(pattern)).vertices
     solution, factor = with_bounds(solution, pattern, vertices, corrected=True, judged=False)
-    there = FreeCellState.of(solution.value, q, state.strains)
+    there = FreeCellState(solution.value, q, state.strains)
     # Of this state and without a shift, which resists every motion of the cell.
-    border = there.bordered(vertices, there.modified_stiffness, there.sigma)
+    border = there.bordered(vertices, solution.value.modified_stiffness, solution.value.sigma)
     left = there.stretch_errors(border)
-    affine = np.einsum("mij,vj->mvi", there.rates, there.coordinates[network.free]) / there.unit
+    affine = np.einsum("mij,vj->mvi", there.rates, solution.value.coordinates[network.free]) / there.unit
     moved = np.abs(affine.reshape(len(q), -1)).T + np.abs(border.response)
     with np.errstate(invalid="ignore"):
         bound = solution.stats.error_bound + float((moved @ left).max(initial=0.0))

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from copy import copy
-from types import SimpleNamespace
+from dataclasses import dataclass
 
 import numpy as np
 import scipy.sparse as sp
@@ -19,7 +19,7 @@ from scipy.sparse.linalg import splu
 
 from critflow.critical.isogonal import face_modes, has_face_modes, isogonal_modes
 from critflow.critical.manifold import CriticalConfiguration, CriticalManifold
-from critflow.critical.quantity import Quantity
+from critflow.critical.quantity import Quantity, StressedBonds
 from critflow.critical.vocabulary import quantity
 from critflow.extras.targets.constrained import Minimum, Problem, minimise_constrained
 from critflow.extras.targets.problem import Designed, EdgeLimits, Target, Variables
@@ -32,6 +32,13 @@ STIFFEST = 1e-9  # relative distance from the largest B_0 at which C_B is the cl
 
 # Unit of the lengths as limits, over the mean: those within a fifth of it take part in a step.
 _LENGTHS = 10.0
+
+
+@dataclass(frozen=True, eq=False)
+class IsogonalState(StressedBonds):
+    """The stress and the bond vectors of lengths ℓ (N_b,), at directions and tensions that are kept."""
+
+    lengths: Array
 
 
 class FaceAmplitudes(Variables):
@@ -60,29 +67,28 @@ class FaceAmplitudes(Variables):
         self.least = (1 - 1e-6) * shortest
         self.low, self.high = shortest / self.reach, longest / self.reach
 
-    def at(self, z: Array) -> SimpleNamespace:
+    def at(self, z: Array) -> IsogonalState:
         """Lengths ℓ (N_b,) at the directions and tensions of the configuration, as a balance."""
         lengths = self.critical.lengths + self.lengths_of @ z
         L, sigma = lengths[:, None] * self.directions, self.critical.tensions / lengths
-        whole = {"network": self.network, "manifold": self.manifold}
-        return SimpleNamespace(sigma=sigma, bond_vectors=L, lengths=lengths, **whole)
+        return IsogonalState(self.manifold, sigma, L, lengths)
 
-    def values(self, state: SimpleNamespace, quantities: Sequence[Quantity]) -> tuple[Array, Array]:
+    def values(self, state: IsogonalState, quantities: Sequence[Quantity]) -> tuple[Array, Array]:
         values, rows = np.empty(len(quantities)), np.empty((len(quantities), self.network.n_edges))
         for n, one in enumerate(quantities):
             values[n], (by_sigma, by_L) = one.evaluate(state)
             rows[n] = dot(self.directions, by_L) - state.sigma / state.lengths * by_sigma
         return values, rows @ self.lengths_of
 
-    def change(self, state: SimpleNamespace, z: Array) -> tuple[float, Array]:
+    def change(self, state: IsogonalState, z: Array) -> tuple[float, Array]:
         # Lengths that are not positive are outside the domain.
         change = np.log(np.where(state.lengths > self.least, state.lengths, np.nan) / self.critical.lengths)
         return 0.5 * float(change @ change), self.lengths_of.T @ (change / state.lengths)
 
-    def limited(self, state: SimpleNamespace) -> Array:
+    def limited(self, state: IsogonalState) -> Array:
         return state.lengths / self.reach
 
-    def limited_rows(self, state: SimpleNamespace, indices: NDArray[np.intp]) -> Array:
+    def limited_rows(self, state: IsogonalState, indices: NDArray[np.intp]) -> Array:
         return self.lengths_of[indices].toarray() / self.reach
 
     def distance(self, z: Array) -> float:

@@ -53,7 +53,7 @@ PREFERENCES: dict[str, type[Quantity]] = {"V_L": LengthVariance, "V_tau": Tensio
 CHANGES = ("stress", "stiffness", "faces", "rest_lengths", "pressures")
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Achieved(Record):
     """What a design has of one target.
 
@@ -70,7 +70,7 @@ class Achieved(Record):
     independence: float
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
+@dataclass(frozen=True, eq=False, kw_only=True, repr=False)
 class Design(Solution[Value]):
     """A configuration or a state with requested properties.
 
@@ -186,7 +186,7 @@ def _variables(
         if not isinstance(start, CriticalConfiguration):
             raise InputError("change='faces' starts from a critical configuration: give one")
         return FaceAmplitudes(start, limits)
-    if not isinstance(start, SpringState) or start.faces is not None:
+    if type(start) is not SpringState:
         raise InputError(f"change={change!r} starts from springs on edges: give spring_state(network, ...)")
     return Stiffnesses(start, initial, limits) if change == "stiffness" else RestLengths(start, ratios, initial)
 

@@ -39,7 +39,7 @@ _ONLY_STRESS = "its only self-stress stabilises it"
 MOST_STEPS = 200  # of the search for an escaping mode from one start
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class SecondOrderRigidity(Record):
     """Order of rigidity of a configuration, with certificates; `print` gives a sentence.
 

@@ -37,7 +37,7 @@ RANK = 1e-9  # singular value that counts as zero, relative to the largest
 SELF_STRESS_SHIFT = 1e-12
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class SignedStress(Record):
     """Whether a geometry has a self-stress of given signs, with its proof.
 
@@ -133,7 +133,7 @@ def _largest_least(R: sp.csr_array, signs: Array) -> Any:
     )
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
+@dataclass(frozen=True, eq=False, kw_only=True, repr=False)
 class Stability(Solution[CriticalConfiguration]):
     """Stability of a configuration under its stress.
 

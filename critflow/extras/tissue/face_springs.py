@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 import scipy.sparse as sp
@@ -27,7 +28,7 @@ UNLOADED = 1e-11
 SMALL_GRAM = 50  # number of faces up to which all singular values are computed
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class FaceSprings(Record):
     """Springs on the perimeters of faces: sides A (N_f, N_b) sparse, A ≥ 0, and stiffness κ (N_f,).
 
@@ -79,6 +80,14 @@ class FaceSprings(Record):
         else:
             least = eigsh(gram, 2, sigma=-1e-6 * scale, v0=quasi_random(n) - 0.5, return_eigenvectors=False)
         return bool(np.sum(least < UNLOADED * scale) > 1)
+
+    def of_edges(self, edges: Any) -> Any:
+        """Springs on perimeters from springs on edges, `Springs` at rest, whose extensions and motions add up."""
+        A = self.sides
+        directions, extension = sp.csr_array(A @ edges.directions), A @ edges.extension
+        return edges._replace(
+            directions=directions, extension=extension, stiffness=self.stiffness, errors=A @ edges.errors
+        )
 
     @cached_property
     def overlap(self) -> sp.coo_array:

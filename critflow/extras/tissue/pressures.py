@@ -35,7 +35,7 @@ from critflow.result import InputError, Record, Stats, Status
 _TURNED = np.array([0.5, -0.5])
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class PressurisedConfiguration(Record):
     """A planar network in balance under σ (N_b,) and pressures p (N_f,): coordinates (N_v, 2), bond vectors (N_b, 2).
 

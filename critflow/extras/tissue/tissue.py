@@ -1,7 +1,8 @@
 """Tissues: springs on the perimeters of faces, a vertex model without area term, and their critical configurations.
 
 E = ½ Σ_f κ_f (p_f − p0_f)² with perimeters p = A|L|, A (N_f, N_b) being 1 where an edge is a side of a face.  A tissue
-is a `SpringState` whose springs are these perimeters, so that paths, equilibria and elasticity are those of springs.
+is a `SpringState` whose springs are these perimeters (`state`), so that paths, equilibria and elasticity are those of
+springs.
 """
 
 from __future__ import annotations
@@ -16,12 +17,13 @@ from numpy.typing import ArrayLike, NDArray
 from critflow.arguments import checked
 from critflow.critical.manifold import CriticalConfiguration, critical_configuration
 from critflow.extras.tissue.face_springs import FaceSprings
+from critflow.extras.tissue.state import TissueState
 from critflow.lengths.cone import fit_perimeters
 from critflow.linalg.tolerances import EPS
 from critflow.networks.network import Array, Network
 from critflow.result import InputError, Record, Solution, Stats, Status
 from critflow.springs.equilibrium import equilibrium
-from critflow.springs.state import SpringState, edge_directions
+from critflow.springs.state import edge_directions
 
 # Edges below this part of the mean length are collapsed: ten times the accuracy of the cone program, about 1e-6.
 COLLAPSED_EDGE = 1e-5
@@ -40,7 +42,7 @@ def tissue(
     *,
     stiffness: ArrayLike = 1.0,
     sides: sp.sparray | ArrayLike | None = None,
-) -> SpringState:
+) -> TissueState:
     """Springs on the perimeters of the faces of a network, at coordinates (N_v, d) or its positions.
 
     perimeters  at rest, p0 (N_f,)
@@ -60,10 +62,10 @@ def tissue(
     if x is None:
         raise InputError("this network has no positions: give coordinates")
     p0 = faces.perimeters(perimeters)
-    return SpringState(network, p0, *edge_directions(network, x), faces=faces)
+    return TissueState(network, p0, *edge_directions(network, x), faces=faces)
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class CriticalTissue(Record):
     """A critical configuration whose edge tensions come from faces: σ|L| ∝ Aᵀ T, face tensions T (N_f,) of mean 1."""
 
@@ -84,10 +86,10 @@ class CriticalTissue(Record):
         """p = A|L|, (N_f,)."""
         return self.faces.sides @ self.configuration.lengths
 
-    def at_rest(self) -> SpringState:
+    def at_rest(self) -> TissueState:
         """The tissue with its perimeters as those at rest, p0 = p."""
         critical = self.configuration
-        return SpringState(
+        return TissueState(
             critical.network, self.perimeters, critical.coordinates, critical.bond_vectors, faces=self.faces
         )
 
@@ -97,7 +99,7 @@ class CriticalTissue(Record):
         return self.perimeters / np.sqrt(self.network.volume / len(self.face_tensions))
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
+@dataclass(frozen=True, eq=False, kw_only=True, repr=False)
 class PerimeterFit(Solution[CriticalTissue]):
     """A critical configuration of given perimeter ratios.
 

@@ -16,14 +16,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from critflow.extras.tissue.face_springs import FaceSprings
+from critflow.extras.tissue.state import TissueState
 from critflow.extras.tissue.tissue import CriticalTissue
 from critflow.linalg.saddle import CONDENSED_WEIGHT, CONTRACTION, REFINED
 from critflow.linalg.tolerances import EPS, MOST_REFINEMENTS
 from critflow.linalg.vectors import dot, norms
 from critflow.networks.network import Array
 from critflow.response.linear_response import accumulated_rounding
-from critflow.response.third_order import Derivatives, Term
-from critflow.springs.state import SpringState
+from critflow.response.third_order import Term, ThirdDerivative
 
 _CORRECTIONS = 3  # of coordinates and tensions by one factor; each gains the accuracy of the cone program's answer
 
@@ -44,7 +44,7 @@ class PerimeterSystem:
         faces = FaceSprings(self.sides, self._weight)
         self._constraints = faces.rates(self.network, bond_vectors)
         x = tissue.configuration.coordinates
-        stiff = SpringState(self.network, perimeters, x, bond_vectors, faces=faces)
+        stiff = TissueState(self.network, perimeters, x, bond_vectors, faces=faces)
         couplings = stiff.couplings(stiff.edge_stiffness, self.sigma)
         self._factor = stiff.pattern().factorize(stiff.blocks(couplings, self.sigma))
         self.soft = self._factor.indefinite
@@ -113,7 +113,7 @@ class TissueEnergy:
         return self.responses[a].amplitude * self.responses[b].amplitude * self._D
 
     def second_error(self, a: int, b: int) -> float:
-        """Zero: errors are those of other bond vectors (`stiffening`)."""
+        """Zero: errors are changes by other bond vectors (`response`)."""
         return 0.0
 
     def _respond(self, A: Array) -> _Response:
@@ -127,16 +127,11 @@ class TissueEnergy:
         rate = affine + system.network.free_incidence @ u
         return _Response(c, (abs(c) * self._D, rounding), rate, residual)
 
-    def third(self, terms: Sequence[Term]) -> Derivatives:
-        """E_abc, without its derivatives."""
-        system, L, found = self._system, self._system.bond_vectors, 0.0
+    def third_with_error(self, terms: Sequence[Term]) -> ThirdDerivative:
+        """E_abc, without its error."""
+        system, L, third = self._system, self._system.bond_vectors, 0.0
         for term in terms:
             b, c = (self.responses[i].rate for i in (term.b, term.c))
             stretch = dot(b, system.bent(c)) + dot(L, L @ term.curvature.T)
-            found += term.times * self.responses[term.a].amplitude * float(system.sigma @ stretch)
-        unknown = np.full(len(L), np.nan)
-        return Derivatives(found, unknown, unknown, unknown, unknown)
-
-    def third_error(self, terms: Sequence[Term], by_length: Array) -> float:
-        """Zero, as of `second_error`."""
-        return 0.0
+            third += term.times * self.responses[term.a].amplitude * float(system.sigma @ stretch)
+        return ThirdDerivative(third, 0.0, np.nan)

@@ -30,7 +30,7 @@ from critflow.networks.network import Array
 from critflow.result import InputError, Record
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class SoftSpectrum(Record):
     """The two bands of a critical configuration, for σ with Σσ² = N_b and unit masses.
 

@@ -37,7 +37,7 @@ WeakFunction = Callable[[Array, Array], tuple[float, Array, sp.sparray]]
 """x (N_v, d), F (d, d) → U, ∂U/∂x (N_v, d), ∂²U/∂x∂x sparse (d·N_v)²."""
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class AngleSprings(Record):
     """Springs that resist changes of the angle between two edges at a vertex: U = ½ Σ_p k_p (θ_p − θ0_p)².
 
@@ -83,7 +83,7 @@ class AngleSprings(Record):
         return _bond_energy(network, network.edges, network.offsets, terms)
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class SoftSprings(Record):
     """Hookean springs between any vertices: U = ½ Σ k(|L| − ℓ)².
 
@@ -116,7 +116,7 @@ class SoftSprings(Record):
         return _bond_energy(network, edges, offsets, partial(_spring_terms, k=k, rest=rest))
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class PointForces(Record):
     """Constant forces on the vertices, U = −Σ f·x; force dipoles are opposite forces on two vertices.
 
@@ -137,7 +137,7 @@ class PointForces(Record):
         return lambda x, F: (-float(np.vdot(forces, x)), -forces, nothing)
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Temperature(Record):
     """Thermal motion, for `weak_forces` alone, whose κ is then k_B T in units of energy: no function of positions."""
 

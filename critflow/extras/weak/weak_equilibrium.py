@@ -25,7 +25,7 @@ from critflow.networks.network import Array, Network
 from critflow.result import InputError, Record, Solution, Stats, Status
 from critflow.springs.laws import HOOKEAN, Cable, SpringLaw, checked_law
 from critflow.springs.newton import newton
-from critflow.springs.state import SpringState
+from critflow.springs.state import TAUT, SpringState
 
 TOLERANCE = 1e-13  # of forces, in units of stiffness times length: ten roundings
 _MOST_STEPS = 300
@@ -35,7 +35,7 @@ _RAISE = 10.0  # of the shift of an indefinite Hessian, until it is positive def
 _STEP = 1e-3
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class WeakSpringState(SpringState):
     """Springs with a weak energy κU(x, F): the state of `SpringState` after the deformation F of the cell."""
 
@@ -61,8 +61,7 @@ class WeakSpringState(SpringState):
         tension = -np.asarray(self.network.divergence @ (self.sigma[:, None] * self.bond_vectors))
         return tension - self._weak[1]
 
-    @property
-    def taut(self) -> bool:
+    def taut(self, least: float = TAUT) -> bool:
         # Weak energies may soften motions.
         return False
 
@@ -87,7 +86,7 @@ class WeakSpringState(SpringState):
         return factor
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class WeakEquilibria(Record):
     """Equilibria at strains γ from the transition, (n,); NaN where none was found.
 

@@ -62,7 +62,7 @@ class WeakState:
     status: NDArray[np.int64]  # codes of `Status`
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class WeakForces(Record):
     """Response of a critical configuration to strain γ under a weak energy κU.
 

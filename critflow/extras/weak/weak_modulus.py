@@ -22,7 +22,7 @@ from critflow.result import InputError
 _ACCURACY = 1e-8
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class WeakModulus(SpringResponse):
     """(1/V) d²E/dγ² under a weak energy κU, along a deformation and at a strain γ counted from the transition.
 

@@ -228,7 +228,7 @@ test_bad_input_is_one_sentence = refused_changes(
     ({"edges": E, "positions": np.column_stack([X, X]), "pins": [0]}, "columns"),
     ({"polygons": [[0, 1]], "positions": X}, "three"),
     ({"polygons": [["a", "b", "c"]], "positions": X}, "polygons"),
-    ({"picture": np.eye(9), "pixel": 0}, "pixel"),
+    ({"labels": np.eye(9, dtype=int), "pixel": 0}, "pixel"),
     ({**ARRAYS, "cell": np.eye(4)}, "cell"),
     ({"source": "network.xyzzy"}, "ending"),
     ({"source": "missing.graphml"}, "no file"),

@@ -1,8 +1,11 @@
 """Files and objects that other libraries or users made."""
 
 import json
+import re
+from pathlib import Path
 
 import numpy as np
+import pandas
 import pytest
 import xarray as xr
 from scipy.spatial import ConvexHull, Delaunay
@@ -213,15 +216,15 @@ STAR = [[0, 0], [4, 0], [0, 3], [1, 1.5]]
 QUOTED = '"id","x","y","fixed"\n7,0,0,yes\n8,4,0,1\n9,0,3,true\n5,1,1.5,0'
 TABLES = {  # vertices, edges, fixed vertices
     "decimal commas": ("id;x;y\nA;0;0\nB;4;0\nC;0;3\nD;1;1,5", "from;to\nA;D\nB;D\nC;D", ["A", "B", "C"]),
-    "names in blanks": ("1 0 0\n2 4 0\n3 0 3\n4 1 1.5", "1 4\n2 4\n3 4", ["1", "2", "3"]),
+    "names in blanks": ("id x y\n1 0 0\n2 4 0\n3 0 3\n4 1 1.5", "i j\n1 4\n2 4\n3 4", ["1", "2", "3"]),
     "aligned, comments": (
-        *("1   0  0\n\n2   4  0\n3   0  3  # corner\n4   1  1.5", "# ends\n  1 4\n  2 4\n  3 4"),
+        *("id  x  y\n1   0  0\n\n2   4  0\n3   0  3  # corner\n4   1  1.5", "# ends\n  u v\n  1 4\n  2 4\n  3 4"),
         ["1", "2", "3"],
     ),
-    "from one": ("0 0\n4 0\n0 3\n1 1.5", "1 4\n2 4\n3 4", [1, 2, 3]),
-    "commas in blanks": ("0,0 0\n4,0 0,0\n0 3\n1,0 1,5", "1 4\n2 4\n3 4", [1, 2, 3]),
-    "tabs": ("0,0\t0\n4,0\t0\n0\t3\n1\t1,5", "0\t3\n1\t3\n2\t3", [0, 1, 2]),
-    "unknown header": ("X,Y\n0,0\n4,0\n0,3\n1,1.5e0", "a,b\n0,3\n1,3\n2,3", [0, 1, 2]),
+    "from one": ("x y\n0 0\n4 0\n0 3\n1 1.5", "i j\n1 4\n2 4\n3 4", [1, 2, 3]),
+    "commas in blanks": ("x y\n0,0 0\n4,0 0,0\n0 3\n1,0 1,5", "i j\n1 4\n2 4\n3 4", [1, 2, 3]),
+    "tabs": ("x\ty\n0,0\t0\n4,0\t0\n0\t3\n1\t1,5", "i\tj\n0\t3\n1\t3\n2\t3", [0, 1, 2]),
+    "capitals": ("X,Y\n0,0\n4,0\n0,3\n1,1.5e0", "From,To\n0,3\n1,3\n2,3", [0, 1, 2]),
     "quotes": (QUOTED, "edge,head,tail\n0,5,7\n1,5,8\n2,5,9", None),
 }
 
@@ -251,28 +254,64 @@ def test_cells_in_comments_with_every_kind_of_comma(tmp_path, line):
     np.testing.assert_array_equal(network.stiffness, [1.5, 1, 1])
 
 
-def test_workbooks_of_a_user(tmp_path):
-    """Names, empty cells, other sheets and titles."""
-    openpyxl, path = pytest.importorskip("openpyxl"), tmp_path / "n.xlsx"
-    book = openpyxl.Workbook()
-    for title, rows in {
-        "points": [["name", "x", "y", "fixed"], *(["ABCD"[n], *x, n < 3 or None] for n, x in enumerate(STAR))],
-        "bonds": [["from", "to"], *([name, "D"] for name in "ABC")],
-        "remarks": [["measured on Monday"]],
-    }.items():
-        sheet = book.create_sheet(title)
-        for row in rows:
-            sheet.append(row)
-    book.remove(book["Sheet"])
-    book.save(path)
-    read = network_from(path)
-    np.testing.assert_array_equal(read.positions, STAR)
-    assert read.network.edges.tolist() == [[0, 3], [1, 3], [2, 3]] and sorted(read.network.pins) == [0, 1, 2]
-    book.remove(book["points"])
-    book.remove(book["remarks"])
-    book.save(path)
-    with pytest.raises(InputError, match="two tables"):
-        network_from(path)
+@pytest.mark.parametrize("names", [["A", "B", "C", "D"], [7, 8, 9, 10], [7.0, 8.0, 9.0, 10.0], None])
+def test_data_frames_of_pandas(names):
+    ends = np.array(names or range(4))
+    vertices = {"X": [0, 4.0, 0, 1], "y": [0, 0, 3, 1 / 3], "fixed": [1, True, 1.0, None]}
+    vertices = pandas.DataFrame(vertices if names is None else {"id": names, **vertices})
+    edges = pandas.DataFrame({"tail": ends[:3], "head": ends[3], "k": [1.0, 2.0, 0.1], "colour": "red"})
+    for pair in ([edges, vertices], (vertices, edges)):
+        read = network_from(pair)
+        assert read.positions.tolist() == [[0, 0], [4, 0], [0, 3], [1, 1 / 3]] and list(read.network.pins) == [0, 1, 2]
+        assert read.network.edges.tolist() == [[0, 3], [1, 3], [2, 3]] and "not read: colour" in str(read)
+        assert read.network.stiffness.tolist() == [1, 2, 0.1]
+        assert read.vertex_names[2] == {"A": "C", 7: "9"}.get(None if names is None else names[0], "2")
+    arrays = (
+        network_from(edges=edges[["tail", "head"]], positions=vertices[["X", "y"]], pins=[0, 1]) if not names else read
+    )
+    assert arrays.network.n_edges == (3 if names else 2)
+
+
+def test_broken_data_frames_are_one_sentence():
+    vertices = pandas.DataFrame({"x": [0, 1.0, None], "y": [0, 0, 1]})
+    edges = pandas.DataFrame({"tail": [0], "head": [1]})
+    for source, word in (
+        (edges, "two tables"),
+        ([edges, vertices], "row 3 of the second table has '', which is no number"),
+        ([edges, vertices[:0]], "no rows"),
+        ([edges.rename(columns={"head": "nach"}), vertices[:2]], "the first table has no columns for tail and head"),
+    ):
+        with pytest.raises(InputError, match=word):
+            network_from(source)
+
+
+@pytest.mark.parametrize(
+    ("file", "word"),
+    [
+        ("fibres.png", "fibres.png is read by scikit-image and skan, as docs/recipes/pictures.md shows.*labels="),
+        ("fibres.npy", "recipes/pictures.md"),
+        ("network.xlsx", "network.xlsx is read by pandas, as docs/recipes/workbooks.md shows"),
+        ("network.DXF", "network.DXF is read by ezdxf, as docs/recipes/drawings.md shows"),
+    ],
+)
+def test_what_other_libraries_read_has_a_recipe(tmp_path, file, word):
+    (tmp_path / file).write_bytes(b"")
+    with pytest.raises(InputError, match=word) as refusal:
+        network_from(tmp_path / file)
+    (page,) = re.findall(r"docs/recipes/\w+\.md", str(refusal.value))
+    assert (Path(__file__).parents[3] / page).exists()
+
+
+def test_a_picture_is_no_keyword():
+    with pytest.raises(InputError, match=r"recipes/pictures\.md"):
+        network_from(picture=np.eye(9))
+
+
+def test_edges_that_cross_are_reported():
+    x = [[0.0, 0.0], [2, 2], [0, 2], [2, 0], [1, 0.3], [1, 2]]
+    read = network_from(edges=[[0, 4], [1, 4], [2, 4], [3, 5], [5, 0], [5, 4]], positions=x, pins=[0, 1, 2, 3])
+    assert read.network.faces is None and "the network has no faces" in str(read) and "some of them cross" in str(read)
+    assert not read.repaired
 
 
 def test_values_that_are_not_read_are_named(tmp_path):
@@ -349,10 +388,13 @@ def test_a_broken_graph_is_one_sentence(graph, given, word):
         ("x,y\n0,0\n1,0\n", "tail,head\n0,1.5\n", "whole"),
         ("x,y\n0,0\n1,0\n", "tail\n0\n", "tail and head"),
         ("a,b,c,d,e\n0,0,1,2,3\n", "tail,head\n0,1\n", "no columns x"),
+        ("0,0\n1,0\n", "tail,head\n0,1\n", "t_vertices.csv has no header"),
+        ("x,y\n0,0\n1,0\n", "0,1\n1,0\n", "t_edges.csv has no header: name the columns tail and head"),
         ("id,x,y\nA,0,0\nA,1,0\n", "tail,head\nA,A\n", "twice"),
-        ("id,x,y\nA,0,0\nB,1,0\n", "von,nach\nA,B\n", "'von', which the vertex table lacks.*columns tail"),
+        ("id,x,y\nA,0,0\nB,1,0\n", "von,nach\nA,B\n", "no columns for tail and head"),
+        ("id,x,y\nA,0,0\nB,1,0\n", "from,to\nA,C\n", "'C', which the vertex table lacks"),
         ("x,y\n0,0\n1,0\n", "tail,head\nA,C\n", "column id"),
-        ("p,q\nzero,0\none,0\n", "tail,head\n0,1\n", "no number"),
+        ("x,y\nzero,0\none,0\n", "tail,head\n0,1\n", "no number"),
         ("x,y\n0,0\n1,0\n# cell 1 2 3\n", "tail,head\n0,1\n", "cell"),
     ],
 )

@@ -1,0 +1,59 @@
+"""Cables at an onset of rigidity, where strain paths start: taut ones at rest, slack ones below their rest lengths."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from critflow.critical.backbone import backbone
+from critflow.critical.manifold import COLLAPSED, CriticalConfiguration
+from critflow.extras.cables.critical_strain import CriticalStrain
+from critflow.networks.network import Array
+from critflow.paths.start import Beginning, start_of
+from critflow.result import InputError
+from critflow.springs.laws import Cable, SpringLaw, checked_law
+from critflow.springs.state import SpringState
+
+CONSISTENT_LENGTHS = 1e-6  # relative deviation of taut edges from their rest lengths; solutions have 1e-9
+OPENING = 1e-3  # displacements of floppy vertices that give collapsed slack edges a direction, in units of ⟨ℓ⟩
+
+
+@start_of.register
+def _(onset: CriticalStrain, law: SpringLaw | None, taut_only: bool) -> Beginning:
+    """The configuration at the onset."""
+    return start_of(onset.configuration, law, taut_only)
+
+
+def cables_at_onset(critical: CriticalConfiguration, rest: Array, law: SpringLaw | None) -> Beginning:
+    """All edges of an onset as cables of rest lengths ℓ (N_b,)."""
+    taut, law = critical.sigma != 0, Cable() if law is None else law
+    if not (law.one_sided or taut.all()):
+        raise InputError(
+            "slack springs would be compressed at this configuration: choose law=Cable(), or taut_only=True, or relax "
+            "a spring_state with equilibrium() and start from it"
+        )
+    if not np.abs(critical.lengths[taut] / rest[taut] - 1).max() <= CONSISTENT_LENGTHS:
+        raise InputError("the taut edges do not have these rest lengths: give those of which the configuration is made")
+    if not (critical.lengths > COLLAPSED * critical.lengths.mean()).all():
+        critical = _opened(critical, float(rest.mean()))
+    rest = np.where(taut, critical.lengths, rest)
+    law = checked_law(law, rest, critical.network.stiffness)
+    springs = SpringState(critical.network, rest, critical.coordinates, critical.bond_vectors, law)
+    return Beginning(springs, critical.sigma)
+
+
+def _opened(critical: CriticalConfiguration, length: float) -> CriticalConfiguration:
+    """The configuration with its floppy vertices displaced a little, so that every slack edge has a direction."""
+    network, floppy = critical.network, backbone(critical).floppy_vertices
+    x = critical.coordinates.copy()
+    x[floppy] += OPENING * length * np.random.default_rng(0).standard_normal((len(floppy), network.dimension))
+    x = x if network.pins else x - x[0]
+    L = np.where((critical.sigma != 0)[:, None], critical.bond_vectors, network.bond_vectors(x))
+    lengths = np.linalg.norm(L, axis=1)
+    if not (lengths > COLLAPSED * lengths.mean()).all():
+        raise InputError(
+            f"the slack edge {int(lengths.argmin())} joins two vertices of the taut part at one place, so it has no "
+            "direction: vary the rest lengths a little, or follow the taut part with taut_only=True"
+        )
+    return replace(critical, coordinates=x, bond_vectors=L)

@@ -1,0 +1,61 @@
+"""Elasticity of networks at coordinates, and of states of springs, that are at rest."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from critflow.critical.backbone import taut_edges, taut_networks
+from critflow.extras.rest.at_rest import Springs, response_at_rest
+from critflow.networks.network import Network, validated_coordinates
+from critflow.response.elasticity import ElasticResponse, Options, elastic_response, total_response
+from critflow.response.tensor import Elasticity, Errors
+from critflow.result import InputError, Solution
+from critflow.springs.state import SpringState, edge_directions, spring_state
+
+# Change of a tensor by a stress that counts as rounding, relative to the affine tensor and to the largest σ over the
+# largest k: 0.6 was found in random networks just past the transition.
+NEGLECTED = 5.0
+
+
+@elastic_response.register(Network)
+def _of_network(network: Network, volume: float, options: Options) -> Solution[Elasticity]:
+    """The response of springs at coordinates, at rest if they have no other rest lengths."""
+    coordinates, rest, taut, law, _ = options
+    if coordinates is None:
+        raise InputError("the elasticity of a network depends on its configuration: give coordinates")
+    if taut is not None and not taut_edges(network, taut).all():
+        if rest is not None:
+            raise InputError("taut edges are those of springs at rest: for rest lengths choose law=Cable()")
+        return _of_taut(network, coordinates, taut, volume)
+    if rest is None:
+        rest = np.linalg.norm(edge_directions(network, coordinates)[1], axis=1)
+    response: Solution[Elasticity] = elastic_response(spring_state(network, rest, coordinates, law), volume, options)
+    return response
+
+
+def _of_taut(network: Network, coordinates: ArrayLike, taut: ArrayLike, volume: float) -> ElasticResponse:
+    """The response of all connected parts of the taut edges at rest."""
+    x, mask = validated_coordinates(network, coordinates), taut_edges(network, taut)
+    parts = taut_networks(network, mask)
+    total = total_response([response_at_rest(part, x[vertices], volume) for part, _, vertices in parts])
+    slack = f"{np.count_nonzero(~mask)} of {network.n_edges} edges are slack: the moduli are those of the taut part"
+    return replace(total, note=f"{total.note}; {slack}" if total.note else slack)
+
+
+def state_at_rest(
+    state: SpringState, volume: float, perimeters: Callable[[Springs], Springs] | None = None
+) -> ElasticResponse:
+    """The response of springs whose stress is rounding; its effect is part of the errors.
+
+    perimeters  as of `response_at_rest`
+    """
+    response = response_at_rest(state.network, state.coordinates, volume, perimeters)
+    value, stress = response.value, float(np.abs(state.sigma).max() / np.abs(state.edge_stiffness).max())
+    if not stress:
+        return response
+    errors = value.errors.tensor + NEGLECTED * stress * np.abs(value.affine).max()
+    return replace(response, value=replace(value, errors=Errors.of_tensor(errors, state.network.dimension)))

@@ -1,0 +1,98 @@
+"""Elasticity and stiffening of tissues at the transition: springs on perimeters in place of those on edges."""
+
+from __future__ import annotations
+
+from dataclasses import astuple, replace
+from functools import partial
+
+import numpy as np
+
+from critflow.critical.manifold import CriticalManifold
+from critflow.extensions import provided
+from critflow.extras.tissue.face_springs import FaceSprings
+from critflow.extras.tissue.state import TissueState
+from critflow.extras.tissue.tissue import CriticalTissue
+from critflow.extras.tissue.tissue_energy import PerimeterSystem, TissueEnergy, balanced_system
+from critflow.linalg.tolerances import EPS
+from critflow.networks.deformation import Deformation
+from critflow.response.at_transition import strain_rates, tensor_of_self_stress
+from critflow.response.coefficients import Stiffening, StiffeningSolution, coefficients, failed, with_status
+from critflow.response.elasticity import (
+    AT_REST,
+    ElasticResponse,
+    Options,
+    elastic_response,
+    of_one_self_stress,
+    under_stress,
+)
+from critflow.response.linear_response import linear_response
+from critflow.response.stiffening import exact_stiffening
+from critflow.response.tensor import Elasticity
+from critflow.result import InputError, Solution, Status
+from critflow.springs.laws import HOOKEAN, SpringLaw
+
+SLACK_FACE = 1e-9  # tension of a face without any, relative to the largest
+# Unbalanced force of a critical tissue over its mean tension, from which exact balance is a small correction.
+BALANCED_TISSUE = 1e-8
+# Errors of a tissue are the largest change in two samples of perturbed bond vectors, times ten.
+_SAMPLES, _SAMPLE_MARGIN = 2, 10.0
+
+
+@elastic_response.register(CriticalTissue)
+def _elasticity(tissue: CriticalTissue, volume: float, _: Options) -> ElasticResponse:
+    """The response of the perimeters in tension, at rest where these have several self-stresses."""
+    critical, tense = tissue.configuration, tissue.face_tensions > SLACK_FACE * tissue.face_tensions.max()
+    faces = FaceSprings(tissue.faces.sides[tense], tissue.faces.stiffness[tense])
+    if not faces.several_self_stresses(critical.network, critical.bond_vectors):
+        return of_one_self_stress(_of_self_stress(tissue, volume), critical.residual)
+    response: ElasticResponse = provided("response_at_rest", AT_REST)(
+        critical.network, critical.coordinates, volume, faces.of_edges
+    )
+    return response
+
+
+@elastic_response.register(TissueState)
+def _of_state(state: TissueState, volume: float, options: Options) -> Solution[Elasticity]:
+    """The response of perimeters under stress, or of those at rest."""
+    if under_stress(state, options.tolerance):
+        return linear_response(state, volume)
+    response: ElasticResponse = provided("state_at_rest", AT_REST)(state, volume, state.faces.of_edges)
+    return response
+
+
+def _of_self_stress(tissue: CriticalTissue, volume: float) -> Elasticity:
+    """V C_ab = (T·ṗ_a)(T·ṗ_b)/Σ T²/κ of the tensions T and the rates ṗ_a of the perimeters; errors are unknown."""
+    configuration, faces = tissue.configuration, tissue.faces
+    rates = (strain_rates(configuration.bond_vectors) / configuration.lengths) @ faces.sides.T
+    return tensor_of_self_stress(tissue.face_tensions, rates, 1 / faces.stiffness, tissue.network.dimension, volume)
+
+
+@exact_stiffening.register(CriticalTissue)
+def _stiffening(
+    tissue: CriticalTissue, path: Deformation, law: SpringLaw, _manifold: CriticalManifold | None
+) -> StiffeningSolution:
+    """The coefficients, whose errors are ten times the largest change in two samples of perturbed bond vectors."""
+    if law != HOOKEAN:
+        raise InputError("springs on perimeters are Hookean: leave out law=")
+    if path.free:
+        return failed(Status.floppy, "free components of the cell relax the tensions of a tissue: fix the cell")
+    if not ((tissue.face_tensions > 0).all() and tissue.configuration.residual < BALANCED_TISSUE):
+        raise InputError("faces without tension and edges without length leave no response: change the perimeters")
+    system, errors = balanced_system(tissue)
+    if tissue.faces.several_self_stresses(tissue.network, system.bond_vectors):
+        raise InputError(
+            "this requires one self-stress and the perimeters have several: follow strain_path() and fit its moduli"
+        )
+    if system.soft:
+        return failed(Status.unstable, "the tensions of the faces do not stabilise all zero modes")
+    V, rng = tissue.network.volume, np.random.default_rng(0)
+    exact = coefficients(partial(TissueEnergy, system), V, path)
+    samples = []
+    for _ in range(_SAMPLES):
+        noise = (errors * rng.standard_normal(errors.shape))[:, None]
+        other = PerimeterSystem(tissue, system.tensions, system.bond_vectors * (1 + noise))
+        there = coefficients(partial(TissueEnergy, other), V, path).value
+        samples.append(np.abs(np.subtract(astuple(there), astuple(exact.value))))
+    changes = _SAMPLE_MARGIN * (np.max(samples, axis=0) + EPS * np.abs(astuple(exact.value)))
+    error = Stiffening(*map(float, changes))
+    return with_status(replace(exact, error=error))

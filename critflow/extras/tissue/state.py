@@ -1,0 +1,99 @@
+"""Springs on the perimeters of faces in a configuration: what differs from springs on edges.
+
+Hookean springs E = ½ Σ_f κ_f (p_f − p0_f)² on perimeters p = A|L| have tensions T = κ(p − p0), which add up on the
+edges, τ = Aᵀ T, and couple the edges of each face (`face_springs`).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+import scipy.sparse as sp
+
+from critflow.extras.tissue.face_springs import FaceSprings
+from critflow.linalg.factor import FixedPattern
+from critflow.linalg.matrices import pair_laplacian
+from critflow.linalg.tolerances import EPS
+from critflow.networks.network import Array
+from critflow.precision.double_double import Extended, lengths
+from critflow.precision.geometry import exact_sums
+from critflow.springs.state import TAUT, SpringState
+
+COLLAPSING_LENGTH = 1e-3  # in a failed relaxation an edge below this part of the mean length is reported as collapsing
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class TissueState(SpringState):
+    """Springs on the perimeters of `faces`, of rest lengths p0 (N_f,): a `SpringState` with (N_f,) for its springs."""
+
+    faces: FaceSprings = field(kw_only=True)
+
+    @property
+    def stiffness(self) -> Array:
+        """κ, (N_f,)."""
+        return self.faces.stiffness
+
+    @property
+    def spring_lengths(self) -> Array:
+        """p = A|L|, (N_f,)."""
+        return self.faces.sides @ self.lengths
+
+    @property
+    def face_tensions(self) -> Array:
+        """T, (N_f,)."""
+        return self.tension
+
+    def edge_tension(self, tension: Array) -> Array:
+        """τ = Aᵀ T (N_b,) of tensions T (N_f,)."""
+        return self.faces.sides.T @ tension
+
+    @property
+    def edge_stiffness(self) -> Array:
+        """Row sums (N_b,) of Aᵀ κ A: a matrix without negative entries is at most the diagonal of these."""
+        return np.asarray(self.faces.overlap.sum(axis=1))
+
+    def couplings(self, stiffness: Array, sigma: Array) -> sp.coo_array:
+        """K = Aᵀ κ A/(|L||L|) − σ/|L|² (N_b, N_b) of stresses σ (N_b,)."""
+        pairs, length = self.faces.overlap, self.lengths
+        values = pairs.data / (length[pairs.row] * length[pairs.col])
+        same = pairs.row == pairs.col
+        values[same] -= (sigma / length**2)[pairs.row[same]]
+        return sp.coo_array((values, (pairs.row, pairs.col)), shape=pairs.shape)
+
+    @property
+    def axial_stiffness(self) -> sp.coo_array:
+        """∂²E/∂|L|∂|L| = Aᵀ κ A, (N_b, N_b)."""
+        return self.faces.overlap
+
+    def pattern(self) -> FixedPattern:
+        """The pattern of the Hessian, with a block for each two edges of one face."""
+        return pair_laplacian(self.network, (self.faces.overlap.row, self.faces.overlap.col))
+
+    def blocks(self, K: sp.coo_array, sigma: Array) -> Array:
+        """Values for the pattern of K L Lᵀ + σ 1."""
+        L = self.bond_vectors
+        blocks = K.data[:, None, None] * L[K.row, :, None] * L[K.col, None, :]
+        same = np.flatnonzero(K.row == K.col)
+        blocks[same] += sigma[K.row[same], None, None] * np.eye(L.shape[1])
+        return np.asarray(blocks.ravel())
+
+    @property
+    def stress_rounding(self) -> Array:
+        """Rounding error of σ, (N_b,)."""
+        return EPS * self.edge_tension(self.stiffness * self.spring_lengths) / self.lengths
+
+    def exact_stress(self, bond_vectors: Extended) -> Array:
+        """σ (N_b,) of other bond vectors (N_b, d), accurate to the rounding of σ itself."""
+        exact, rest = lengths(bond_vectors), self.rest_lengths
+        extension = exact_sums(self.faces.sides, exact, rest)
+        return self.edge_tension(self.law.tension(extension, rest, self.stiffness)) / exact.high
+
+    def taut(self, least: float = TAUT) -> bool:
+        """False: perimeters leave open the length of a single edge."""
+        return False
+
+    def collapsing_edge(self) -> int | None:
+        """An edge that shrinks to zero length in a relaxation that failed: no perimeter resists that."""
+        edge = int(self.lengths.argmin())
+        return edge if self.lengths[edge] < COLLAPSING_LENGTH * self.lengths.mean() else None
