@@ -24,8 +24,10 @@ def __getattr__(name: str) -> _Any:
         package, _, module = str(error.name).partition(".extras.")
         if package != __name__:
             raise
-        missing = f"the extra {module.partition('.')[0]!r}, which is not installed: install critflow again"
-        raise AttributeError(f"critflow.{name} belongs to {missing}") from error
+        extra = module.partition(".")[0]
+        relation = "belongs to" if _import_module("critflow.extensions").missing(name) == extra else "needs"
+        sentence = f"critflow.{name} {relation} the extra {extra!r}, which is not installed: install critflow again"
+        raise AttributeError(sentence) from error
 
 
 def __dir__() -> list[str]:

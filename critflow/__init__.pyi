@@ -59,4 +59,5 @@ from .springs.laws import SpringLaw as SpringLaw
 from .springs.laws import WormLike as WormLike
 from .springs.state import spring_state as spring_state
 
+__all__: list[str]
 __version__: str

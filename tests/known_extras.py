@@ -13,7 +13,7 @@ STUB = Path(critflow.__file__).with_suffix(".pyi")
 def public_names(extra):
     """The public names of critflow that live in an extra."""
     nodes = [node for node in ast.parse(STUB.read_text(encoding="utf-8")).body if isinstance(node, ast.ImportFrom)]
-    return {alias.name for node in nodes for alias in node.names if node.module.startswith(f"{extra.package}.")}
+    return {alias.name for node in nodes for alias in node.names if node.module.startswith(f"extras.{extra.name}.")}
 
 
 def declared():

@@ -7,7 +7,6 @@ the edges, offsets, cell and pins alone.
 from __future__ import annotations
 
 from collections import Counter
-from functools import lru_cache
 from hashlib import sha256
 from itertools import pairwise
 
@@ -19,7 +18,6 @@ from critflow import (
     Network,
     Status,
     critical_from_lengths,
-    critical_from_perimeters,
     diluted,
     equilibrium,
     lattice,
@@ -393,15 +391,27 @@ def partly_compressed(n_vertices, seed):
     return CriticalManifold(network).configuration(sigma)
 
 
-@lru_cache
-def disordered_tissue(seed=1, n_vertices=100, varied=False):
-    """Faces of equal perimeters, or of random ones, and their transition."""
-    rng, n_faces = np.random.default_rng(seed), n_vertices // 2
-    perimeters = 1 + 0.03 * rng.standard_normal(n_faces) if varied else np.ones(n_faces)
-    stiffness = rng.uniform(0.5, 2.0, n_faces) if varied else 1.0
-    solution = critical_from_perimeters(voronoi_network(n_vertices, seed=seed), perimeters, stiffness=stiffness)
-    assert solution.status is Status.ok
-    return perimeters, solution
+def subdivided_square(n):
+    """A square lattice with a vertex in the middle of each edge: one self-stress per line, at most 2 N_v edges.
+
+    Every line of length n has 2n springs: B = 2n (n/2)²/(2n)/n² = ¼, G = 0.
+    """
+    edges, offsets = [], []
+    for column, row in np.ndindex(n, n):
+        site = 3 * (column * n + row)
+        right, above = 3 * ((column + 1) % n * n + row), 3 * (column * n + (row + 1) % n)
+        edges += [(site, site + 1), (site + 1, right), (site, site + 2), (site + 2, above)]
+        offsets += [(0, 0), (int(column + 1 == n), 0), (0, 0), (0, int(row + 1 == n))]
+    return Network(edges, offsets, n * np.eye(2))
+
+
+def stressed_lines(n):
+    """The subdivided square with a different stress on every line."""
+    network = subdivided_square(n)
+    line = np.linspace(0.5, 1.5, 2 * n)
+    column, row = np.divmod(np.arange(n * n), n)
+    sigma = np.stack([line[row], line[row], line[n + column], line[n + column]], axis=1).ravel()
+    return CriticalManifold(network).configuration(sigma)
 
 
 def strained(network: Network, gamma: float, seed: int = 1):

@@ -1,26 +1,39 @@
-"""The public functions: those whose arguments are checked, at the top level or in their folder."""
+"""The public functions: those at the top level, and those of modules that the reference of the documents lists."""
 
 import inspect
-import pkgutil
 from importlib import import_module
 
 import critflow
+from critflow.extensions import extras
 
 NAMES = sorted(critflow.__all__)
 """The names at the top level."""
 
+IN_MODULES = {
+    "certificates.counts": ("zero_modes",),
+    "critical.backbone": ("backbone",),
+    "critical.isogonal": ("face_modes",),
+    "critical.properties": ("stress_hessian", "flat_directions"),
+    "critical.transition": ("transition_modulus",),
+    "extras.cables.rigidity_surface": ("strain_plane",),
+    "extras.design_stiffness.stiffnesses": ("isotropic_targets",),
+    "extras.tensegrity.second_order": ("second_order_rigidity",),
+    "extras.tensegrity.signed_stress": ("signed_stress",),
+    "extras.weak.soft_spectrum": ("soft_spectrum",),
+    "extras.weak.weak_equilibrium": ("weak_equilibrium",),
+    "generators.random_points": ("random_sequential_addition",),
+    "networks.deformation": ("deformation_of",),
+    "networks.faces": ("planar_faces",),
+    "springs.hessian": ("geometric_split", "hookean_split", "bond_operator"),
+}
+"""Further functions whose arguments are checked, by module."""
+
 
 def checked_functions():
-    """Functions by name: those of all modules of physics whose arguments are checked, and those at the top level."""
-    functions = {name: f for name in NAMES if inspect.isfunction(f := getattr(critflow, name))}
-    for module in pkgutil.walk_packages(critflow.__path__, "critflow."):
-        apart = ("command", "explore", "workflow", "progress", "__main__")
-        of_command = module.name.endswith((".command", ".hints"))
-        if of_command or module.name.startswith(tuple(f"critflow.{name}" for name in apart)):
-            continue
-        for name, f in vars(import_module(module.name)).items():
-            if inspect.isfunction(f) and hasattr(f, "__wrapped__") and f.__module__ == module.name:
-                # Those that are registered by the kind of their first argument have it checked by their caller.
-                if not name.startswith("_") and not hasattr(f, "register"):
-                    functions.setdefault(name, f)
+    """Functions by name whose arguments are checked: of the top level and of modules, without deleted extras."""
+    functions = {name: f for name in NAMES if inspect.isfunction(f := getattr(critflow, name, None))}
+    for module, names in IN_MODULES.items():
+        ring, extra, *_ = module.split(".")
+        if ring != "extras" or extra in extras():
+            functions |= {name: getattr(import_module(f"critflow.{module}"), name) for name in names}
     return functions

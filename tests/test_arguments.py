@@ -10,11 +10,21 @@ from pathlib import Path
 import numpy as np
 import pytest
 from problems import square_octagon
-from public import checked_functions
+from public import NAMES, checked_functions
 
-from critflow import AngleSprings, CritflowError, CriticalManifold, InputError, Network, examine, lattice, spring_state
-from critflow.arguments import checked, generator
-from critflow.critical.curvature import StereographicChart
+from critflow import (
+    AngleSprings,
+    CritflowError,
+    CriticalManifold,
+    InputError,
+    Network,
+    examine,
+    lattice,
+    progress,
+    spring_state,
+    threads,
+)
+from critflow.arguments import generator, of_kind
 
 NETWORK = square_octagon()
 MANIFOLD = CriticalManifold(NETWORK)
@@ -59,7 +69,6 @@ RIGHT = {
     "edge": 0,
     "tail": 0,
     "head": 1,
-    "chart": StereographicChart.about(CRITICAL.sigma),
     "s": np.zeros(5),
     "deformation": "dilation",
     "thing": CRITICAL,
@@ -119,7 +128,6 @@ def arguments_of(name):
 @pytest.mark.parametrize("name", FUNCTIONS)
 def test_wrong_arguments_of_every_public_function_raise_one_sentence(name):
     right = arguments_of(name)
-    assert hasattr(FUNCTIONS[name], "__wrapped__"), "decorate public functions with `checked`"
     for key, wrong in itertools.product(right, WRONG):
         if (name, key, wrong) in SLOW:
             continue
@@ -132,9 +140,36 @@ def test_wrong_arguments_of_every_public_function_raise_one_sentence(name):
             raise AssertionError(f"{name}({key} = {wrong}) raised {type(error).__name__}: {error}") from error
 
 
-@checked
-def example(network: Network, number: float, count: int = 1, rng: np.random.Generator | None = None, flag: bool = True):
-    return network, number, count
+# Functions of the top level that compute next to nothing, or wait for the disk.
+QUICK = {"lattice", "network_from", "quantity", "spring_state", "three_bar_linkage", "tissue", "write_network"}
+
+
+class Computing(Exception):
+    """Raised where a call begins to compute."""
+
+
+@pytest.mark.parametrize("name", sorted(name for name in FUNCTIONS if name in NAMES and name not in QUICK))
+def test_a_function_that_may_take_long_shows_its_name_and_sets_the_threads(name, monkeypatch):
+    names = []
+
+    def controller():
+        names.append("threads")
+        raise Computing
+
+    monkeypatch.setattr(progress, "_visible", lambda: True)
+    monkeypatch.setattr(progress._LINE, "begin", names.append)
+    monkeypatch.setattr(threads, "_controller", controller)
+    with pytest.raises(Computing):
+        FUNCTIONS[name]()
+    assert names == [name, "threads"]
+
+
+def example(network, number, count=1, rng=None, flag=True):
+    network = of_kind(Network, network=network)
+    of_kind(float, number=number)
+    of_kind(np.random.Generator, None, rng=rng)
+    of_kind(bool, flag=flag)
+    return network, number, of_kind(int, count=count)
 
 
 def test_the_sentence_names_the_argument_its_kind_and_the_way_out():

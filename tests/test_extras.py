@@ -80,17 +80,12 @@ def test_extras_do_not_need_each_other_in_a_circle():
 
 # Tests of the scene that still use an extra.  This list may only become shorter.
 MIXED = {
-    "certificates/test_counts.py",
-    "certificates/test_frameworks.py",
     "critical/test_properties.py",
     "figures/test_plot.py",
     "lengths/test_cone.py",
     "optimisation/test_largest_modulus.py",
-    "paths/test_continuation.py",
-    "paths/test_strain_path.py",
     "precision/test_refinement.py",
     "problems.py",
-    "response/test_elasticity.py",
     "test_arguments.py",
     "test_input.py",
 }

@@ -476,8 +476,6 @@ COMMANDS = {
             ["figures", "RESULTS", "--format", "gif"],
             *(2, "figures can be png, pdf, svg", "not 'gif'"),
         ),
-    },
-    "examine": {
         "show no dataset": (["show", "nowhere.nc"], 2, "there is no dataset nowhere.nc", "run the study first"),
         "show a folder": (["show", "folder"], 2, "folder is a folder", "give the dataset NAME.nc in it"),
         "show a text": (["show", "text.txt"], 4, "text.txt is damaged", "run the study again"),
@@ -492,6 +490,14 @@ COMMANDS = {
         "show several": (
             ["show", "RESULTS/tiny.nc", "--set", "seed=1"],
             *(2, "which population?", "add --set population=random"),
+        ),
+        "show in no folder": (
+            ["show", "RESULTS/tiny.nc", "--set", "seed=1", "--out", "nowhere/x.png"],
+            *(2, "there is no folder nowhere for x.png", "make it, or choose another"),
+        ),
+        "show as a text": (
+            ["show", "RESULTS/tiny.nc", "--set", "seed=1", "--out", "x.doc"],
+            *(2, "a picture cannot have the ending '.doc'", "choose .png, .pdf or .svg"),
         ),
     },
     "examine files": {
@@ -516,6 +522,14 @@ COMMANDS = {
             ["convert", "star.csv", "x.npz", "--pins", "hull"],
             *(2, "the ending '.npz' of 'x.npz'", "choose one of .csv"),
         ),
+        "convert a picture": (
+            ["convert", "fibres.png", "x.json"],
+            *(2, "fibres.png is read by scikit-image and skan", "docs/recipes/pictures.md", "--labels for a mask"),
+        ),
+        "convert to a workbook": (
+            ["convert", "star.csv", "x.xlsx", "--pins", "hull"],
+            *(2, "x.xlsx is written by pandas", "docs/recipes/workbooks.md", "choose .csv"),
+        ),
     },
     "explore": {
         "explore at too large a port": (["explore", "--port", "99999"], 2, "'--port'", "less than or equal to 65535"),
@@ -523,7 +537,7 @@ COMMANDS = {
     "explore files": {
         "explore no file": (["explore", "nowhere.csv"], 2, "no file nowhere_edges.csv", "check its name"),
     },
-    "targets files": {
+    "make": {
         "make without --out": (["make", "star.csv"], 2, "Missing option '--out'"),
         "make a target without its value": (
             ["make", "star.csv", "--pins", "hull", "--out", "m.csv", "--target", "C_B"],

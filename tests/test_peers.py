@@ -28,7 +28,7 @@ from critflow import (
     voronoi_network,
 )
 from critflow.certificates.counts import zero_modes
-from critflow.extras.targets.stiffnesses import isotropic_targets
+from critflow.extras.design_stiffness.stiffnesses import isotropic_targets
 from critflow.extras.tensegrity.second_order import second_order_rigidity
 from critflow.extras.weak.soft_spectrum import soft_spectrum
 from critflow.networks.deformation import strain_basis

@@ -14,12 +14,11 @@ PREPARED = """
 import sys, time
 import critflow
 from critflow import progress
-from critflow.arguments import checked
 progress.PATIENCE, progress.PERIOD = 0.0, 0.02
-@checked
+@progress.running("inner")
 def inner(step: int) -> None:
     time.sleep(0.1)
-@checked
+@progress.running("outer")
 def outer(n: int) -> None:
     for step in progress.counted(range(n), "step"):
         inner(step)

@@ -10,7 +10,7 @@ import pytest
 # Counts that must not be exceeded; `way_of_a_call.py` defines them.  Lower them with the code, and never raise them.
 CEILINGS = {
     "run ensemble": {"lines": 20_436, "modules": 121},
-    "strain path": {"files": 27, "functions": 219, "classes": 30},
+    "strain path": {"files": 27, "functions": 204, "classes": 30},
     "optimize G_0": {"files": 20, "functions": 120, "classes": 24},
 }
 

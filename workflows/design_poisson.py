@@ -7,7 +7,7 @@ that shares no code with the design.  `design_reach` has the ratios of networks 
 import numpy as np
 
 import critflow as cf
-from critflow.extras.targets.stiffnesses import isotropic_targets
+from critflow.extras.design_stiffness.stiffnesses import isotropic_targets
 from critflow.networks.deformation import strain_basis
 from critflow.result import StudyError
 from critflow.workflow import Claim, Coordinate

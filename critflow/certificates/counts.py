@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from critflow.arguments import checked
+from critflow.arguments import of_kind
 from critflow.certificates.prestress import stable_margin
 from critflow.certificates.spectrum import ITERATION_ERROR, Spectrum, edge_without_length, rounding_note
 from critflow.critical.backbone import Mask, backbone, taut_edges, taut_networks
@@ -24,7 +24,9 @@ from critflow.linalg.saddle import Saddle, positive
 from critflow.linalg.tolerances import LARGEST_DENSE
 from critflow.networks.checks import edge_values
 from critflow.networks.network import Array, IntArray, Network, validated_coordinates
+from critflow.progress import running
 from critflow.result import InputError, Record, Solution, Stats, Status
+from critflow.threads import one_blas_thread
 
 # Unbalanced forces below this, relative to the mean tension, are those of a self-stress: configurations from σ leave
 # 1e-15, coordinates of eight digits 1e-8.
@@ -79,7 +81,8 @@ class ZeroModes(Record):
     smallest_nonzero: float
 
 
-@checked
+@running("rigidity")
+@one_blas_thread()
 def rigidity(
     network: Network,
     coordinates: ArrayLike,
@@ -107,6 +110,11 @@ def rigidity(
     >>> counts.n_self_stresses, counts.first_order_rigid
     (11, True)
     """
+    network = of_kind(Network, network=network)
+    of_kind(np.ndarray, coordinates=coordinates)
+    of_kind(float, None, tolerance=tolerance)
+    of_kind(bool, vectors=vectors)
+    of_kind(np.ndarray, None, taut=taut)
     kept = np.ones(network.n_edges, bool) if taut is None else taut_edges(network, taut)
     if not kept.all():
         return _rigidity_of_taut(network, coordinates, tolerance, vectors, kept)
@@ -176,7 +184,8 @@ def _total(network: Network, parts: Sequence[tuple[Rigidity, IntArray]]) -> Rigi
     )
 
 
-@checked
+@running("zero_modes")
+@one_blas_thread()
 def zero_modes(network: Network, coordinates: ArrayLike, tolerance: float | None = None) -> Solution[ZeroModes]:
     """All zero modes of a configuration (N_v, d), separate from the translations of a periodic network.
 
@@ -188,6 +197,9 @@ def zero_modes(network: Network, coordinates: ArrayLike, tolerance: float | None
     >>> zero_modes(network, network.positions).value.modes.shape
     (3, 8, 2)
     """
+    network = of_kind(Network, network=network)
+    of_kind(np.ndarray, coordinates=coordinates)
+    of_kind(float, None, tolerance=tolerance)
     x = validated_coordinates(network, coordinates)
     d, n_vertices = network.dimension, network.n_vertices
     if note := edge_without_length(np.linalg.norm(network.bond_vectors(x), axis=1)):
@@ -237,7 +249,8 @@ class StressSpace(Record):
         return float(np.linalg.norm(stress - (self.basis @ stress) @ self.basis)) / size
 
 
-@checked
+@running("self_stresses")
+@one_blas_thread()
 def self_stresses(critical: CriticalConfiguration, tolerance: float | None = None) -> Solution[StressSpace]:
     """The space of all stresses that give the same configuration as a critical one.
 
@@ -250,6 +263,8 @@ def self_stresses(critical: CriticalConfiguration, tolerance: float | None = Non
     >>> cf.self_stresses(cf.optimize(network, 'bulk_modulus')).ok
     True
     """
+    critical = of_kind(CriticalConfiguration, critical=critical)
+    of_kind(float, None, tolerance=tolerance)
     counts = rigidity(critical.network, critical.coordinates, tolerance)
     basis = counts.value.self_stresses
     if len(basis):
@@ -314,7 +329,8 @@ class Certificate(Record):
     n_unstressed_vertices: int = 0
 
 
-@checked
+@running("certify")
+@one_blas_thread()
 def certify(critical: CriticalConfiguration) -> Certificate:
     """Check a critical configuration from its coordinates and stresses alone; of slack ones the taut part.
 
@@ -326,6 +342,7 @@ def certify(critical: CriticalConfiguration) -> Certificate:
     >>> certificate.n_self_stresses, certificate.rigid
     (1, True)
     """
+    critical = of_kind(CriticalConfiguration, critical=critical)
     bone = backbone(critical)
     tensions = critical.tensions[bone.taut]
     found = [_certified(component, critical.residual) for component in bone.components]

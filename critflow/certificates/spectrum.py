@@ -12,7 +12,7 @@ from functools import cached_property
 import numpy as np
 from scipy.sparse.linalg import ArpackNoConvergence, LinearOperator, eigsh
 
-from critflow.critical.manifold import COLLAPSED
+from critflow.critical.edge_lengths import COLLAPSED
 from critflow.linalg.factor import FixedPattern
 from critflow.linalg.matrices import block_laplacian, edge_blocks, spread_columns
 from critflow.linalg.tolerances import EPS

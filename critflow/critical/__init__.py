@@ -1,1 +1,1 @@
-"""The critical manifold: stress to configuration, objectives, curvature, stress Hessian."""
+"""The critical manifold: stress to configuration, quantities, stress Hessian."""

@@ -15,11 +15,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from critflow.arguments import checked
+from critflow.arguments import of_kind
 from critflow.critical.manifold import CriticalConfiguration, CriticalManifold, critical_configuration
 from critflow.networks.blocks import components as connected
 from critflow.networks.network import IntArray, Network
+from critflow.progress import running
 from critflow.result import InputError, Record
+from critflow.threads import one_blas_thread
 
 Mask = NDArray[np.bool_]
 
@@ -65,7 +67,8 @@ class Backbone(Record):
         return self.configuration.network
 
 
-@checked
+@running("backbone")
+@one_blas_thread()
 def backbone(critical: CriticalConfiguration) -> Backbone:
     """The stressed edges, σ ≠ 0, of a critical configuration, as networks of their own.
 
@@ -84,6 +87,7 @@ def backbone(critical: CriticalConfiguration) -> Backbone:
     >>> int(found.taut.sum()), len(found.components)
     (30, 1)
     """
+    critical = of_kind(CriticalConfiguration, critical=critical)
     sigma, taut = critical.sigma, critical.sigma != 0
     if not (np.isfinite(sigma).all() and np.isfinite(critical.bond_vectors).all() and taut.any()):
         raise InputError("the stress is zero or not finite: look at the status of its solution")

@@ -24,13 +24,15 @@ import scipy
 import scipy.sparse as sp
 from numpy.typing import ArrayLike
 
-from critflow.arguments import checked
+from critflow.arguments import of_kind
 from critflow.critical.manifold import CriticalConfiguration, critical_configuration
 from critflow.linalg.matrices import spread_columns
 from critflow.linalg.tolerances import LARGEST_DENSE
 from critflow.networks.checks import edge_values
 from critflow.networks.network import Array, Network
+from critflow.progress import running
 from critflow.result import InputError, Record, Solution, Stats, Status
+from critflow.threads import one_blas_thread
 
 FLAT_TRIANGLE = 1e-12  # twice the area of a degenerate force triangle, over the square of the mean tension
 
@@ -124,7 +126,6 @@ def has_face_modes(network: Network) -> bool:
     return network.dimension == 2 and not network.pins and network.faces is not None and bool((degree == 3).all())
 
 
-@checked
 def face_modes(critical: CriticalConfiguration) -> IsogonalModes:
     """One isogonal mode for every face, sparse and local: sides move outwards by ⟨τ⟩/τ_α, corners along their spokes.
 
@@ -142,6 +143,7 @@ def face_modes(critical: CriticalConfiguration) -> IsogonalModes:
     >>> face_modes(cf.optimize(cf.lattice("honeycomb", 2, 2), 'bulk_modulus')).n_independent
     3
     """
+    critical = of_kind(CriticalConfiguration, critical=critical)
     network, faces = critical.network, critical.network.faces
     if faces is None or not has_face_modes(network):
         raise InputError("faces, a cell of the plane and three edges a vertex are needed: use isogonal_modes instead")
@@ -168,7 +170,8 @@ def face_modes(critical: CriticalConfiguration) -> IsogonalModes:
     return IsogonalModes(critical, displacements, elongations, faces.n_faces - 1)
 
 
-@checked
+@running("isogonal_modes")
+@one_blas_thread()
 def isogonal_modes(critical: CriticalConfiguration, tolerance: float = 1e-8) -> IsogonalModes:
     """The isogonal modes of any small planar configuration, orthonormal in the displacements of the free vertices.
 
@@ -180,6 +183,8 @@ def isogonal_modes(critical: CriticalConfiguration, tolerance: float = 1e-8) -> 
     >>> cf.isogonal_modes(cf.optimize(network, 'bulk_modulus')).n_independent
     9
     """
+    critical = of_kind(CriticalConfiguration, critical=critical)
+    of_kind(float, tolerance=tolerance)
     network = critical.network
     if network.dimension != 2:
         raise InputError("isogonal modes are implemented in two dimensions only")

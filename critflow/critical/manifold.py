@@ -20,7 +20,8 @@ import scipy.sparse as sp
 from numpy.typing import ArrayLike, NDArray
 from scipy.sparse.linalg import LinearOperator
 
-from critflow.arguments import checked
+from critflow.arguments import of_kind
+from critflow.critical.edge_lengths import COLLAPSED
 from critflow.extensions import provided
 from critflow.linalg.factor import Factor, FixedPattern
 from critflow.linalg.matrices import block_laplacian, laplacian
@@ -34,9 +35,6 @@ from critflow.precision.double_double import Extended, two_product
 from critflow.precision.refinement import Refined, Refinement
 from critflow.result import InputError, NetworkError, Record, Solution, Stats, Status, Value
 
-# An edge shorter than this part of the mean length has collapsed: its direction, and what follows from it, has half of
-# its digits or fewer.
-COLLAPSED = 1e-8
 # Number of edges from which systems of stresses and displacements are cheaper condensed than as saddle matrices, for
 # stresses that are all positive.
 CONDENSED_EDGES = 100_000
@@ -106,15 +104,14 @@ class CriticalConfiguration(Record):
         mean = float(np.abs(self.tensions).mean())
         return float(np.abs(force).max(initial=0.0)) / mean if mean else np.nan
 
-    def springs_of(self, network: Network) -> Network:
-        """The network itself if this is a configuration of it, at any stiffnesses, else an `InputError`."""
+    def require_same_geometry(self, network: Network) -> None:
+        """Raise `InputError` unless this is a configuration of the network, at any stiffnesses."""
         same = self.network
         if network is not same and not (
             np.array_equal(network.edges, same.edges)
             and np.array_equal(network.boundary_vectors, same.boundary_vectors)
         ):
             raise InputError("the configuration belongs to another network: its edges or its cell are not the same")
-        return network
 
 
 def critical_configuration(network: Network, sigma: Array, coordinates: Array) -> CriticalConfiguration:
@@ -217,8 +214,9 @@ class CriticalManifold:
     backend    sparse solver of all matrices (`critflow.linalg.backends`)
     """
 
-    @checked
     def __init__(self, network: Network, backend: str = "auto"):
+        network = of_kind(Network, network=network)
+        of_kind(str, backend=backend)
         if network.cell is None:
             check_opened(network.edges, network.offsets, None, network.pins, network.n_vertices)
         self.network, self.backend = network, backend

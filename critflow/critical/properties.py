@@ -17,12 +17,14 @@ from dataclasses import dataclass, field
 import numpy as np
 from scipy.sparse.linalg import LinearOperator
 
-from critflow.arguments import checked
+from critflow.arguments import of_kind
 from critflow.critical.manifold import CriticalConfiguration, require_one_self_stress
-from critflow.critical.quantity import Quantity, evaluate
+from critflow.critical.quantity import Quantity, evaluate, has_exact_hessian
 from critflow.critical.vocabulary import quantity
 from critflow.networks.network import Array
+from critflow.progress import running
 from critflow.result import InputError, Record
+from critflow.threads import one_blas_thread
 
 FLAT = 1e-9  # eigenvalues of a stress Hessian below this part of the largest are zero; rounding leaves about 1e-13
 DENSE_EDGES = 2000  # most edges for all eigenvalues of a stress Hessian: 32 MB and some seconds
@@ -45,7 +47,8 @@ class Properties(Record):
     by_stiffness: dict[str, Array] = field(repr=False)
 
 
-@checked
+@running("properties")
+@one_blas_thread()
 def properties(critical: CriticalConfiguration, quantities: Sequence[str | Quantity] | str | Quantity) -> Properties:
     """Quantities of a critical configuration with their errors and exact gradients by σ and by k.
 
@@ -58,6 +61,7 @@ def properties(critical: CriticalConfiguration, quantities: Sequence[str | Quant
     >>> bool(abs(cf.properties(best, ['B_0']).by_stress['B_0']).max() < 1e-12)
     True
     """
+    critical = of_kind(CriticalConfiguration, critical=critical)
     given = [quantities] if isinstance(quantities, str | Quantity) else quantities
     if not isinstance(given, list | tuple) or not given or not all(isinstance(one, str | Quantity) for one in given):
         raise InputError("give a list of at least one quantity, such as ['B_0']")
@@ -96,23 +100,29 @@ class FlatDirections(Record):
         return len(self.directions)
 
 
-@checked
+@running("stress_hessian")
+@one_blas_thread()
 def stress_hessian(critical: CriticalConfiguration, name: str | Quantity = "B_0") -> LinearOperator:
     """∂²O/∂σ∂σ at Σσ² = N_b, configuration following σ, as an operator (N_b, N_b) (`BulkModulusHessian`).
 
-    A product costs two solves on the factor of P; the matrix itself is never formed.
+    A product costs two solves on the factor of P; the matrix itself is never formed.  Where `evaluate` of the quantity
+    does not take complex σ and L, as for C_B and C_G, it is a difference of gradients with nine digits.
     """
+    critical = of_kind(CriticalConfiguration, critical=critical)
+    name = of_kind(str, Quantity, name=name)
     manifold, goal = critical.manifold, quantity(critical.network, name)
     evaluation = evaluate(manifold, goal, manifold.configuration(critical.sigma).sigma)
+    product = evaluation.hessian_product if has_exact_hessian(manifold, goal) else evaluation.hessian_difference
 
     def apply(direction: Array) -> Array:
-        return evaluation.hessian_product(np.ravel(direction))
+        return product(np.ravel(direction))
 
     n = critical.network.n_edges
     return LinearOperator((n, n), matvec=apply, rmatvec=apply, dtype=float)
 
 
-@checked
+@running("flat_directions")
+@one_blas_thread()
 def flat_directions(
     critical: CriticalConfiguration, name: str | Quantity = "B_0", tolerance: float = FLAT
 ) -> FlatDirections:
@@ -128,6 +138,9 @@ def flat_directions(
     >>> flat_directions(cf.optimize(cf.lattice("honeycomb", 2, 2), 'B_0')).n_flat
     4
     """
+    critical = of_kind(CriticalConfiguration, critical=critical)
+    name = of_kind(str, Quantity, name=name)
+    of_kind(float, tolerance=tolerance)
     n = critical.network.n_edges
     if n > DENSE_EDGES:
         raise InputError(f"{n} edges are more than {DENSE_EDGES}: use the products of stress_hessian()")

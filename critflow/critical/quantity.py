@@ -4,22 +4,34 @@ A quantity is a function of a stress σ (N_b,) and the bond vectors L (N_b, d) t
 manifold converts its two partial derivatives into a gradient and products with the Hessian of O(σ) = O(σ, L(σ))
 (`evaluate`).  No quantity depends on the scale of σ, as the configuration does not.  Quantities hold no network, so
 that one of them serves a network and its parts alike.
+
+The derivatives of the partial derivatives p along (σ̇, L̇) are Im p(σ + ihσ̇, L + ihL̇)/h: no difference is taken, so
+that h can be tiny and the result exact to rounding.  `evaluate` must be analytic: √ΣL² in place of a norm, sums of
+products in place of np.vdot, neither abs, float nor the real part of a number that depends on σ or L.
 """
 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
-from typing import ClassVar, Protocol
+from typing import Any, ClassVar, Protocol
 
 import numpy as np
+from numpy.typing import NDArray
 
 from critflow.critical.manifold import Balance, CriticalConfiguration, CriticalManifold
+from critflow.critical.units import modulus_unit
 from critflow.linalg.tolerances import EPS
+from critflow.linalg.vectors import quasi_random
 from critflow.networks.network import Array, Network
 from critflow.result import InputError, Record
 
 DIFFERENCE = 1e-5  # relative step of central differences: their error is its square, and rounding leaves as many digits
+# Relative step of derivatives by complex numbers: its square vanishes beside one, and no product underflows.
+IMAGINARY = 1e-100
+# Relative disagreement of a complex step and a difference beyond which a function is not analytic, and the part of the
+# function itself below which a derivative is rounding.
+DISAGREEMENT, NEGLIGIBLE = 1e-4, 1e-8
 
 Partials = tuple[Array, Array]
 """∂O/∂σ (N_b,) and ∂O/∂L (N_b, d)."""
@@ -43,8 +55,8 @@ class StressedBonds:
     """A stress σ (N_b,) and bond vectors L (N_b, d) without coordinates: a `Balanced` where P is not needed."""
 
     manifold: CriticalManifold
-    sigma: Array
-    bond_vectors: Array
+    sigma: NDArray[Any]
+    bond_vectors: NDArray[Any]
 
     @property
     def network(self) -> Network:
@@ -54,16 +66,19 @@ class StressedBonds:
 class Quantity(Record, ABC):
     """A function O(σ, L) of a network; derive from this class for a new one.
 
-    A subclass must define `evaluate` and must not depend on the scale of σ.  The other methods are optional.
+    A subclass must define `evaluate`, analytic in σ and L, and must not depend on the scale of σ.  The other methods
+    are optional.
 
     maximise         whether the largest value is the best
     one_self_stress  whether the formula is valid only for networks with one self-stress
     elastic          whether it is a response of springs, which pressures in faces would change
+    analytic         whether `evaluate` takes complex σ and L, as exact second derivatives need
     """
 
     maximise: bool = False
     one_self_stress: ClassVar[bool] = False
     elastic: ClassVar[bool] = False
+    analytic: ClassVar[bool] = True
 
     @property
     def name(self) -> str:
@@ -73,13 +88,6 @@ class Quantity(Record, ABC):
     @abstractmethod
     def evaluate(self, balance: Balanced) -> tuple[float, Partials]:
         """O, and ∂O/∂σ (N_b,) and ∂O/∂L (N_b, d), as (O, (∂σ, ∂L)), at the σ and L of a balance."""
-
-    def differential(self, balance: Balanced, dsigma: Array, dL: Array) -> Partials:
-        """Derivatives of ∂O/∂σ and ∂O/∂L in the direction (σ̇, L̇), with the shapes of the two.
-
-        Optional: without it products with the Hessian are differences of gradients, and Newton's method is refused.
-        """
-        raise InputError(f"{self.name} has no second derivatives: define its differential, or choose method='lbfgs'")
 
     def by_stiffness(self, balance: Balanced) -> Array:
         """∂O/∂k (N_b,) at constant σ and L; by central differences unless a subclass knows better."""
@@ -110,13 +118,8 @@ class Quantity(Record, ABC):
         return -np.inf, np.inf
 
     def unit(self, network: Network) -> float:
-        """The natural unit of the values on a network, in which absolute tolerances hold: 1 by default."""
+        """The natural unit of the values on a network (`critflow.critical.units`): 1 by default."""
         return 1.0
-
-    @property
-    def has_differential(self) -> bool:
-        """Whether `differential` is defined."""
-        return type(self).differential is not Quantity.differential
 
     def preconditioner(self, balance: Balanced) -> Array | float:
         """Diagonal Hessian (N_b,) of a penalty in log σ, of the sign ≥ 0 when minimised: the first matrix of L-BFGS."""
@@ -130,9 +133,7 @@ class SpringResponse(Quantity):
     elastic: ClassVar[bool] = True
 
     def unit(self, network: Network) -> float:
-        """⟨k⟩ (V/N_v)^((2 − d)/d), the unit of moduli."""
-        d = network.dimension
-        return float(network.stiffness.mean()) * (1.0 if d == 2 else network.spacing ** (2 - d))
+        return modulus_unit(network)
 
 
 @dataclass(frozen=True, eq=False)
@@ -146,15 +147,94 @@ class Evaluation:
     adjoint: Array  # g P⁻¹ gᵀ ∂O/∂L, (N_b, d)
 
     def hessian_product(self, dsigma: Array) -> Array:
-        """(∂²O/∂σ∂σ) σ̇, (N_b,), by two solves; by differences of gradients, to nine digits, without a differential."""
+        """(∂²O/∂σ∂σ) σ̇, (N_b,), by two solves."""
         balance = self.balance
-        if not self.quantity.has_differential:
-            step = DIFFERENCE / float(np.abs(dsigma / balance.sigma).max())
-            ends = [evaluate(balance.manifold, self.quantity, balance.sigma + s * dsigma) for s in (step, -step)]
-            return (ends[0].gradient - ends[1].gradient) / (2 * step)
         dL = balance.tangent(dsigma)
-        second = self.quantity.differential(balance, dsigma, dL)
+        second = derivatives_along(self.quantity, balance, dsigma, dL)
         return balance.pull_back_tangent(dL, self.adjoint, dsigma, second)
+
+    def hessian_difference(self, dsigma: Array) -> Array:
+        """(∂²O/∂σ∂σ) σ̇, (N_b,), to nine digits, by the gradients at two stresses."""
+        balance = self.balance
+        step = DIFFERENCE / float(np.abs(dsigma / balance.sigma).max())
+        ends = [evaluate(balance.manifold, self.quantity, balance.sigma + s * dsigma) for s in (step, -step)]
+        return (ends[0].gradient - ends[1].gradient) / (2 * step)
+
+
+def derivatives_along(quantity: Quantity, balance: Balanced, dsigma: Array, dL: Array) -> Partials:
+    """Derivatives of ∂O/∂σ (N_b,) and ∂O/∂L (N_b, d) in the direction (σ̇, L̇), by a complex step."""
+    sigma, L = balance.sigma, balance.bond_vectors
+    size = float(np.sqrt(_square(dsigma) / _square(sigma) + _square(dL) / _square(L)))
+    if size == 0:
+        return np.zeros_like(sigma), np.zeros_like(L)
+    h = IMAGINARY / size
+    there = StressedBonds(balance.manifold, _complex(sigma, h * dsigma), _complex(L, h * dL))
+    # Division by NaN, the derivative of a length that vanishes, warns for complex numbers only.
+    with np.errstate(invalid="ignore"):
+        _, (by_sigma, by_L) = quantity.evaluate(there)
+    return np.imag(by_sigma) / h, np.imag(by_L) / h
+
+
+def _square(values: Array) -> float:
+    """The sum of squares."""
+    flat = values.ravel()
+    return float(flat @ flat)
+
+
+def _complex(real: Array, imaginary: Array) -> NDArray[np.complex128]:
+    """Complex numbers of two parts, without the products of real + 1j imaginary."""
+    numbers = np.empty(real.shape, complex)
+    numbers.real, numbers.imag = real, imaginary
+    return numbers
+
+
+def has_exact_hessian(manifold: CriticalManifold, quantity: Quantity) -> bool:
+    """Whether `Evaluation.hessian_product` holds: a complex step agrees with differences of partial derivatives.
+
+    A norm or an absolute value takes complex numbers and loses the derivative; other functions refuse them.  That is a
+    property of the code of `evaluate`, so that one direction at σ = 1 shows it.
+    """
+    if not quantity.analytic:
+        return False
+    here = manifold.balance(np.ones(manifold.network.n_edges))
+    sigma, L = here.sigma, here.bond_vectors
+    dsigma, dL = sigma * (0.5 + quasi_random(len(sigma))), L * (0.5 + quasi_random(L.size)[::-1].reshape(L.shape))
+    with np.errstate(all="ignore"):
+        try:
+            exact = derivatives_along(quantity, here, dsigma, dL)
+        except InputError:  # which would meet real numbers as well
+            raise
+        except (TypeError, ValueError, np.exceptions.ComplexWarning):
+            return False
+        above, below = (
+            quantity.evaluate(StressedBonds(manifold, sigma + step * dsigma, L + step * dL))[1]
+            for step in (DIFFERENCE, -DIFFERENCE)
+        )
+        return all(_agrees(*three) for three in zip(exact, above, below, strict=True))
+
+
+def _agrees(exact: Array, above: Array, below: Array) -> bool:
+    """Whether a derivative is the difference of values at two points, up to the error of that difference."""
+    difference = (above - below) / (2 * DIFFERENCE)
+    tolerance = DISAGREEMENT * _largest(difference) + NEGLIGIBLE * _largest(above)
+    return np.allclose(exact, difference, rtol=0, atol=tolerance, equal_nan=True)
+
+
+def _largest(values: Array) -> float:
+    """The largest finite size of a component."""
+    return float(np.max(np.abs(values), where=np.isfinite(values), initial=0.0))
+
+
+def require_exact_hessian(manifold: CriticalManifold, quantity: Quantity) -> None:
+    """Raise `InputError` where products with the Hessian are not exact, which Newton's method needs."""
+    name = quantity.name
+    if not quantity.analytic:
+        raise InputError(f"Newton's method needs second derivatives, and {name} has none: choose method='lbfgs'")
+    if not has_exact_hessian(manifold, quantity):
+        raise InputError(
+            f"Newton's method evaluates {name} at complex stresses and bond vectors, which its evaluate does not take: "
+            "write np.sqrt((L*L).sum(axis=1)) for lengths, without norm, abs, float, vdot or .real, or choose 'lbfgs'"
+        )
 
 
 def evaluate(manifold: CriticalManifold, quantity: Quantity, sigma: Array) -> Evaluation:

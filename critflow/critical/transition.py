@@ -1,7 +1,7 @@
 """Moduli at the transition and the stress S/√D that determines them, as quantities.
 
     W = Σ σ L·A L,   D = Σ σ²|L|²/k,   μ_A = W²/(V D),   S:A/√D = W/√D,   C = S⊗S/(V D).
-All are functions f(W, D), so that ∂O/∂σ = f_W ∂W/∂σ + f_D ∂D/∂σ and likewise for L and for their differentials.
+All are functions f(W, D), so that ∂O/∂σ = f_W ∂W/∂σ + f_D ∂D/∂σ and likewise for L.
 The configuration does not depend on k, and ∂D/∂k = −σ²|L|²/k².
 
 Virtual work gives Σσ L·A L = Σσ L·A L* with L* the configuration at σ = k, so by the inequality of Cauchy and Schwarz
@@ -18,9 +18,10 @@ from typing import ClassVar
 import numpy as np
 import scipy.linalg
 
-from critflow.arguments import checked
+from critflow.arguments import of_kind
 from critflow.critical.manifold import CriticalManifold
 from critflow.critical.quantity import Balanced, Partials, SpringResponse
+from critflow.critical.units import stress_unit
 from critflow.linalg.vectors import dot
 from critflow.networks.deformation import Deformable, deformation_of, strain_basis
 from critflow.networks.network import Array, Network
@@ -30,37 +31,20 @@ ISOTROPIC = 1e-14  # anisotropy of a strain that is a dilation up to rounding
 
 
 class _WorkAndCost:
-    """W and D of one strain at a balance, with their derivatives by σ and L, and those in a direction."""
+    """W and D of one strain at a balance, with their derivatives by σ and L."""
 
     def __init__(self, balance: Balanced, A: Array):
         self.sigma, self.L, self.k, self.A = balance.sigma, balance.bond_vectors, balance.network.stiffness, A
         self.AL = self.L @ A
         self.hdot = dot(self.L, self.AL)
         self.flexibility = dot(self.L, self.L) / self.k
-        self.work, self.cost = float(self.sigma @ self.hdot), float(self.sigma**2 @ self.flexibility)
+        self.work, self.cost = (self.sigma @ self.hdot).item(), (self.sigma**2 @ self.flexibility).item()
 
     def partials(self, f_W: float, f_D: float) -> Partials:
         """∂O/∂σ and ∂O/∂L of f(W, D)."""
         by_sigma = f_W * self.hdot + 2 * f_D * self.sigma * self.flexibility
         by_L = (2 * f_W * self.sigma)[:, None] * self.AL + (2 * f_D * self.sigma**2 / self.k)[:, None] * self.L
         return by_sigma, by_L
-
-    def along(self, dsigma: Array, dL: Array) -> tuple[float, float]:
-        """Ẇ and Ḋ."""
-        self.dhdot, self.dflexibility = 2 * dot(dL, self.AL), 2 * dot(self.L, dL) / self.k
-        dwork = dsigma @ self.hdot + self.sigma @ self.dhdot
-        dcost = 2 * (self.sigma * dsigma) @ self.flexibility + self.sigma**2 @ self.dflexibility
-        return float(dwork), float(dcost)
-
-    def differential(self, f: tuple[float, float], df: tuple[float, float], dsigma: Array, dL: Array) -> Partials:
-        """Derivatives of `partials` along (σ̇, L̇), after `along`, from f_W, f_D and their derivatives."""
-        (f_W, f_D), (df_W, df_D), sigma = f, df, self.sigma
-        ddsigma = df_W * self.hdot + f_W * self.dhdot + 2 * df_D * sigma * self.flexibility
-        ddsigma += 2 * f_D * (dsigma * self.flexibility + sigma * self.dflexibility)
-        ddL = (2 * (df_W * sigma + f_W * dsigma))[:, None] * self.AL + (2 * f_W * sigma)[:, None] * (dL @ self.A)
-        ddL += (2 * (df_D * sigma + 2 * f_D * dsigma) * sigma / self.k)[:, None] * self.L
-        ddL += (2 * f_D * sigma**2 / self.k)[:, None] * dL
-        return ddsigma, ddL
 
     @property
     def by_stiffness(self) -> Array:
@@ -85,16 +69,7 @@ class TransitionModulus(SpringResponse):
         terms, volume = _WorkAndCost(balance, self.symmetric), balance.network.volume
         ratio = terms.work / terms.cost
         by_sigma, by_L = terms.partials(2 * ratio, -(ratio**2))
-        return float(terms.work * ratio / volume), (by_sigma / volume, by_L / volume)
-
-    def differential(self, balance: Balanced, dsigma: Array, dL: Array) -> Partials:
-        terms, volume = _WorkAndCost(balance, self.symmetric), balance.network.volume
-        ratio = terms.work / terms.cost
-        dwork, dcost = terms.along(dsigma, dL)
-        dratio = dwork / terms.cost - ratio * dcost / terms.cost
-        f, df = (2 * ratio, -(ratio**2)), (2 * dratio, -2 * ratio * dratio)
-        ddO_dsigma, ddO_dL = terms.differential(f, df, dsigma, dL)
-        return ddO_dsigma / volume, ddO_dL / volume
+        return terms.work * ratio / volume, (by_sigma / volume, by_L / volume)
 
     def by_stiffness(self, balance: Balanced) -> Array:
         terms = _WorkAndCost(balance, self.symmetric)
@@ -102,6 +77,11 @@ class TransitionModulus(SpringResponse):
 
     def extreme(self, manifold: CriticalManifold, positive: bool = True) -> tuple[float, float]:
         return 0.0, largest_value(manifold, self.symmetric)
+
+    @property
+    def is_bulk(self) -> bool:
+        """Whether the strain is the dilation of B_0."""
+        return np.array_equal(self.symmetric, dilation(len(self.strain)))
 
     @cached_property
     def symmetric(self) -> Array:
@@ -134,20 +114,10 @@ class PenalisedModulus(SpringResponse):
         value, (dO_dsigma, dO_dL) = self.modulus.evaluate(balance)
         sigma = balance.sigma
         power, square = self._powers(balance)
-        penalty = power.mean()
+        penalty = power.mean().item()
         # s scales as σ/|σ|, so the derivative in the direction of σ cancels.
         derivative = self.exponent * (power / sigma - power.sum() * sigma / square) / len(sigma)
-        return value - float(penalty), (dO_dsigma + derivative, dO_dL)
-
-    def differential(self, balance: Balanced, dsigma: Array, dL: Array) -> Partials:
-        ddO_dsigma, ddO_dL = self.modulus.differential(balance, dsigma, dL)
-        sigma = balance.sigma
-        power, square = self._powers(balance)
-        growth = sigma @ dsigma / square
-        dpower = -self.exponent * power * (dsigma / sigma - growth)
-        change = dpower / sigma - power * dsigma / sigma**2
-        change -= (dpower.sum() * sigma + power.sum() * (dsigma - 2 * growth * sigma)) / square
-        return ddO_dsigma + self.exponent * change / len(sigma), ddO_dL
+        return value - penalty, (dO_dsigma + derivative, dO_dL)
 
     def by_stiffness(self, balance: Balanced) -> Array:
         # The unit is proportional to the mean stiffness.
@@ -162,7 +132,7 @@ class PenalisedModulus(SpringResponse):
     def _powers(self, balance: Balanced) -> tuple[Array, float]:
         """u (s/r)^(−10), (N_b,), and Σσ²."""
         sigma = balance.sigma
-        square = float(sigma @ sigma)
+        square = (sigma @ sigma).item()
         scale = np.sqrt(len(sigma) / square) / self.threshold
         # By squares only: a general power is ten times slower.
         tenth = 1.0 / (scale * sigma) ** 2
@@ -182,16 +152,8 @@ class StressComponent(SpringResponse):
 
     def evaluate(self, balance: Balanced) -> tuple[float, Partials]:
         terms = _WorkAndCost(balance, self.strain)
-        root = float(np.sqrt(terms.cost))
+        root = np.sqrt(terms.cost).item()
         return terms.work / root, terms.partials(1 / root, -0.5 * terms.work / root**3)
-
-    def differential(self, balance: Balanced, dsigma: Array, dL: Array) -> Partials:
-        terms = _WorkAndCost(balance, self.strain)
-        dwork, dcost = terms.along(dsigma, dL)
-        root, work = float(np.sqrt(terms.cost)), terms.work
-        df_W = -0.5 * dcost / root**3
-        df = df_W, -0.5 * dwork / root**3 + 0.75 * work * dcost / root**5
-        return terms.differential((1 / root, -0.5 * work / root**3), df, dsigma, dL)
 
     def by_stiffness(self, balance: Balanced) -> Array:
         terms = _WorkAndCost(balance, self.strain)
@@ -202,7 +164,7 @@ class StressComponent(SpringResponse):
         return (0.0 if positive and np.linalg.eigvalsh(self.strain)[0] >= 0 else -reach), reach
 
     def unit(self, network: Network) -> float:
-        return float(np.sqrt(network.stiffness.mean())) * network.spacing
+        return stress_unit(network)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -224,14 +186,6 @@ class TensorComponent(SpringResponse):
         volume = balance.network.volume
         by_sigma, by_L = ((b * one + a * two) / volume for one, two in zip(of_a, of_b, strict=True))
         return a * b / volume, (by_sigma, by_L)
-
-    def differential(self, balance: Balanced, dsigma: Array, dL: Array) -> Partials:
-        (a, of_a), (b, of_b) = self.first.evaluate(balance), self.second.evaluate(balance)
-        da, db = (of[0] @ dsigma + np.sum(of[1] * dL) for of in (of_a, of_b))
-        dof_a, dof_b = (one.differential(balance, dsigma, dL) for one in (self.first, self.second))
-        volume = balance.network.volume
-        ddsigma, ddL = ((db * of_a[i] + b * dof_a[i] + da * of_b[i] + a * dof_b[i]) / volume for i in (0, 1))
-        return ddsigma, ddL
 
     def by_stiffness(self, balance: Balanced) -> Array:
         a, b = self.first.evaluate(balance)[0], self.second.evaluate(balance)[0]
@@ -328,7 +282,6 @@ def _tensor_quantities(d: int) -> dict[str, SpringResponse]:
     return {one.name: one for one in every}
 
 
-@checked
 def transition_modulus(network: Network, strain: Deformable) -> TransitionModulus:
     """The modulus at the transition for the affine strain A (d, d), or for the start of a deformation.
 
@@ -341,6 +294,7 @@ def transition_modulus(network: Network, strain: Deformable) -> TransitionModulu
     >>> abs(found.objective - cf.upper_bound(network, 'B_0')) < 1e-9
     True
     """
+    network = of_kind(Network, network=network)
     deformation = deformation_of(strain, network.dimension)
     if deformation.free:
         raise InputError(f"free components leave no modulus at the transition: fix those of {deformation.name}")

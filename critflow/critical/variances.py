@@ -9,7 +9,7 @@ import numpy as np
 
 from critflow.critical.manifold import CriticalManifold
 from critflow.critical.quantity import Balanced, Partials, Quantity
-from critflow.linalg.vectors import dot, norms
+from critflow.linalg.vectors import norms
 from critflow.networks.network import Array, Network
 from critflow.result import InputError
 
@@ -35,21 +35,6 @@ class _RelativeVariance(_OfLengths):
         weight = balance.sigma if self.of_tensions else np.ones_like(length)
         value, derivative = _relative_variance(weight * length)
         return value, (self.of_tensions * derivative * length, (derivative * weight / _divisors(length))[:, None] * L)
-
-    def differential(self, balance: Balanced, dsigma: Array, dL: Array) -> Partials:
-        L = balance.bond_vectors
-        length = _divisors(norms(L))
-        weight, dweight = (balance.sigma, dsigma) if self.of_tensions else (np.ones_like(length), 0.0)
-        unit = L / length[:, None]
-        dlength = dot(unit, dL)
-        values, dvalues = weight * length, dweight * length + weight * dlength
-        variance, derivative = _relative_variance(values)
-        mean, dmean = _mean(values), _mean(dvalues)
-        change = dvalues - dmean - (derivative @ dvalues) * mean - variance * dmean
-        change = 2 / (len(values) * mean**2) * change - 2 * dmean / mean * derivative
-        stretching = (change * weight + derivative * dweight)[:, None] * unit
-        turning = (derivative * weight / length)[:, None] * (dL - dlength[:, None] * unit)
-        return self.of_tensions * (change * length + derivative * dlength), stretching + turning
 
 
 @dataclass(frozen=True, repr=False)
@@ -83,16 +68,10 @@ class EdgeLength(_OfLengths):
 
     def evaluate(self, balance: Balanced) -> tuple[float, Partials]:
         by_L = np.zeros_like(balance.bond_vectors)
-        length = float(np.linalg.norm(balance.bond_vectors[self.edge]))
-        by_L[self.edge] = balance.bond_vectors[self.edge] / (length or np.nan)
-        return length, (np.zeros_like(balance.sigma), by_L)
-
-    def differential(self, balance: Balanced, dsigma: Array, dL: Array) -> Partials:
-        ddL = np.zeros_like(dL)
-        length = np.linalg.norm(balance.bond_vectors[self.edge]) or np.nan
-        unit = balance.bond_vectors[self.edge] / length
-        ddL[self.edge] = (dL[self.edge] - (unit @ dL[self.edge]) * unit) / length
-        return np.zeros_like(dsigma), ddL
+        L = balance.bond_vectors[self.edge]
+        length = np.sqrt(L @ L)
+        by_L[self.edge] = L / _divisors(length)
+        return length.item(), (np.zeros_like(balance.sigma), by_L)
 
 
 @dataclass(frozen=True, repr=False)
@@ -110,12 +89,8 @@ class FaceArea(_OfLengths):
 
     def evaluate(self, balance: Balanced) -> tuple[float, Partials]:
         sides, before, by_L = self._gradient(balance, balance.bond_vectors)
-        area = 0.5 * float(np.sum(before[:, 0] * sides[:, 1] - before[:, 1] * sides[:, 0]))
+        area = 0.5 * np.sum(before[:, 0] * sides[:, 1] - before[:, 1] * sides[:, 0]).item()
         return area, (np.zeros_like(balance.sigma), by_L)
-
-    def differential(self, balance: Balanced, dsigma: Array, dL: Array) -> Partials:
-        # The gradient is linear in the sides.
-        return np.zeros_like(dsigma), self._gradient(balance, dL)[2]
 
     def extreme(self, manifold: CriticalManifold, positive: bool = True) -> tuple[float, float]:
         return -np.inf, np.inf
@@ -161,7 +136,7 @@ def _counted(name: str, number: str, count: int, noun: str) -> int:
 
 def _divisors(length: Array) -> Array:
     """Lengths (N_b,), NaN for an edge without length: there |L| has no derivative."""
-    return np.where(length > 0, length, np.nan)
+    return np.where(np.real(length) > 0, length, np.nan)
 
 
 def _relative_variance(values: Array) -> tuple[float, Array]:
@@ -174,4 +149,4 @@ def _relative_variance(values: Array) -> tuple[float, Array]:
 
 def _mean(values: Array) -> float:
     """The bits of `values.mean()`, which takes three times as long for small networks."""
-    return float(values.sum()) / len(values)
+    return values.sum().item() / len(values)

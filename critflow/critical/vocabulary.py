@@ -17,13 +17,15 @@ from __future__ import annotations
 import re
 from difflib import get_close_matches
 
-from critflow.arguments import checked
+from critflow.arguments import of_kind
 from critflow.critical.manifold import CriticalManifold
 from critflow.critical.quantity import Quantity
 from critflow.extensions import missing, named, quantities
 from critflow.networks.deformation import DEFORMATIONS, strain_basis
 from critflow.networks.network import Network
+from critflow.progress import running
 from critflow.result import InputError
+from critflow.threads import one_blas_thread
 
 _TENSORS = "critflow.critical.transition:tensor_quantity"
 _VARIANCES = "critflow.critical.variances"
@@ -60,7 +62,6 @@ ALIASES = {
 _INDEXED = re.compile(r"(\w+)\[(\w+)\]")
 
 
-@checked
 def quantity(network: Network, name: str | Quantity) -> Quantity:
     """The quantity of a name, or the given quantity itself.
 
@@ -72,6 +73,8 @@ def quantity(network: Network, name: str | Quantity) -> Quantity:
     >>> cf.quantity(cf.lattice("honeycomb", 2, 2), 'bulk_modulus').name
     'B_0'
     """
+    network = of_kind(Network, network=network)
+    name = of_kind(str, Quantity, name=name)
     if isinstance(name, Quantity):
         return name
     symbol = ALIASES.get(name, name)
@@ -123,7 +126,8 @@ def _unknown(network: Network, name: str) -> str:
     )
 
 
-@checked
+@running("upper_bound")
+@one_blas_thread()
 def upper_bound(network: Network | CriticalManifold, name: str | Quantity, signs: str = "positive") -> float:
     """The largest possible value of a quantity over all stresses of a network in closed form; infinite without one.
 
@@ -136,6 +140,9 @@ def upper_bound(network: Network | CriticalManifold, name: str | Quantity, signs
     >>> round(cf.upper_bound(cf.lattice("honeycomb", 2, 2), 'B_0'), 6)
     0.288675
     """
+    network = of_kind(Network, CriticalManifold, network=network)
+    name = of_kind(str, Quantity, name=name)
+    of_kind(str, signs=signs)
     manifold = CriticalManifold.of(network)
     return quantity(manifold.network, name).extreme(manifold, only_positive(signs))[1]
 

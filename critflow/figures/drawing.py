@@ -15,7 +15,7 @@ from matplotlib.colors import Colormap
 from matplotlib.figure import Figure, SubFigure
 from numpy.typing import ArrayLike
 
-from critflow.arguments import checked
+from critflow.arguments import of_kind
 from critflow.figures.plot import (
     COLOURS,
     TENSION_MAP,
@@ -28,7 +28,9 @@ from critflow.figures.plot import (
     shade_faces,
 )
 from critflow.networks.network import Array, Network
+from critflow.progress import running
 from critflow.result import InputError, Solution
+from critflow.threads import one_blas_thread
 from critflow.workflow.output import require_folder
 
 # Colour of edges without values.
@@ -41,7 +43,8 @@ _FACE_MAP, _PALE = "RdBu_r", 0.3
 _DISC_AREA = 0.2
 
 
-@checked
+@running("draw")
+@one_blas_thread()
 def draw(
     thing: Any,
     ax: Axes | None = None,
@@ -67,6 +70,11 @@ def draw(
     >>> axes = cf.draw(cf.optimize(cf.lattice("honeycomb", 2, 2), 'bulk_modulus'))
     >>> axes.figure.clear()
     """
+    ax = of_kind(Axes, None, ax=ax)
+    of_kind(np.ndarray, None, color=color, vertices=vertices)
+    cmap = of_kind(str, Colormap, cmap=cmap)
+    of_kind(float, width=width)
+    of_kind(str, title=title)
     network, x, tensions, of_faces = _parts(thing)
     values = tensions if color is None else np.asarray(color, dtype=float)
     if values is not None and values.shape != (network.n_edges,):

@@ -19,7 +19,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from critflow.arguments import checked, is_number, shown
+from critflow.arguments import is_number, of_kind, shown
 from critflow.networks.checks import check_size
 from critflow.networks.faces import PlanarFaces
 from critflow.networks.network import Array, IntArray, Network
@@ -69,7 +69,6 @@ UNIT_CELLS = {
 }
 
 
-@checked
 def lattice(name: str, *cells: int, edge_length: float = 1.0) -> Network:
     """A regular lattice: a number of unit cells along each lattice vector, in an oblique periodic cell.
 
@@ -85,6 +84,8 @@ def lattice(name: str, *cells: int, edge_length: float = 1.0) -> Network:
     >>> cf.lattice("cubic", 2, 2, 2)
     Network(8 vertices, 24 edges, 3 dimensions, periodic, z = 6)
     """
+    of_kind(str, name=name)
+    of_kind(float, edge_length=edge_length)
     if name not in UNIT_CELLS:
         raise InputError(f"no lattice is called {shown(name)}: choose one of {', '.join(UNIT_CELLS)}")
     vectors, vertices, bonds = UNIT_CELLS[name]

@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
-from critflow.arguments import checked, generator
+from critflow.arguments import generator, of_kind
 from critflow.generators.random_points import check_addition, points_in_cell, random_sequential_addition
 from critflow.generators.tessellations import (
     count_simplices,
@@ -19,7 +19,9 @@ from critflow.generators.tessellations import (
 )
 from critflow.networks.checks import check_size, checked_cell
 from critflow.networks.network import Network
+from critflow.progress import running
 from critflow.result import InputError
+from critflow.threads import one_blas_thread
 
 # Random sequential addition of discs stops near ρ = 0.834; above, the points do not fit.
 STANDARD_HARD_CORE = 0.82
@@ -29,7 +31,8 @@ FOAM_HARD_CORE = 0.87
 _VERTICES = 1000
 
 
-@checked
+@running("voronoi_network")
+@one_blas_thread()
 def voronoi_network(
     n_vertices: int | None = None,
     seed: int | np.random.Generator = 0,
@@ -55,6 +58,10 @@ def voronoi_network(
     >>> cf.voronoi_network(points=np.random.default_rng(0).random((12, 2)))
     Network(24 vertices, 36 edges, 2 dimensions, periodic, z = 3)
     """
+    n_vertices = of_kind(int, None, n_vertices=n_vertices)
+    seed = of_kind(int, np.random.Generator, seed=seed)
+    of_kind(float, hard_core=hard_core)
+    of_kind(np.ndarray, None, cell=cell, points=points)
     if points is not None:
         _check_alone(n_vertices)
         return voronoi_tessellation(points, cell)
@@ -82,7 +89,8 @@ def check_voronoi(n_vertices: int, hard_core: float = STANDARD_HARD_CORE) -> Non
         check_addition(n_vertices // 2, hard_core / np.sqrt(n_vertices // 2), dimension=2)
 
 
-@checked
+@running("delaunay_network")
+@one_blas_thread()
 def delaunay_network(
     n_vertices: int | None = None,
     seed: int | np.random.Generator = 0,
@@ -101,6 +109,10 @@ def delaunay_network(
     >>> cf.delaunay_network(n_vertices=20, seed=1)
     Network(20 vertices, 60 edges, 2 dimensions, periodic, z = 6)
     """
+    n_vertices = of_kind(int, None, n_vertices=n_vertices)
+    seed = of_kind(int, np.random.Generator, seed=seed)
+    of_kind(float, hard_core=hard_core)
+    of_kind(np.ndarray, None, cell=cell, points=points)
     if points is not None:
         _check_alone(n_vertices)
         return delaunay_tessellation(points, cell)
@@ -113,7 +125,8 @@ def delaunay_network(
     return delaunay_tessellation(points, scale * shape)
 
 
-@checked
+@running("foam_network")
+@one_blas_thread()
 def foam_network(
     n_vertices: int = 400, seed: int | np.random.Generator = 0, hard_core: float = FOAM_HARD_CORE
 ) -> Network:
@@ -128,6 +141,9 @@ def foam_network(
     >>> cf.foam_network(n_vertices=60, seed=1).dimension
     3
     """
+    n_vertices = of_kind(int, n_vertices=n_vertices)
+    seed = of_kind(int, np.random.Generator, seed=seed)
+    of_kind(float, hard_core=hard_core)
     check_foam(n_vertices, hard_core)
     n_cells = round(n_vertices / _VERTICES_A_CELL)
     rng = generator(seed)
@@ -159,7 +175,6 @@ _FEWEST_CELLS = 8
 _MAX_DRAWS = 3000
 
 
-@checked
 def three_bar_linkage(span: float = 3.0) -> Network:
     """Three edges in a row between two fixed points `span` apart (`3-barlinkage`): lengths ∝ 1/σ_α on a line.
 
@@ -167,6 +182,7 @@ def three_bar_linkage(span: float = 3.0) -> Network:
     >>> cf.three_bar_linkage()
     Network(4 vertices, 3 edges, 2 dimensions, 2 pins, z = 1.5)
     """
+    of_kind(float, span=span)
     return Network(
         np.array([[0, 1], [1, 2], [2, 3]]),
         pins={0: np.zeros(2), 3: np.array([span, 0.0])},

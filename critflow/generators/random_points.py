@@ -8,11 +8,13 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from critflow.arguments import checked
+from critflow.arguments import of_kind
 from critflow.networks.checks import check_size
 from critflow.networks.network import Array, IntArray
 from critflow.networks.periodic_cell import near_images, short_cell
+from critflow.progress import running
 from critflow.result import InputError
+from critflow.threads import one_blas_thread
 
 # Random sequential addition saturates here, for distances ρ in units of 1/n_points^(1/d): at coverages of 0.547 in the
 # plane and 0.384 in space.
@@ -22,7 +24,8 @@ _DENSEST = {2: np.sqrt(2 / np.sqrt(3)), 3: 2 ** (1 / 6)}
 _MAX_RESTARTS = 1000
 
 
-@checked
+@running("random_sequential_addition")
+@one_blas_thread()
 def random_sequential_addition(
     n_points: int, distance: float, rng: np.random.Generator, dimension: int = 2, max_restarts: int = _MAX_RESTARTS
 ) -> Array:
@@ -37,6 +40,9 @@ def random_sequential_addition(
     >>> random_sequential_addition(10, 0.1, np.random.default_rng(0)).shape
     (10, 2)
     """
+    n_points, dimension, max_restarts = of_kind(int, n_points=n_points, dimension=dimension, max_restarts=max_restarts)
+    of_kind(float, distance=distance)
+    rng = of_kind(np.random.Generator, rng=rng)
     check_addition(n_points, distance, dimension)
     for _ in range(max_restarts):
         points = _add_until_saturated(n_points, distance, rng, dimension)

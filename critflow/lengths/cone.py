@@ -1,17 +1,16 @@
-"""Lengths, perimeters and strains of cables as cone programs, with the tensions as their multipliers.
+"""Lengths of edges as a cone program, with the tensions as its multipliers.
 
-Minimise t subject to |L_α(x)| ≤ t ℓ_α for each edge, or to Σ_{α∈c} |L_α(x)| ≤ t p_c for each cell, with bond vectors
-L = g x + b.  The problem is convex, so its minimum is global.  If all multipliers are positive the configuration is the
-only all-tension one with those ratios; an edge, or cell, without tension is slack.
+Minimise t subject to |L_α(x)| ≤ t ℓ_α for each edge, with bond vectors L = g x + b.  The problem is convex, so its
+minimum is global.  If all multipliers are positive the configuration is the only all-tension one with those ratios; an
+edge without tension is slack.
 
-Where the boundary moves linearly, L = g x + b + Σ_k b'_k y_k, the largest y_k that cables of lengths ℓ permit is such a
-program too: maximise y_k subject to |L_α(x, y)| ≤ ℓ_α.
+`solve_cones` solves such programs with further unknowns y and linear limits of them as well.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any, Literal
 
 import clarabel
@@ -19,11 +18,11 @@ import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
 
+from critflow.critical.edge_lengths import NO_DIRECTION
+
 Array = NDArray[np.float64]
 Outcome = Literal["solved", "unbounded", "infeasible", "stalled"]
 _OUTCOMES: dict[str, Outcome] = {"Solved": "solved", "DualInfeasible": "unbounded", "PrimalInfeasible": "infeasible"}
-# Length below which tension per length would overflow.
-_NO_LENGTH = 1e-150
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,8 +32,8 @@ class ConeSolution:
     coordinates: Array  # x of the free vertices, (n, d)
     parameters: Array  # y of the boundary, (k,)
     sigma: Array  # stresses σ ≥ 0, (N_b,)
-    multipliers: Array  # tensions of the edges (N_b,) or of the cells (N_c,), of a common scale with σ|L|
-    stressed: NDArray[np.bool_]  # edges (N_b,) or cells (N_c,) under tension
+    multipliers: Array  # tensions of the edges (N_b,), or of the faces (N_f,), of a common scale with σ|L|
+    stressed: NDArray[np.bool_]  # edges (N_b,), or faces (N_f,), under tension
     ratio: float  # t; 1 where the lengths are limits
     outcome: Outcome  # "solved", "unbounded" (any y), "infeasible" (no y), or "stalled" (by rounding)
     steps: int  # interior-point iterations
@@ -57,48 +56,7 @@ def fit_lengths(
     # One cone (t ℓ_α, L_α) an edge, for the unknowns (x, y, t).
     rates = np.zeros((0, *offsets.shape)) if rates is None else rates
     extents = sp.hstack([sp.csc_array((len(lengths), len(rates))), sp.csc_array(lengths[:, None])])
-    return _solve(incidence, offsets, rates, tolerance, _unit(lengths), extents=extents)[0]
-
-
-def farthest(incidence: sp.csr_array, offsets: Array, rates: Array, lengths: Array, tolerance: float) -> ConeSolution:
-    """Maximise the last of the parameters y that cables of lengths ℓ (N_b,) permit, |g x + b + Σ_k b'_k y_k| ≤ ℓ.
-
-    incidence  g of the free vertices, (N_b, n)
-    offsets    b, (N_b, d)
-    rates      b'_k, (k, N_b, d)
-    """
-    # The program minimises the last unknown.
-    signs = np.ones(len(rates))
-    signs[-1] = -1.0
-    turned = signs[:, None, None] * rates
-    found = _solve(incidence, offsets, turned, tolerance, _unit(lengths), lengths)[0]
-    return replace(found, parameters=signs * found.parameters)
-
-
-def nearest(incidence: sp.csr_array, offsets: Array, rates: Array, lengths: Array, tolerance: float) -> ConeSolution:
-    """The smallest parameters y, by the largest |y_k|, for which |g x + b + Σ_k b'_k y_k| ≤ ℓ: as `farthest`."""
-    # One cone (ℓ_α, L_α) an edge and rows s ± y_k ≥ 0, for the unknowns (x, y, s).
-    k = len(rates)
-    limits = sp.hstack([sp.vstack([sp.eye_array(k), -sp.eye_array(k)]), np.ones((2 * k, 1))])
-    return _solve(incidence, offsets, rates, tolerance, _unit(lengths), lengths, limits=limits)[0]
-
-
-def fit_perimeters(
-    incidence: sp.csr_array, offsets: Array, sides: sp.csr_array, perimeters: Array, tolerance: float
-) -> ConeSolution:
-    """Solve the cone program for perimeters p (N_c,) of cells, whose sides are a matrix A ≥ 0 (N_c, N_b).
-
-    incidence  g of the free vertices, (N_b, n)
-    offsets    b, (N_b, d)
-    """
-    # One cone (s_α, L_α) an edge and one row t p_c − Σ A s ≥ 0 a cell, for the unknowns (x, s, t).
-    m, fixed = len(offsets), np.zeros((0, *offsets.shape))
-    extents = sp.hstack([sp.eye_array(m), sp.csc_array((m, 1))])
-    limits = sp.hstack([-sides, perimeters[:, None]])
-    found, of_cells = _solve(incidence, offsets, fixed, tolerance, 1.0, extents=extents, limits=limits)
-    length = np.linalg.norm(incidence @ found.coordinates + offsets, axis=1)
-    stressed = _has_tension(of_cells, sides @ length / (found.ratio * perimeters))
-    return replace(found, multipliers=of_cells, stressed=stressed)
+    return solve_cones(incidence, offsets, rates, tolerance, length_unit(lengths), extents=extents)[0]
 
 
 def interior_point(
@@ -118,17 +76,17 @@ def interior_point(
     return clarabel.DefaultSolver(no_squares, cost, sp.csc_matrix(A), b, cones, settings).solve()
 
 
-def _unit(lengths: Array) -> float:
+def length_unit(lengths: Array) -> float:
     """A power of two near the mean length: tolerances of the program are absolute."""
     return float(2.0 ** np.round(np.log2(lengths.mean())))
 
 
-def _has_tension(multipliers: Array, filled: Array) -> NDArray[np.bool_]:
+def has_tension(multipliers: Array, filled: Array) -> NDArray[np.bool_]:
     """Strict complementarity: tension or slack, whichever is the larger fraction of its scale."""
     return multipliers / multipliers.mean() > 1 - filled
 
 
-def _solve(
+def solve_cones(
     incidence: sp.csr_array,
     offsets: Array,
     rates: Array,
@@ -170,11 +128,11 @@ def _solve(
     tension, parameters = multipliers[: (d + 1) * m].reshape(m, d + 1)[:, 0], y[: len(rates)]
     length = np.linalg.norm(incidence @ x + offsets + np.einsum("kad,k->ad", rates, parameters), axis=1)
     # Tension per length; zero for edges that collapse, whose direction is not known.
-    sigma = np.divide(tension, length, out=np.zeros_like(length), where=length > _NO_LENGTH)
+    sigma = np.divide(tension, length, out=np.zeros_like(length), where=length > NO_DIRECTION)
     allowed, ratio = (lengths, 1.0) if extents is None else (extents @ y, float(y[-1]))
     with np.errstate(divide="ignore", invalid="ignore"):
-        # Sides of a cell may collapse.
-        stressed = _has_tension(tension, length / allowed)
+        # Sides of a face may collapse.
+        stressed = has_tension(tension, length / allowed)
     outcome = str(answer.status).removeprefix("Almost")
     solved = ConeSolution(
         x, parameters, sigma, tension, stressed, ratio, _OUTCOMES.get(outcome, "stalled"), answer.iterations

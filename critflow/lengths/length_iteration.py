@@ -18,10 +18,8 @@ import numpy as np
 from scipy.linalg.lapack import dgelss
 
 from critflow.critical.manifold import Balance, CriticalManifold
-from critflow.lengths.boundary_path import BoundaryPath
-from critflow.linalg.vectors import dot, norms
+from critflow.linalg.vectors import norms
 from critflow.networks.network import Array
-from critflow.result import InputError
 
 # A stress changes the length of its own edge by −N_v/N_b of its relative change on average: 2/3 with three edges a
 # vertex.  The inverse is the best step without acceleration.
@@ -30,9 +28,6 @@ REMEMBERED = 8  # differences in the acceleration; 15 and 30 save no step down t
 LARGEST = 50.0  # |log σ| at which it ends: stresses of networks without slack edges span a few decades
 PATIENCE = 6  # steps within which the largest deviation halves; networks with slack edges need more
 NEAR = 0.1  # largest deviation of log(|L|/ℓ) from which Newton's method converges, also where one edge is short
-FLAT = 1e-9  # distance of the strain to that of a flat cell at which it ends too
-MEAN, MEAN_STEPS = 1e-4, 20  # relative error of the strain of the mean, and Newton's steps; three or four are needed
-FIRST_STRAIN, LAST_STRAIN = 0.01, 1e3  # strains at which the search for that of the mean begins and ends
 
 
 def iterate_lengths(
@@ -73,39 +68,3 @@ def iterate_lengths(
             changes = ahead[1:] - ahead[:-1]
             weights = dgelss(changes @ changes.T, changes @ f, cond=1e-14)[1]
             theta -= weights @ (places[1:] - places[:-1] + changes)
-
-
-def mean_strain(path: BoundaryPath, lengths: Array, L: Array, near: float) -> float:
-    """The strain s > 0 at which the mean of log(|F(s) L|/ℓ) vanishes, from s = 0 or a strain near it; NaN without one.
-
-    A strain beyond it is searched for in growing steps, and Newton's method returns from there.
-
-    L  bond vectors at s = 0, (N_b, d)
-    """
-    q, target = np.zeros(0), float(np.mean(np.log(lengths)))
-
-    def excess(s: float) -> tuple[float, float]:
-        """The mean and its derivative by s."""
-        deformed, rate = L @ path.gradient(s, q).T, L @ path.rates(s, q)[-1].T
-        square = dot(deformed, deformed)
-        with np.errstate(divide="ignore", invalid="ignore"):  # an edge without length
-            slope = np.mean(dot(deformed, rate) / square)
-            return float(0.5 * np.mean(np.log(square))) - target, float(slope)
-
-    try:
-        if not excess(0.0)[0] < 0:
-            return np.nan
-        s, step = near, 0.1 * near or FIRST_STRAIN
-        while s < LAST_STRAIN and step > FLAT and excess(s)[0] < 0:
-            s += min(step, 0.9 * path.flat_strain(s, q))
-            step = min(2 * step, path.flat_strain(s, q))
-        for _ in range(MEAN_STEPS):
-            value, slope = excess(s)
-            if not (np.isfinite(value) and slope > 0):
-                return np.nan
-            s -= value / slope
-            if abs(value) < MEAN * slope * s:
-                return s
-    except InputError:  # a flat cell
-        pass
-    return np.nan

@@ -27,7 +27,7 @@ from numpy.typing import NDArray
 
 from critflow.critical.backbone import connected_parts
 from critflow.critical.manifold import CriticalConfiguration
-from critflow.lengths.boundary_path import BoundaryPath
+from critflow.lengths.boundary import Boundary
 from critflow.linalg.saddle import Saddle, SaddleFactor
 from critflow.linalg.tolerances import MOST_REFINEMENTS, REGULARISATION
 from critflow.linalg.vectors import dot, norms
@@ -58,16 +58,16 @@ class OnsetState:
     steps: int = 0  # steps of Newton's method so far
     part: TautPart | None = None  # the taut edges as a network, where Newton's method made it
 
-    def bond_vectors(self, path: BoundaryPath) -> Array:
+    def bond_vectors(self, path: Boundary) -> Array:
         """L = F b + g x, (N_b, d)."""
         return path.bond_vectors(self.strain, self.free, self.coordinates)
 
-    def ratios(self, path: BoundaryPath, lengths: Array) -> Array:
+    def ratios(self, path: Boundary, lengths: Array) -> Array:
         """|L|/ℓ, (N_b,)."""
         return norms(self.bond_vectors(path)) / lengths
 
 
-def newton_taut(path: BoundaryPath, lengths: Array, start: OnsetState, damping: float = 0.0) -> OnsetState | None:
+def newton_taut(path: Boundary, lengths: Array, start: OnsetState, damping: float = 0.0) -> OnsetState | None:
     """Newton's method with the given taut edges, to the smallest residual; None where they cannot be in balance.
 
     damping  compliance of the edges, relative to their stress, for parts with several self-stresses: far from the
@@ -122,7 +122,7 @@ class TautPart:
     rows: IntArray  # of its free vertices among the free vertices of the whole network
     several: bool  # whether they fall into several components
 
-    def residuals(self, path: BoundaryPath, lengths: Array, state: OnsetState) -> Residuals:
+    def residuals(self, path: Boundary, lengths: Array, state: OnsetState) -> Residuals:
         """The equations at a state."""
         L, sigma = state.bond_vectors(path)[self.taut], state.sigma[self.taut]
         velocities = path.velocities(state.strain, state.free)
@@ -138,7 +138,7 @@ class TautPart:
             )
         return Residuals(velocities, L, force, target - h, changes, error if np.isfinite(error) else np.inf)
 
-    def step(self, path: BoundaryPath, state: OnsetState, at: Residuals, damping: float) -> OnsetState:
+    def step(self, path: Boundary, state: OnsetState, at: Residuals, damping: float) -> OnsetState:
         """One step of Newton's method."""
         factor = self.saddle.factorize(state.sigma[self.taut], at.L, damping or REGULARISATION)
         change = self.change(path, state, at, factor, at.elongation, 1 if damping else MOST_REFINEMENTS)
@@ -146,7 +146,7 @@ class TautPart:
 
     def change(
         self,
-        path: BoundaryPath,
+        path: Boundary,
         state: OnsetState,
         at: Residuals,
         factor: SaddleFactor,
@@ -157,19 +157,14 @@ class TautPart:
 
         Displacements (n, d) on top of the affine motion with the boundary, changes of σ and of (q, s).
         """
-        sigma, m = state.sigma[self.taut], len(path.determined)
-        corner = np.zeros((m + 1, m + 1))
-        if m:
-            # Derivatives of the free stresses S_m by (q, s) at affine motion.
-            stress = np.einsum("a,ai,aj->ij", sigma, at.L, at.L)
-            corner[:-1] = np.einsum("mik,nil,kl->mn", at.velocities[:-1], at.velocities, stress)
-            corner[:-1, -1] += np.einsum("mij,ij->m", path.mixed_velocities(state.strain, state.free), stress)
+        sigma = state.sigma[self.taut]
+        corner = path.stress_rates(state.strain, state.free, sigma, at.L, at.velocities)
         sums = np.append(-at.changes[:-1] @ sigma, 0.0)
         return factor.solve_bordered(-at.force, elongation, at.changes, corner, sums, max_refinements=max_refinements)[
             :3
         ]
 
-    def moved(self, path: BoundaryPath, state: OnsetState, change: Change, fraction: float = 1.0) -> OnsetState:
+    def moved(self, path: Boundary, state: OnsetState, change: Change, fraction: float = 1.0) -> OnsetState:
         """The state after a fraction of a change."""
         displacements, stresses, boundary = change
         s, q = state.strain + fraction * float(boundary[-1]), state.free.copy()
@@ -182,7 +177,7 @@ class TautPart:
         return replace(state, strain=s, free=q, coordinates=x, sigma=sigma, steps=state.steps + 1)
 
 
-def taut_part(path: BoundaryPath, taut: Mask) -> TautPart | None:
+def taut_part(path: Boundary, taut: Mask) -> TautPart | None:
     """The taut edges as a network; None where they cannot be in balance."""
     network = path.network
     components = [] if taut.all() else connected_parts(network, taut)

@@ -7,11 +7,6 @@ program, which tells taut from slack edges to about the root of its tolerance:
 2. Newton's method; if it fails, once more from the end of a damped attempt.
 3. If it failed, leave out the weakest edges, σ < w ⟨σ⟩ in the program; w grows from attempt to attempt.
 4. If it converged, release edges with σ ≤ 0 and add those with |L| > ℓ, each at most once; end where there are none.
-
-Programs end with relative errors of about 1e-10, which hide stresses below 1e-5 of the mean, as those of straight
-fibres whose crossings hardly deflect them.  The central path separates them: the onset is the largest strain s with
-½|L_α|² + h_α = ½ℓ_α², h ≥ 0, whose multipliers are the stresses σ ≥ 0 in balance, and Newton's method on σ_α h_α = μ,
-with refined factors, follows decreasing μ (`follow_central_path`).
 """
 
 from __future__ import annotations
@@ -21,11 +16,10 @@ from dataclasses import replace
 import numpy as np
 import scipy.sparse as sp
 
-from critflow.lengths.boundary_path import BoundaryPath
+from critflow.lengths.boundary import Boundary
 from critflow.lengths.cone import fit_lengths
-from critflow.lengths.taut_edges import FITTED, Mask, OnsetState, newton_taut, taut_part
+from critflow.lengths.taut_edges import FITTED, Mask, OnsetState, newton_taut
 from critflow.networks.network import Array, Network
-from critflow.result import InputError
 
 ONSET_ROUNDS = 16  # attempts to separate taut from slack edges; standard networks need one, diluted lattices up to four
 # σ below which the weakest edges are left out after Newton's method failed once, in units of ⟨σ⟩, and the factor by
@@ -37,15 +31,9 @@ EXACT_CONE = (1e-12, 1e-13)
 DAMPING = 1e-3  # compliance of taut edges with several self-stresses, relative to their stress, far from the solution
 SHORTENING_STEPS = 20  # least motions that shorten slack edges; chains of equal edges need one to four
 VIOLATED = 1e-8  # excess of |L|/ℓ over 1 of a slack edge that becomes a candidate; errors of the program are smaller
-CENTRAL_START = 1e-9  # σ h of an edge at the start of a central path, relative to ⟨σ⟩⟨ℓ²⟩: that where cone programs end
-CENTRAL_END = 1e-17  # the same at its end: stresses above 1e-8 of the mean are separated from slack
-CENTRAL_DECREASE = 0.1  # factor of the mean σ h in one step
-CENTRAL_FITTED = 1e-13  # relative error of ½|L|² + h at which it ends
-CENTRAL_STEPS = 30  # steps of Newton's method on it; ten to twenty are needed
-TO_BOUNDARY = 0.95  # part of the step to a vanishing stress or slack
 
 
-def polish_taut(path: BoundaryPath, lengths: Array, start: OnsetState) -> OnsetState:
+def polish_taut(path: Boundary, lengths: Array, start: OnsetState) -> OnsetState:
     """The onset on the taut edges, to rounding, from a solution of the cone program with a guess of those edges.
 
     The error is infinite where no attempt succeeds.
@@ -85,67 +73,22 @@ def polish_taut(path: BoundaryPath, lengths: Array, start: OnsetState) -> OnsetS
     return replace(best, steps=steps)
 
 
-def follow_central_path(path: BoundaryPath, lengths: Array, start: OnsetState) -> OnsetState | None:
-    """The state at the end of the central path, σ > 0 on all edges, with those that are taut; None without an end."""
-    everything = np.ones(path.network.n_edges, bool)
-    part = taut_part(path, everything)
-    if part is None or not start.taut.any():
-        return None
-    square = lengths**2
-    unit = float(start.sigma[start.taut].mean() * square.mean())
-    L = start.bond_vectors(path)
-    h = np.maximum(0.5 * (square - np.einsum("ad,ad->a", L, L)), CENTRAL_START * square)
-    state = replace(start, sigma=np.maximum(start.sigma, CENTRAL_START * unit / h), taut=everything)
-    for _ in range(CENTRAL_STEPS):
-        mean = float(np.mean(state.sigma * h))
-        try:
-            at = part.residuals(path, lengths, state)
-            # At the end of the path steps remain until lengths are right.
-            ended = mean < CENTRAL_END * unit
-            if ended and float((np.abs(at.elongation - h) / square).max()) < CENTRAL_FITTED:
-                break
-            factor = part.saddle.factorize(state.sigma, at.L, compliance=h / state.sigma)
-            target = (1.0 if ended else CENTRAL_DECREASE) * mean / state.sigma
-            change = part.change(path, state, at, factor, at.elongation - target)
-            h_change = target - h - h * change[1] / state.sigma
-            fraction = min(_fraction(state.sigma, change[1]), _fraction(h, h_change))
-            state, h = part.moved(path, state, change, fraction), h + fraction * h_change
-        except (InputError, np.linalg.LinAlgError):
-            return None
-        if not (np.isfinite(state.strain) and np.isfinite(state.sigma).all()):
-            return None
-    return replace(state, taut=state.sigma / state.sigma.mean() > h / square.mean())
-
-
-def _fraction(values: Array, change: Array) -> float:
-    """The part of a change that leaves positive values positive, at most 1."""
-    steepest = float((-change / values).max())
-    return min(1.0, TO_BOUNDARY / steepest) if steepest > 0 else 1.0
-
-
 def stressed(state: OnsetState) -> Mask:
     """Taut edges with more than the rounding of a stress, (N_b,)."""
     return state.taut & ~(state.sigma <= NO_STRESS * state.sigma[state.taut].mean())
 
 
-def _longer(path: BoundaryPath, lengths: Array, state: OnsetState) -> Mask:
+def _longer(path: Boundary, lengths: Array, state: OnsetState) -> Mask:
     """Slack edges that are longer than ℓ."""
     return ~state.taut & (state.ratios(path, lengths) > 1 + VIOLATED)
 
 
-def resolved(path: BoundaryPath, lengths: Array, state: OnsetState) -> bool:
+def resolved(path: Boundary, lengths: Array, state: OnsetState) -> bool:
     """Whether Newton's method converged to a state without longer slack edges."""
     return state.error < FITTED and not _longer(path, lengths, state).any()
 
 
-def without_slack_stress(path: BoundaryPath, lengths: Array, state: OnsetState) -> OnsetState:
-    """The state without the small stresses of its slack edges, with its error."""
-    part = taut_part(path, state.taut)
-    state = replace(state, sigma=np.where(state.taut, state.sigma, 0.0))
-    return replace(state, error=np.inf if part is None else part.residuals(path, lengths, state).error)
-
-
-def settled(path: BoundaryPath, lengths: Array, state: OnsetState) -> OnsetState:
+def settled(path: Boundary, lengths: Array, state: OnsetState) -> OnsetState:
     """The state with coordinates of the vertices off the taut edges that shorten the longest slack edge, |L|/ℓ > 1.
 
     They are those of a program that was less accurate than the taut part.

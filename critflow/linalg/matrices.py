@@ -1,4 +1,4 @@
-"""Patterns of the matrices of a network: stress-weighted Laplacian, elastic Hessian, energies that couple edges.
+"""Patterns of the matrices of a network: stress-weighted Laplacian and elastic Hessian.
 
 Their patterns stay the same while σ, the lengths or the strain change, so each is a `FixedPattern` made once.
 """
@@ -71,28 +71,6 @@ def edge_blocks(axial: Array, vectors: Array, isotropic: Array) -> Array:
         if row == col:
             block += isotropic
     return blocks.ravel()
-
-
-def pair_laplacian(
-    network: Network, pairs: tuple[NDArray[np.integer], NDArray[np.integer]], backend: str = "auto"
-) -> FixedPattern:
-    """Σ_{αβ} g_α g_βᵀ ⊗ C_{αβ} over the free coordinates, (d·n_free)², for energies that couple edges.
-
-    pairs  edges α and β, (n_pairs,) each, containing (β, α) for every (α, β); the values are C (n_pairs, d, d)
-    """
-    d = network.dimension
-    ends, signs = free_ends(network), (-1.0, 1.0)
-    first, second = ends[pairs[0]], ends[pairs[1]]
-
-    def entries() -> Iterator[Entries]:
-        for row, col in np.ndindex(d, d):
-            source = np.arange(len(first)) * d * d + d * row + col
-            for end, other in np.ndindex(2, 2):
-                i, j = first[:, end], second[:, other]
-                inside = (i >= 0) & (j >= 0)
-                yield Entries(d * i[inside] + row, d * j[inside] + col, source[inside], signs[end] * signs[other])
-
-    return FixedPattern(d * len(network.free), len(first) * d * d, entries(), backend, d > 2)
 
 
 def free_ends(network: Network) -> NDArray[np.int64]:

@@ -27,7 +27,7 @@ import numpy as np
 import scipy.linalg
 from numpy.typing import ArrayLike, NDArray
 
-from critflow.arguments import checked
+from critflow.arguments import of_kind
 from critflow.networks.checks import floats
 from critflow.result import InputError
 
@@ -203,7 +203,6 @@ DEFORMATIONS: tuple[str, ...] = tuple(_NAMED)
 """Names of deformations that `deformation_of` knows."""
 
 
-@checked
 def deformation_of(value: Deformation | str | ArrayLike | Function, dimension: int) -> Deformation:
     """A deformation from itself, its name, a matrix A for F = 1 + γA, or a function γ → F(γ).
 
@@ -214,6 +213,8 @@ def deformation_of(value: Deformation | str | ArrayLike | Function, dimension: i
     array([[1. , 0.1],
            [0. , 1. ]])
     """
+    value = of_kind(np.ndarray, str, Deformation, Callable, value=value)
+    dimension = of_kind(int, dimension=dimension)
     if dimension < 1:
         raise InputError(f"a deformation needs a dimension of at least 1, not {dimension}")
     if isinstance(value, str):

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from critflow.arguments import checked
+from critflow.arguments import of_kind
 from critflow.networks.blocks import components
 from critflow.networks.checks import check_ends, finite_rows, floats, integers
 from critflow.result import NetworkError, Record
@@ -51,14 +51,23 @@ class PlanarFaces(Faces):
     def __init__(self, edges: IntArray, bond_vectors: Array, n_vertices: int):
         self.__dict__["_embedding"] = edges, bond_vectors, n_vertices
 
-    def __getattr__(self, name: str) -> Any:
-        if name in ("edges", "signs", "starts"):
-            self.__dict__.update(vars(planar_faces(*self._embedding)))
-            return self.__dict__[name]
-        raise AttributeError(name)
+    @cached_property
+    def _walks(self) -> Faces:
+        return planar_faces(*self.__dict__["_embedding"])
+
+    @property
+    def edges(self) -> IntArray:
+        return self._walks.edges
+
+    @property
+    def signs(self) -> IntArray:
+        return self._walks.signs
+
+    @property
+    def starts(self) -> IntArray:
+        return self._walks.starts
 
 
-@checked
 def planar_faces(edges: ArrayLike, bond_vectors: ArrayLike, n_vertices: int) -> Faces:
     """The faces of a planar network from its embedding: bond vectors (N_b, 2) that do not cross.
 
@@ -72,6 +81,8 @@ def planar_faces(edges: ArrayLike, bond_vectors: ArrayLike, n_vertices: int) -> 
     >>> planar_faces(network.edges, network.bond_vectors(network.positions), 8).sizes
     array([6, 6, 6, 6])
     """
+    of_kind(np.ndarray, edges=edges, bond_vectors=bond_vectors)
+    n_vertices = of_kind(int, n_vertices=n_vertices)
     edges, n_edges = integers(edges, "edges"), len(np.atleast_1d(edges))
     bond_vectors = finite_rows(floats(bond_vectors, "bond_vectors"), "bond_vectors", (n_edges, 2))
     if edges.shape != (n_edges, 2) or n_edges == 0:

@@ -13,10 +13,12 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from critflow.arguments import checked
+from critflow.arguments import of_kind
 from critflow.networks.blocks import blocks, components, opened_edges
 from critflow.networks.network import Array, IntArray, Network
+from critflow.progress import running
 from critflow.result import NetworkError
+from critflow.threads import one_blas_thread
 
 Mask = NDArray[np.bool_]
 
@@ -33,7 +35,8 @@ class Pruned(NamedTuple):
     vertices: IntArray
 
 
-@checked
+@running("pruned")
+@one_blas_thread()
 def pruned(network: Network | ArrayLike, kept: ArrayLike | None = None, **arguments: Any) -> Pruned:
     """The largest part of a network that can carry tension on every edge, with the place of its edges in the whole.
 
@@ -51,6 +54,8 @@ def pruned(network: Network | ArrayLike, kept: ArrayLike | None = None, **argume
     >>> found.network.n_edges, found.network.note
     (2, 'removed 1 of 3 edges, which cannot carry tension: 1 on bridges and dangling ends')
     """
+    network = of_kind(np.ndarray, Network, network=network)
+    of_kind(np.ndarray, None, kept=kept)
     if isinstance(network, Network):
         if arguments:
             raise NetworkError(f"a network takes no further {next(iter(arguments))!r}: give edges as an array, or less")

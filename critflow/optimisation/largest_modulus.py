@@ -10,15 +10,13 @@ directions of T that close are the solution of one more linear system, and some 
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass, field, replace
-from functools import cached_property
+from dataclasses import replace
 
 import numpy as np
 import scipy
 import scipy.sparse as sp
-from numpy.typing import NDArray
 
+from critflow.critical.edge_lengths import NO_LENGTH
 from critflow.critical.manifold import CriticalConfiguration, CriticalManifold
 from critflow.critical.transition import TransitionModulus, force_map, is_dilation, transition_modulus, vanishes
 from critflow.lengths.taut_edges import unknown_configuration
@@ -26,64 +24,14 @@ from critflow.linalg.matrices import spread_columns
 from critflow.linalg.vectors import dot
 from critflow.networks.deformation import Deformable
 from critflow.networks.network import Array, Network
+from critflow.optimisation.optimum import Optimum
 from critflow.result import InputError, Solution, SolveError, Status
 
 BALANCED = 1e-8  # relative force balance, and relative distance from the bound, of a modulus that attains its bound
-NO_LENGTH = 1e-10  # length, in units of the mean, of an edge that vanishes in the configuration of the largest modulus
 # Determinant of the map F of forces, over |F|², below which all forces count as parallel: lengths grow as its inverse.
 PARALLEL_FORCES = 1e-9
 
 _QUARTER_TURN = np.array([[0.0, -1.0], [1.0, 0.0]])
-
-
-@dataclass(frozen=True, eq=False, kw_only=True, repr=False)
-class Optimum(Solution[CriticalConfiguration]):
-    """The best critical configuration by an objective; `stats.residual` is the largest component of dO/dσ.
-
-    Numbers that do not apply are NaN or None, lists are empty.
-
-    objective         value of the objective; where the optimum is not attained, the limit of the value
-    error_of          function that computes `objective_error`, where the optimum is known
-    uncertainty       |objective − limit| where the optimum is not attained.  Error bound (estimate)
-    bound             largest value over all stresses in closed form (moduli without a penalty)
-    collapsed_edges   edges whose length is zero at an optimum that is attained, or tends to zero
-                      (`Status.edge_collapse`)
-    slack_edges       edges whose tension tends to zero (`Status.slack_edges`)
-    saddles           saddle points left on the descent; None where the end was not tested
-    start             number of the start that led here
-    starts            values of the objective from all starts, (n_starts,)
-    crossings         steps after which the number of negative pivots of P differs (stresses of any sign)
-    nearest_singular  smallest pivot of P over the largest on the descent (stresses of any sign)
-    negative_pivots   number of negative pivots of P at the last step of the descent (stresses of any sign)
-    """
-
-    objective: float
-    error_of: Callable[[], float] | None = field(default=None, repr=False)
-    uncertainty: float = np.nan
-    bound: float = np.nan
-    collapsed_edges: NDArray[np.intp] = field(default_factory=lambda: np.zeros(0, np.intp))
-    slack_edges: NDArray[np.intp] = field(default_factory=lambda: np.zeros(0, np.intp))
-    saddles: int | None = None
-    start: int = 0
-    starts: Array = field(default_factory=lambda: np.zeros(0))
-    crossings: tuple[int, ...] = ()
-    nearest_singular: float = np.nan
-    negative_pivots: int | None = None
-
-    @cached_property
-    def objective_error(self) -> float:
-        """|objective − optimum| where the optimum is known, else NaN; computed at its first use.
-
-        Error bound (proof), except for moduli other than B_0, where the rounding of the bound is an estimate.
-        """
-        return self.error_of() if self.error_of else np.nan
-
-    @property
-    def gap(self) -> float:
-        """1 − objective/bound where the bound is attained, else NaN."""
-        if not self.ok:
-            return np.nan
-        return 1 - self.objective / self.bound if self.bound else 0.0
 
 
 def largest_modulus(network: Network | CriticalManifold, strain: Deformable) -> Optimum:
@@ -106,18 +54,18 @@ def largest_modulus(network: Network | CriticalManifold, strain: Deformable) -> 
     bound, zero = float(np.trace(F @ moment @ F.T)) / network.volume, vanishes(F, moment, A)
     if zero or is_dilation(A):
         # F = A of a dilation is isotropic: the configuration is L* itself.
-        found: Solution[CriticalConfiguration] = manifold.solve(balance.sigma, balance=balance)
+        solution: Solution[CriticalConfiguration] = manifold.solve(balance.sigma, balance=balance)
     else:
-        found, shortest = _closed(manifold, balance.bond_vectors, F, A, bound)
-    here = found.value
-    stats = replace(found.stats, method="closed_form", steps=0)
+        solution, shortest = _closed(manifold, balance.bond_vectors, F, A, bound)
+    here = solution.value
+    stats = replace(solution.stats, method="closed_form", steps=0)
     optimum = Optimum(here, Status.ok, stats, objective=modulus.evaluate(here)[0], bound=bound)
     if here.residual < BALANCED and (zero or abs(optimum.gap) < BALANCED) and shortest > NO_LENGTH:
         edges = here.collapsed_edges
         note = f"edges {', '.join(map(str, edges))} have no length there" if len(edges) else ""
         return replace(optimum, collapsed_edges=edges, note=note)
     # Forces that are all parallel, or an edge that vanishes: the bound is approached, not attained.
-    status = Status.edge_collapse if shortest <= NO_LENGTH else Status.singular if found.ok else found.status
+    status = Status.edge_collapse if shortest <= NO_LENGTH else Status.singular if solution.ok else solution.status
     return replace(optimum, value=unknown_configuration(network), status=status, objective=bound)
 
 
@@ -134,10 +82,10 @@ def _closed(
         else:
             L = _across(manifold, L_star, L_star @ F.T @ _QUARTER_TURN.T)
         square = dot(L, L)
-        found = manifold.solve(k * dot(L_star @ F.T, L) / np.maximum(square, np.finfo(float).tiny))
-        if parallel or abs(TransitionModulus(A).evaluate(found.value)[0] / bound - 1) < BALANCED:
+        solution = manifold.solve(k * dot(L_star @ F.T, L) / np.maximum(square, np.finfo(float).tiny))
+        if parallel or abs(TransitionModulus(A).evaluate(solution.value)[0] / bound - 1) < BALANCED:
             break
-    return found, float(np.sqrt(square.min()) / np.sqrt(square).mean())
+    return solution, float(np.sqrt(square.min()) / np.sqrt(square).mean())
 
 
 def _across(manifold: CriticalManifold, start: Array, normals: Array) -> Array:

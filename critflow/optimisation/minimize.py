@@ -313,7 +313,7 @@ def _steihaug(function: Function, point: Point, radius: float, max_products: int
     residual = -point.gradient
     size = float(np.linalg.norm(residual))
     # Few iterations far from the minimum, many near it, so that the convergence is superlinear.
-    goal = size * min(0.1, np.sqrt(size))
+    small_enough = size * min(0.1, np.sqrt(size))
     step, product = np.zeros_like(residual), np.zeros_like(residual)
     direction, square, steepest = residual, residual @ residual, 0.0
     for inner in range(1, max_products + 1):
@@ -331,7 +331,7 @@ def _steihaug(function: Function, point: Point, radius: float, max_products: int
         step, product = longer, product + length * curved
         residual = residual - length * curved
         new_square = residual @ residual
-        if np.sqrt(new_square) < goal:
+        if np.sqrt(new_square) < small_enough:
             break
         direction, square = residual + (new_square / square) * direction, new_square
     return step, -float(point.gradient @ step + 0.5 * step @ product), True

@@ -1,41 +1,41 @@
 """Optimisation over all critical configurations: an objective in, the best configuration out.
 
-The unknowns are θ = log σ, so every stress stays positive, or σ itself where compression is allowed; results are
-scaled to Σσ² = N_b.  The residual of an optimum is the largest component of dO/dσ, the gradient projected on the
-stresses of that scale.
+1. Name → quantity, with the penalty for G_0 (`objective_of`).
+2. Where the optimum is known without a descent, take it (`known_optima`).
+3. Else the best of the descents from all starts (`descent`).
+
+Stresses of a result are scaled to Σσ² = N_b.  The residual of an optimum is the largest component of dO/dσ, the
+gradient projected on the stresses of that scale.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
-from functools import cached_property, partial
+from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from critflow.arguments import checked
-from critflow.critical.manifold import CriticalConfiguration, CriticalManifold, require_one_self_stress
-from critflow.critical.quantity import Evaluation, Quantity, evaluate, evaluate_at
-from critflow.critical.transition import PenalisedModulus, TransitionModulus, dilation
-from critflow.critical.variances import LengthVariance
+from critflow.arguments import of_kind
+from critflow.critical.manifold import CriticalManifold, require_one_self_stress
+from critflow.critical.quantity import Quantity, require_exact_hessian
+from critflow.critical.transition import PenalisedModulus, TransitionModulus
 from critflow.critical.vocabulary import only_positive, quantity
-from critflow.lengths.from_lengths import critical_from_lengths
-from critflow.lengths.length_iteration import iterate_lengths
-from critflow.linalg.tolerances import EPS
 from critflow.networks.checks import edge_values
 from critflow.networks.network import Array, Network
-from critflow.optimisation.descent import DESCENTS, Observer, descend
-from critflow.optimisation.largest_modulus import Optimum, largest_modulus
-from critflow.optimisation.stress_objective import SignedStressObjective, StressObjective
-from critflow.response.at_transition import transition_modulus_error
-from critflow.result import InputError, Solution
+from critflow.optimisation.descent import DESCENTS, SignedStressObjective, StressObjective, descend
+from critflow.optimisation.descent_end import Observer
+from critflow.optimisation.known_optima import KNOWN, KNOWN_QUANTITIES, known_optimum
+from critflow.optimisation.optimum import Optimum
+from critflow.progress import running
+from critflow.result import InputError
+from critflow.threads import one_blas_thread
 
-# Tolerance of dO/dσ times N_b above which the iteration towards equal lengths alone is faster than with Newton's method
-# at its end: the same 15 to 35 steps for 100 to 10,000 vertices.
-ROUGH = 1e-5
+METHODS = (*DESCENTS, *KNOWN)
 
 
-@checked
+@running("optimize")
+@one_blas_thread()
 def optimize(
     network: Network | CriticalManifold,
     objective: str | Quantity,
@@ -65,45 +65,55 @@ def optimize(
     observe    called with (step, value, σ, L) at the start and after every step of a descent; when it returns a true
                value the descent ends there, with `Status.step_limit`
 
-    The statistics contain condition and error bound of the configuration for its stress; these and its coordinates are
-    computed when one of them is read first.  With stresses of any sign a descent may cross stresses whose prestress
-    matrix is singular, which have no configuration.
-
+    The statistics contain condition and error bound of the configuration for its stress.  With stresses of any sign a
+    descent may cross stresses whose prestress matrix is singular, which have no configuration.
     An optimum that is not attained has a status: `Status.edge_collapse` for a tension variance whose infimum has an
     edge of zero length, `Status.slack_edges` for a length variance whose infimum has slack edges, `Status.singular`
     where lengths grow without end.  The objective is then the limit of the value.  Every optimum of a descent may be
     local: where no stress gives equal lengths, different starts end at different length variances.
     Raises `InputError` for bad arguments, `SolveError` when the status is not `ok` and `throw`.
-
     Many parameters: all after the method are options of a descent, by keyword only.
 
     >>> import critflow as cf
-    >>> found = cf.optimize(cf.voronoi_network(n_vertices=20, seed=1), 'B_0')
-    >>> abs(found.objective - found.bound) < 1e-12
+    >>> stiffest = cf.optimize(cf.voronoi_network(n_vertices=20, seed=1), 'B_0')
+    >>> abs(stiffest.objective - stiffest.bound) < 1e-12
     True
     """
-    _check_options(method, tolerance, max_steps)
-    problem = _problem(CriticalManifold.of(network), objective, signs, threshold)
-    if method == "newton" and not problem.goal.has_differential:
-        raise InputError(f"Newton's method needs {problem.goal.name}.differential: define it, or choose 'lbfgs'")
-    given = _starts(problem, start, starts, rng)
-    if method == "closed_form" or (method == "auto" and _closed_form_pays(problem)):
-        optimum = _closed_form(problem)
-    elif method == "conic":
-        optimum = _cone_program(problem)
-    else:
-        free = method == "auto" and start is None and max_steps is None and observe is None
-        equal = _equal_lengths(problem, tolerance) if free else None
-        optimum = equal or _best_descent(problem, given, method, tolerance, max_steps, observe)
+    manifold = CriticalManifold.of(of_kind(Network, CriticalManifold, network=network))
+    objective = of_kind(str, Quantity, objective=objective)
+    starts = of_kind(int, starts=starts)
+    max_steps = of_kind(int, None, max_steps=max_steps)
+    of_kind(bool, throw=throw)
+    _check_options(method, signs, threshold, tolerance, max_steps, observe)
+    positive = only_positive(signs)
+    best = objective_of(manifold.network, objective, threshold if positive else None)
+    # The largest bulk modulus of all stresses and all configurations is at σ = k, which is positive.
+    if best.one_self_stress and positive and not (isinstance(best, TransitionModulus) and best.is_bulk):
+        require_one_self_stress(manifold.network)
+    if method == "newton":
+        require_exact_hessian(manifold, best)
+    given = _starts(manifold.network.n_edges, start, starts, rng, positive)
+    optimum = KNOWN[method](manifold, best, positive) if method in KNOWN else None
+    if method == "auto" and isinstance(best, KNOWN_QUANTITIES):
+        free = start is None and max_steps is None and observe is None
+        optimum = known_optimum(manifold, best, positive, tolerance if free else None)
+    if optimum is None:
+        function = (StressObjective if positive else SignedStressObjective)(manifold, best)
+        optimum = _best([descend(function, method, one, tolerance, max_steps, observe) for one in given], function.unit)
     return optimum.or_raise("no optimum") if throw else optimum
 
 
-def _check_options(method: str, tolerance: float, max_steps: int | None) -> None:
+def _check_options(
+    method: str, signs: str, threshold: float, tolerance: float, max_steps: int | None, observe: Observer | None
+) -> None:
+    of_kind(str, method=method, signs=signs)
+    of_kind(float, threshold=threshold, tolerance=tolerance)
+    of_kind(Callable, None, observe=observe)
     if method not in METHODS:
         raise InputError(f"no method is called {method!r}: choose one of {', '.join(METHODS)}")
     if not tolerance > 0:
         raise InputError(f"the tolerance must be positive, not {tolerance}")
-    if max_steps is not None and (not isinstance(max_steps, int | np.integer) or max_steps < 0):
+    if max_steps is not None and max_steps < 0:
         raise InputError(f"max_steps must be a whole number of at least 0, or None, not {max_steps!r}")
 
 
@@ -112,140 +122,28 @@ def objective_of(network: Network, objective: str | Quantity, threshold: float |
 
     threshold  r of the penalty; None without it
     """
-    goal = quantity(network, objective)
-    if isinstance(objective, str) and goal.name == "G_0" and threshold is not None:
-        return PenalisedModulus(goal, threshold)  # type: ignore[arg-type]
-    return goal
+    named = quantity(network, objective)
+    if isinstance(objective, str) and named.name == "G_0" and threshold is not None:
+        return PenalisedModulus(named, threshold)  # type: ignore[arg-type]
+    return named
 
 
-@dataclass(frozen=True, eq=False)
-class _Problem:
-    """An objective over the positive stresses of a network, or over stresses of any sign."""
-
-    manifold: CriticalManifold
-    goal: Quantity
-    positive: bool
-
-    @cached_property
-    def is_bulk(self) -> bool:
-        """Whether the objective is the modulus of a dilation."""
-        A = dilation(self.manifold.network.dimension)
-        return isinstance(self.goal, TransitionModulus) and np.array_equal(self.goal.symmetric, A)
-
-
-def _problem(manifold: CriticalManifold, objective: str | Quantity, signs: str, threshold: float) -> _Problem:
-    positive = only_positive(signs)
-    problem = _Problem(manifold, objective_of(manifold.network, objective, threshold if positive else None), positive)
-    if problem.goal.one_self_stress and positive and not problem.is_bulk:
-        # The maximum of the bulk modulus over all stresses of all configurations is at σ = k, which is positive.
-        require_one_self_stress(manifold.network)
-    return problem
-
-
-def _starts(problem: _Problem, start: ArrayLike | None, n: int, rng: np.random.Generator | None) -> list[Array]:
-    """Stresses (N_b,) of all starts: the given one or σ = 1, then random ones."""
-    m = problem.manifold.network.n_edges
+def _starts(m: int, start: ArrayLike | None, n: int, rng: np.random.Generator | None, positive: bool) -> list[Array]:
+    """Stresses (m,) of all n starts: the given one or σ = 1, then random ones."""
+    of_kind(np.ndarray, None, start=start)
+    of_kind(np.random.Generator, None, rng=rng)
     if n < 1 or (n > 1 and rng is None):
         raise InputError("starts must be at least 1, and more than one start needs a random generator rng")
-    first = np.ones(m) if start is None else edge_values(start, m, "start", problem.positive)
+    first = np.ones(m) if start is None else edge_values(start, m, "start", positive)
     return [first, *(np.abs(rng.standard_normal(m)) for _ in range(n - 1) if rng is not None)]
 
 
-def _best_descent(
-    problem: _Problem,
-    starts: list[Array],
-    method: str,
-    tolerance: float,
-    max_steps: int | None,
-    observe: Observer | None,
-) -> Optimum:
-    """The best of the descents from all starts; one with status `ok` where there is one."""
-    objective = (StressObjective if problem.positive else SignedStressObjective)(problem.manifold, problem.goal)
-    optima = [descend(objective, method, start, tolerance, max_steps, observe) for start in starts]
+def _best(optima: list[Optimum], unit: float) -> Optimum:
+    """The best of several optima; one with status `ok` where there is one.
+
+    unit  of the objective, with the sign of what is minimised
+    """
     values = np.array([optimum.objective for optimum in optima])
     good = [n for n, optimum in enumerate(optima) if optimum.ok] or range(len(optima))
-    best = min(good, key=lambda n: values[n] / objective.unit)
+    best = min(good, key=lambda n: values[n] / unit)
     return replace(optima[best], start=best, starts=values)
-
-
-def _closed_form(problem: _Problem) -> Optimum:
-    """The largest modulus in closed form."""
-    manifold, goal = problem.manifold, problem.goal
-    if not isinstance(goal, TransitionModulus):
-        raise InputError("a closed form is known for moduli without a penalty only: choose another method")
-    optimum = largest_modulus(manifold, goal.symmetric)
-    compressed = int(np.sum(optimum.value.sigma < 0))
-    if compressed and problem.positive:
-        raise InputError(
-            f"the largest modulus for this strain compresses {compressed} edges: allow it with signs='any', or choose "
-            "another method"
-        )
-    if not optimum.ok:
-        return replace(optimum, stats=replace(optimum.stats, residual=np.nan))
-    stats = replace(optimum.stats, residual=_residual(evaluate(manifold, goal, optimum.value.sigma)))
-    if problem.is_bulk:
-        error = partial(transition_modulus_error, dilation(manifold.network.dimension), optimum.value)
-    else:
-        # Value and bound are both rounded, and the value is at most the exact bound.
-        rounding = EPS * manifold.network.n_edges * optimum.bound
-        error = partial(float, abs(optimum.bound - optimum.objective) + rounding)
-    return replace(optimum, stats=stats, error_of=error)
-
-
-def _closed_form_pays(problem: _Problem) -> bool:
-    """Whether a configuration of the largest value is known, with no more compression than the signs allow."""
-    plane = problem.manifold.network.dimension == 2
-    return isinstance(problem.goal, TransitionModulus) and (problem.is_bulk or (not problem.positive and plane))
-
-
-def _cone_program(problem: _Problem) -> Optimum:
-    """The configuration of equal lengths, whose length variance is zero."""
-    manifold, goal = problem.manifold, problem.goal
-    if not isinstance(goal, LengthVariance):
-        raise InputError("the cone program finds the least length variance only: choose another method")
-    found = critical_from_lengths(manifold, np.ones(manifold.network.n_edges), throw=False)
-    here = evaluate(manifold, goal, found.value.sigma) if found.ok else None
-    optimum = _least_variance(found, manifold, "conic", found.stats.steps, here)
-    return replace(optimum, note=found.note, slack_edges=found.slack_edges)
-
-
-def _least_variance(
-    found: Solution[CriticalConfiguration], manifold: CriticalManifold, method: str, steps: int, here: Evaluation | None
-) -> Optimum:
-    """The optimum at a configuration of equal lengths."""
-    variance, residual = (here.value, _residual(here)) if here else (np.nan, np.nan)
-    # An optimum of the stresses is of springs, without rest lengths.
-    value = replace(found.value, rest_lengths=None)
-    stats = replace(found.stats, method=method, steps=steps, residual=residual)
-    # The least variance is zero.
-    return Optimum(value, found.status, stats, objective=variance, error_of=partial(float, variance))
-
-
-def _equal_lengths(problem: _Problem, tolerance: float) -> Optimum | None:
-    """The configuration of equal lengths, to a rough tolerance by the iteration alone.
-
-    None for other objectives, and where edges fall slack: the least variance is then not zero.
-    """
-    manifold, goal = problem.manifold, problem.goal
-    n_edges = manifold.network.n_edges
-    if not isinstance(goal, LengthVariance) or not problem.positive:
-        return None
-    if tolerance * n_edges < ROUGH:
-        exact = _cone_program(problem)
-        return exact if exact.ok else None
-    for step, (balance, deviation) in enumerate(iterate_lengths(manifold, np.ones(n_edges))):
-        if deviation > 2 * tolerance * n_edges:
-            continue  # The gradient, which costs as much as a step, is about two deviations an edge.
-        here = evaluate_at(balance, goal)
-        if _residual(here) < tolerance:
-            found = manifold.solve(balance.sigma, balance=balance)
-            return _least_variance(found, manifold, "iteration", step, here)
-    return None
-
-
-def _residual(here: Evaluation) -> float:
-    """The largest component of dO/dσ, in the unit of O."""
-    return float(np.abs(here.gradient).max()) / here.quantity.unit(here.balance.network)
-
-
-METHODS = (*DESCENTS, "closed_form", "conic")

@@ -33,9 +33,8 @@ from critflow.linalg.factor import Factor, FixedPattern
 from critflow.linalg.tolerances import EPS
 from critflow.networks.deformation import Deformation
 from critflow.networks.network import Array, Network
-from critflow.paths.predictor import Predictor
 from critflow.paths.start import Beginning
-from critflow.paths.tangent import Tangent, tangent_of_response, tangent_of_springs
+from critflow.paths.tangent import Predictor, Tangent, tangent_of_response, tangent_of_springs
 from critflow.response.linear_response import linear_response, strains_of
 from critflow.response.tensor import Elasticity
 from critflow.result import Status
@@ -84,7 +83,7 @@ class Cell:
 
     strain: float
     gradient: Array
-    free: Array = field(default_factory=lambda: np.zeros(0))
+    free: Array
 
     @cached_property
     def inverse(self) -> Array:
@@ -372,7 +371,7 @@ def with_departure_velocity(problem: PathProblem, point: PathPoint, stress: Arra
     stressed = replace(springs, rest_lengths=rest, law=springs.law.near_rest)
     factor = stressed.factorize(problem.pattern, FLOPPY_SHIFT * springs.stiffness_scale)
     # Where all edges are tense the stress resists all motions.
-    if factor.indefinite and not stressed.taut(0.0):
+    if not stressed.taut(0.0) and factor.indefinite:
         return point
     along = tangent_of_springs(stressed, *rates, problem.pattern, factor)
     if along is None:

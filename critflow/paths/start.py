@@ -10,8 +10,10 @@ from numpy.typing import NDArray
 
 from critflow.arguments import held, shown
 from critflow.critical.backbone import backbone
-from critflow.critical.manifold import COLLAPSED, CriticalConfiguration
+from critflow.critical.edge_lengths import COLLAPSED
+from critflow.critical.manifold import CriticalConfiguration
 from critflow.extensions import extensible, provided
+from critflow.linalg.factor import FixedPattern
 from critflow.networks.network import Array
 from critflow.result import InputError, Solution, Status
 from critflow.springs.laws import HOOKEAN, SpringLaw, checked_law
@@ -32,14 +34,16 @@ Start = Any
 class Beginning:
     """Springs at γ = 0.
 
-    stress  tension over length of each spring at a transition, σ (N_b,) or T/p (N_f,); None for a state of springs
-    part    whether they are a part of the network, whose slack edges were left out
+    stress   tension over length of each spring at a transition, σ (N_b,) or T/p (N_f,); None for a state of springs
+    part     whether they are a part of the network, whose slack edges were left out
+    pattern  of the Hessian, where the manifold of the start has it
     """
 
     springs: SpringState
     stress: Array | None = None
     part: bool = False
     note: str = ""
+    pattern: FixedPattern | None = None
 
 
 @extensible
@@ -48,10 +52,8 @@ def start_of(start: Start, law: SpringLaw | None, taut_only: bool) -> Beginning:
     known = held(start, (CriticalConfiguration, SpringState))
     if known is not None:
         return start_of(known, law, taut_only)
-    advice = getattr(start, "alone", "") or _ADVICE
-    raise InputError(
-        f"start must be a CriticalConfiguration, a SpringState or a Solution, not {shown(start)}: {advice}"
-    )
+    kinds, advice = "a CriticalConfiguration or a SpringState or a Solution", getattr(start, "alone", "") or _ADVICE
+    raise InputError(f"start must be {kinds}, not {shown(start)}: {advice}")
 
 
 @start_of.register
@@ -74,7 +76,11 @@ def _(start: CriticalConfiguration, law: SpringLaw | None, taut_only: bool) -> B
         note = f"{n_slack} of {len(start.sigma)} edges are slack, so the path is that of the taut part alone"
     law = checked_law(HOOKEAN if law is None else law, part.lengths, part.network.stiffness)
     springs = SpringState(part.network, part.lengths, part.coordinates, part.bond_vectors, law)
-    return Beginning(springs, part.sigma, part is not start, note)
+    if part is not start:
+        return Beginning(springs, part.sigma, True, note)
+    # A solver that was chosen for the manifold may not serve the Hessian.
+    shared = start.maker is not None and start.maker.backend == "auto"
+    return Beginning(springs, part.sigma, pattern=start.manifold.hessian if shared else None)
 
 
 @start_of.register

@@ -7,14 +7,13 @@ until they tighten.  `continuation` has the algorithm, `start` the state at γ =
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from critflow.arguments import checked, shown
+from critflow.arguments import of_kind, shown
 from critflow.linalg.factor import FixedPattern
 from critflow.networks.deformation import Deformable, Deformation, deformation_of
 from critflow.networks.network import Array
@@ -29,12 +28,13 @@ from critflow.paths.continuation import (
 )
 from critflow.paths.start import Beginning, Start, start_of
 from critflow.paths.unknowns import unknowns_of
-from critflow.progress import counted
+from critflow.progress import counted, running
 from critflow.response.tensor import Elasticity
 from critflow.result import InputError, Record, Solution, Stats, Status
 from critflow.springs.equilibrium import relaxation_method
 from critflow.springs.laws import SpringLaw
 from critflow.springs.state import SpringState
+from critflow.threads import one_blas_thread
 
 MEASURES = ("tensors", "moduli", "energy")  # what a path measures at each strain, in falling order of time
 
@@ -89,6 +89,7 @@ def check_strains(strains: ArrayLike, signed: bool = False, zero: bool = False) 
     signed  they may also be negative and decreasing
     zero    the first one may be zero
     """
+    of_kind(np.ndarray, strains=strains)
     gamma = np.atleast_1d(np.asarray(strains, dtype=float))
     if gamma.ndim != 1:
         raise InputError(f"strains must be a list of numbers, not an array of shape {gamma.shape}")
@@ -106,7 +107,7 @@ class PathSolver:
     """How the springs of a path are relaxed: method and tolerance of `equilibrium`.
 
     tolerance  for FIRE, cables, and free components of the cell; Newton's answer is otherwise exact to rounding
-    pattern    of the Hessian, made for each path if it is not given; for many paths of one network
+    pattern    of the Hessian; by default that of the manifold that made the start, or one made for the path
     """
 
     method: str = "auto"
@@ -114,7 +115,8 @@ class PathSolver:
     pattern: FixedPattern | None = None
 
 
-@checked
+@running("strain_path")
+@one_blas_thread()
 def strain_path(
     start: Start,
     strains: ArrayLike,
@@ -163,16 +165,16 @@ def strain_path(
     >>> path.bulk_modulus.round(6)
     array([0.296637, 0.296489])
     """
-    first, options = start_of(start, law, taut_only), solver or PathSolver()
+    of_kind(SpringLaw, None, law=law)
+    of_kind(bool, taut_only=taut_only, throw=throw)
+    first, options = start_of(start, law, taut_only), of_kind(PathSolver, None, solver=solver) or PathSolver()
     gamma, method = check_strains(strains, signed=True, zero=first.stress is None), relaxation_method(options.method)
     path = deformation_of(deformation, first.springs.network.dimension)
-    for strain in gamma.tolist():
-        path.gradient(strain)  # refuses those that invert the cell
     if not isinstance(measure, str) or measure not in MEASURES:
         raise InputError(f"a path measures one of {', '.join(MEASURES)}, not {shown(measure)}")
     springs, network = first.springs, first.springs.network
-    pattern = (None if first.part else options.pattern) or springs.pattern()
-    unknowns = unknowns_of(springs, path, pattern, method, options.tolerance)
+    pattern = (None if first.part else options.pattern) or first.pattern or springs.pattern()
+    unknowns = unknowns_of(springs, path, gamma, pattern, method, options.tolerance)
     exact = method == "newton"
     branch = BranchTest(EXPECTED_STEPS, MOST_ITERATIONS) if exact else BranchTest(np.inf, np.inf)
     has_moduli = measure != "energy" and network.has_volume and network.dimension > 1
@@ -209,52 +211,51 @@ def _solution(
 
 def _assembled(problem: PathProblem, gamma: Array, reached: list[Interval]) -> StrainPath:
     """The path of all strains, of which only the last one tried may have failed."""
-    d, m, tensors = problem.deformation.dimension, len(problem.deformation.free), problem.measure == "tensors"
+    n, d, m = len(gamma), problem.deformation.dimension, len(problem.deformation.free)
     ends = [interval.end for interval in reached if interval.end.ok]
-
-    def measured(value: Callable[[Attempt], float | Array], *shape: int) -> Array:
-        values = np.full((len(gamma), *shape), np.nan)
-        if ends:
-            values[: len(ends)] = [value(end) for end in ends]
-        return values
-
-    def of_moduli(value: Callable[[Elasticity], float]) -> Array:
-        return measured(lambda end: np.nan if end.moduli is None else value(end.moduli))
-
-    def counted(value: Callable[[Interval], int], elsewhere: int = 0) -> NDArray[np.int64]:
-        values = np.full(len(gamma), elsewhere)
-        values[: len(reached)] = [value(interval) for interval in reached]
-        return values
-
+    measured = {name: np.full(n, np.nan) for name in _SCALARS}
+    measured |= {"stress": np.full((n, d, d), np.nan), "free_components": np.full((n, m), np.nan)}
+    if ends:
+        rows = [_measured(end) for end in ends]
+        for name, missing in measured.items():
+            measured[name] = np.concatenate([[row[name] for row in rows], missing[len(ends) :]])
+    steps, inserted, status = (np.full(n, value) for value in (0, 0, int(Status.missing)))
+    steps[: len(reached)] = [interval.iterations for interval in reached]
+    inserted[: len(reached)] = [interval.inserted for interval in reached]
+    status[: len(reached)] = [interval.end.status for interval in reached]
     return StrainPath(
         strains=gamma,
-        bulk_modulus=of_moduli(lambda moduli: moduli.bulk),
-        shear_modulus=of_moduli(lambda moduli: moduli.shear),
-        shear_modulus_stress_corrected=of_moduli(lambda moduli: moduli.shear_stress_corrected),
-        energy=measured(lambda end: end.state.energy),
-        max_force=measured(lambda end: end.state.max_force),
-        steps=counted(lambda interval: interval.iterations),
-        status=counted(lambda interval: interval.end.status, Status.missing),
+        steps=steps,
+        status=status,
+        inserted=inserted,
         states=tuple(end.state for end in ends),
-        inserted=counted(lambda interval: interval.inserted),
-        coordinate_error=measured(lambda end: end.coordinate_error),
-        bulk_modulus_error=of_moduli(lambda moduli: moduli.errors.bulk),
-        shear_modulus_error=of_moduli(lambda moduli: max(moduli.errors.shear, moduli.errors.shear_stress_corrected)),
         deformation=problem.deformation,
-        modulus=measured(lambda end: end.tangent.second / volume_of(end.state) if end.tangent else np.nan),
-        modulus_error=measured(lambda end: end.tangent.second_error / volume_of(end.state) if end.tangent else np.nan),
-        stress=measured(lambda end: _stress(end.state) if end.moduli is None else end.moduli.stress, d, d),
-        elasticity=tuple(end.moduli for end in ends if tensors and end.moduli is not None),
-        free_components=measured(lambda end: end.cell.free, m),
+        elasticity=tuple(end.moduli for end in ends if end.moduli and problem.measure == "tensors"),
+        **measured,
     )
 
 
-def _stress(state: SpringState) -> Array:
-    """Cauchy stress (1/V) Σ σ L⊗L, (d, d)."""
-    L = state.bond_vectors
-    return L.T @ (state.sigma[:, None] * L) / volume_of(state)
+_SCALARS = (
+    *("bulk_modulus", "shear_modulus", "shear_modulus_stress_corrected", "bulk_modulus_error", "shear_modulus_error"),
+    *("energy", "max_force", "coordinate_error", "modulus", "modulus_error"),
+)
 
 
-def volume_of(state: SpringState) -> float:
-    """V of the cell or as named, or 1 without either."""
-    return state.network.volume if state.network.has_volume else 1.0
+def _measured(end: Attempt) -> dict[str, float | Array]:
+    """What `StrainPath` has of one state: floats `_SCALARS`, the stress (d, d) and q (m,); NaN where not measured."""
+    state, along, moduli = end.state, end.tangent, end.moduli
+    # V of the cell or as named, or 1 without either.
+    volume = state.network.volume if state.network.has_volume else 1.0
+    row: dict[str, float | Array] = dict.fromkeys(_SCALARS, np.nan)
+    row |= {"energy": state.energy, "max_force": state.max_force, "coordinate_error": end.coordinate_error}
+    if along is not None:
+        row |= {"modulus": along.second / volume, "modulus_error": along.second_error / volume}
+    if moduli is None:
+        L = state.bond_vectors
+        stress = L.T @ (state.sigma[:, None] * L) / volume
+    else:
+        stress, shear, corrected = moduli.stress, moduli.errors.shear, moduli.errors.shear_stress_corrected
+        row |= {"bulk_modulus": moduli.bulk, "bulk_modulus_error": moduli.errors.bulk}
+        row |= {"shear_modulus": moduli.shear, "shear_modulus_error": max(shear, corrected)}
+        row["shear_modulus_stress_corrected"] = moduli.shear_stress_corrected
+    return row | {"stress": stress, "free_components": end.cell.free}

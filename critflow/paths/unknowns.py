@@ -17,21 +17,27 @@ from critflow.result import InputError, Status
 from critflow.springs.equilibrium import LOOSEST_TOLERANCE, relaxed
 from critflow.springs.state import SpringState
 
+NONE_FREE = np.zeros(0)  # q of a cell without free components
 LOOSENING_WORK = 1e-9  # work of a strain on the stress of a transition, relative to its size, below which it loosens
 _LOOSENED = "the strain loosens the network, which is floppy on this side of the transition: change its sign"
 
 
 def unknowns_of(
-    springs: SpringState, deformation: Deformation, pattern: FixedPattern, method: str, tolerance: float
+    springs: SpringState, deformation: Deformation, gamma: Array, pattern: FixedPattern, method: str, tolerance: float
 ) -> Unknowns:
     """The vertices, with the free components of a cell that has some, and as cables demand it if springs are cables.
 
+    Raises `InputError` where a strain γ inverts the cell.
     Raises `InputError` where the extra with one of these is not installed.
     """
     kind = provided("free_cell_unknowns", "free components of the cell") if deformation.free else Vertices
     # Predictions for springs are within reach of the last correction of Newton's method.
     rough = method == "newton" and not springs.law.one_sided and not deformation.free
-    vertices = kind(springs.network, deformation, pattern, method, LOOSEST_TOLERANCE if rough else tolerance)
+    gradients = {strain: deformation.gradient(strain) for strain in gamma.tolist()}
+    vertices = kind(
+        *(springs.network, deformation, gradients, pattern, method),
+        LOOSEST_TOLERANCE if rough else tolerance,
+    )
     return provided("cable_unknowns", "paths of cables")(vertices) if springs.law.one_sided else vertices
 
 
@@ -39,18 +45,25 @@ def unknowns_of(
 class Vertices:
     """The coordinates y (n_free, d) that move with the cell, x = F(γ) y: the `Unknowns` of springs.
 
+    gradients          F (d, d) of the strains of the path
     method, tolerance  of `relaxed`
     """
 
     reference: Network
     deformation: Deformation
+    gradients: dict[float, Array]
     pattern: FixedPattern
     method: str
     tolerance: float
 
     def cell(self, strain: float, free: Array | None = None) -> Cell:
         """The cell F(γ)."""
-        return Cell(strain, self.deformation.gradient(strain))
+        return Cell(strain, self.gradient(strain), NONE_FREE)
+
+    def gradient(self, strain: float) -> Array:
+        """F(γ), (d, d)."""
+        F = self.gradients.get(strain)
+        return self.deformation.gradient(strain) if F is None else F
 
     def point(self, state: SpringState, cell: Cell) -> Array:
         """y, (n_free·d,)."""

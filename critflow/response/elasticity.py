@@ -17,18 +17,20 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from critflow.arguments import checked, of_kind
+from critflow.arguments import of_kind, of_known_kind
 from critflow.certificates.uniqueness import count_self_stresses
 from critflow.critical.backbone import backbone
 from critflow.critical.manifold import CriticalConfiguration
 from critflow.extensions import extensible, provided
 from critflow.networks.network import Network
+from critflow.progress import running
 from critflow.response.at_transition import elasticity_at_transition
 from critflow.response.linear_response import linear_response
 from critflow.response.tensor import Elasticity, Errors
 from critflow.result import InputError, Solution, Stats, Status
 from critflow.springs.laws import HOOKEAN, SpringLaw
 from critflow.springs.state import SpringState
+from critflow.threads import one_blas_thread
 
 # Force left on a vertex, relative to the largest tension, below which tensions are in balance: those of rounding are
 # not, and tensions of 1e-14 near the transition are.
@@ -57,7 +59,8 @@ class Options(NamedTuple):
     tolerance: float = 1e-9
 
 
-@checked
+@running("elasticity")
+@one_blas_thread()
 def elasticity(
     springs: Any,
     coordinates: ArrayLike | None = None,
@@ -94,7 +97,11 @@ def elasticity(
     >>> round(tensor.bulk, 6), round(tensor.shear, 6), round(tensor.poisson(0.0), 6)
     (0.866025, 0.433013, 0.333333)
     """
-    springs = of_kind("springs", springs, (CriticalConfiguration, SpringState, Network), elastic_response.takes)
+    springs = of_known_kind(elastic_response, CriticalConfiguration, SpringState, Network, springs=springs)
+    of_kind(np.ndarray, None, coordinates=coordinates, rest_lengths=rest_lengths, taut=taut)
+    of_kind(SpringLaw, law=law)
+    of_kind(float, None, volume=volume)
+    of_kind(float, tolerance=tolerance)
     V = (springs if isinstance(springs, Network) else springs.network).volume if volume is None else volume
     if not 0 < V < np.inf:
         raise InputError(f"the volume must be positive and finite, not {V}")

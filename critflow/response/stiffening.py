@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 
-from critflow.arguments import checked, of_kind
+from critflow.arguments import of_kind, of_known_kind
 from critflow.certificates.prestress import stabilises
 from critflow.certificates.uniqueness import require_only_self_stress
 from critflow.critical.backbone import backbone
@@ -25,13 +25,16 @@ from critflow.critical.manifold import CriticalConfiguration, CriticalManifold
 from critflow.extensions import extensible
 from critflow.networks.deformation import Deformable, Deformation, deformation_of
 from critflow.precision.residual import exact_displacement
+from critflow.progress import running
 from critflow.response.coefficients import Stiffening, StiffeningSolution, coefficients, failed, with_status
 from critflow.response.third_order import ThirdOrderEnergy
 from critflow.result import InputError, Status
 from critflow.springs.laws import HOOKEAN, SpringLaw
+from critflow.threads import one_blas_thread
 
 
-@checked
+@running("stiffening")
+@one_blas_thread()
 def stiffening(
     critical: Any,
     throw: bool = True,
@@ -72,7 +75,10 @@ def stiffening(
     >>> round(found.C_B / found.bulk_0, 6)  # −1/2 of springs as stiff as their stress
     -0.5
     """
-    critical = of_kind("critical", critical, (CriticalConfiguration,), exact_stiffening.takes)
+    critical = of_known_kind(exact_stiffening, CriticalConfiguration, critical=critical)
+    of_kind(bool, throw=throw)
+    of_kind(SpringLaw, law=law)
+    manifold = of_kind(CriticalManifold, None, manifold=manifold)
     path = deformation_of(deformation, critical.network.dimension)
     solution: StiffeningSolution = exact_stiffening(critical, path, law, manifold)
     return solution.or_raise("no stiffening coefficients") if throw else solution
@@ -84,7 +90,8 @@ def exact_stiffening(
 ) -> StiffeningSolution:
     """The coefficients by the kind of springs; those on edges here."""
     if manifold is not None:
-        critical = replace(critical, network=critical.springs_of(manifold.network))
+        critical.require_same_geometry(manifold.network)
+        critical = replace(critical, network=manifold.network)
     if relaxing := _relaxing(critical, path):
         return failed(Status.floppy, relaxing)
     parts = backbone(critical).components

@@ -8,6 +8,7 @@ one bordered solve for the responses and one with P for the pull-back (`third_or
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 
@@ -30,6 +31,7 @@ class Stiffening(SpringResponse):
     maximise     whether the largest value is the best
     """
 
+    analytic: ClassVar[bool] = False
     deformation: Deformation | None = None
     of_shear: bool = False
     maximise: bool = False

@@ -17,7 +17,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from functools import cache, cached_property, partial
+from functools import cache, cached_property
 from typing import Any
 
 import numpy as np
@@ -39,13 +39,24 @@ class Errors:
     Each is given as a value, or as a function of no arguments that is called where the error is asked for.
     """
 
-    tensor: Array
-    bulk: float
-    shear: float
-    shear_stress_corrected: float
-
     def __init__(self, tensor: Any, bulk: Any, shear: Any, shear_stress_corrected: Any):
-        self._known = {"tensor": tensor, "bulk": bulk, "shear": shear, "shear_stress_corrected": shear_stress_corrected}
+        self._given = tensor, bulk, shear, shear_stress_corrected
+
+    @cached_property
+    def tensor(self) -> Array:
+        return np.asarray(_value(self._given[0]))
+
+    @cached_property
+    def bulk(self) -> float:
+        return float(_value(self._given[1]))
+
+    @cached_property
+    def shear(self) -> float:
+        return float(_value(self._given[2]))
+
+    @cached_property
+    def shear_stress_corrected(self) -> float:
+        return float(_value(self._given[3]))
 
     @classmethod
     def of_tensor(cls, errors: Array, dimension: int) -> Errors:
@@ -57,18 +68,19 @@ class Errors:
     def total(cls, parts: Sequence[Errors]) -> Errors:
         """Sums of errors."""
         return cls(
-            *(partial(lambda name: sum(getattr(part, name) for part in parts), name) for name in parts[0]._known)
+            lambda: sum(part.tensor for part in parts),
+            lambda: sum(part.bulk for part in parts),
+            lambda: sum(part.shear for part in parts),
+            lambda: sum(part.shear_stress_corrected for part in parts),
         )
-
-    def __getattr__(self, name: str) -> Any:
-        if name == "_known" or name not in self._known:
-            raise AttributeError(name)
-        value = self._known[name]
-        self.__dict__[name] = value() if callable(value) else value
-        return self.__dict__[name]
 
     def __repr__(self) -> str:
         return f"Errors(bulk={self.bulk:.6g}, shear={self.shear:.6g})"
+
+
+def _value(given: Any) -> Any:
+    """A value, or that of a function without arguments."""
+    return given() if callable(given) else given
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -15,12 +15,14 @@ import numpy as np
 import scipy.sparse as sp
 from scipy.sparse.linalg import LinearOperator
 
-from critflow.arguments import checked
+from critflow.arguments import of_kind
 from critflow.linalg.matrices import spread_columns
 from critflow.networks.network import Array
+from critflow.progress import running
 from critflow.result import Record, Solution, SolveError, Stats, Status
 from critflow.springs.newton import FLOPPY_SHIFT
 from critflow.springs.state import EdgeMatrix, SpringState
+from critflow.threads import one_blas_thread
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -48,9 +50,11 @@ class HessianSplit(Record):
         return sp.csr_array(self.gram + self.prestress)
 
 
-@checked
+@running("geometric_split")
+@one_blas_thread()
 def geometric_split(state: SpringState) -> HessianSplit:
     """H = R^hᵀ K R^h + P ⊗ 1 (`GenericHessian`, `RigidityMatrix2`, `PrestressMatrix2`)."""
+    state = of_kind(SpringState, state=state)
     network = state.network
     g = network.free_incidence
     P = g.T @ sp.diags_array(state.sigma) @ g
@@ -58,16 +62,19 @@ def geometric_split(state: SpringState) -> HessianSplit:
     return HessianSplit(spread_columns(network, state.bond_vectors), state.modified_stiffness, prestress)
 
 
-@checked
+@running("hookean_split")
+@one_blas_thread()
 def hookean_split(state: SpringState) -> HessianSplit:
     """H = R̃ᵀ k R̃ + P̃ with k = K|L|² + σ, the stiffness of any law (`HookeanPrestressMatrix`)."""
+    state = of_kind(SpringState, state=state)
     geometric = geometric_split(state)
     R = sp.csr_array(sp.diags_array(1 / state.lengths) @ geometric.response)
     prestress = sp.csr_array(geometric.prestress - R.T @ sp.diags_array(state.sigma) @ R)
     return HessianSplit(R, state.axial_stiffness, prestress)
 
 
-@checked
+@running("bond_operator")
+@one_blas_thread()
 def bond_operator(state: SpringState, max_refinements: int = 10) -> LinearOperator:
     """Ξ = R H⁻¹ Rᵀ as an operator (N_b, N_b): changes of length by unit force dipoles on the bonds (`BondOperator`).
 
@@ -75,6 +82,8 @@ def bond_operator(state: SpringState, max_refinements: int = 10) -> LinearOperat
     displacements, so its trace is the rank of R, and it annihilates √k⁻¹ times a self-stress.
     Raises `SolveError` where H has negative eigenvalues: the springs then buckle.
     """
+    state = of_kind(SpringState, state=state)
+    max_refinements = of_kind(int, max_refinements=max_refinements)
     network = state.network
     R = spread_columns(network, state.bond_vectors / state.lengths[:, None])
     pattern, shift = state.pattern(), 0.0

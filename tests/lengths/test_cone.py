@@ -1,11 +1,10 @@
-"""Cone programs of lengths and perimeters: optimality, multipliers, slack."""
+"""Cone programs of lengths: optimality, multipliers, slack."""
 
 import numpy as np
 import pytest
-import scipy.sparse as sp
 
-from critflow import CriticalManifold, Network, critical_from_lengths, critical_from_perimeters, voronoi_network
-from critflow.lengths.cone import fit_lengths, fit_perimeters
+from critflow import CriticalManifold, Network, voronoi_network
+from critflow.lengths.cone import fit_lengths
 
 NETWORK = voronoi_network(100, seed=1)
 
@@ -25,21 +24,6 @@ def test_no_other_configuration_has_a_smaller_largest_ratio():
     for _ in range(20):
         other = manifold.configuration(cone.sigma * np.exp(0.1 * rng.standard_normal(150)))
         assert np.max(other.lengths / target) > cone.ratio * (1 - 1e-8)
-
-
-def test_the_cone_program_of_lengths_is_that_of_one_edge_a_face():
-    target, cables = lengths(0.05, 1), (NETWORK.free_incidence, NETWORK.boundary_vectors)
-    one = fit_lengths(*cables, target, 1e-12)
-    other = fit_perimeters(*cables, sp.csr_array(np.eye(150)), target, 1e-12)
-    assert one.ratio == pytest.approx(other.ratio, rel=1e-10)
-    # Interior-point programs of a gap of 1e-12 end within about its root.
-    np.testing.assert_allclose(other.multipliers, one.multipliers, rtol=1e-4)
-    np.testing.assert_array_equal(other.stressed, one.stressed)
-    springs = critical_from_lengths(NETWORK, target).value
-    faces = critical_from_perimeters(NETWORK, target, sides=sp.eye_array(150)).value
-    # To the error 1e-12 of the polished perimeters, over the softest curvature of some 1e-3.
-    np.testing.assert_allclose(faces.configuration.bond_vectors, springs.bond_vectors, rtol=0, atol=1e-8)
-    np.testing.assert_allclose(faces.face_tensions, springs.tensions / springs.tensions.mean(), rtol=1e-8)
 
 
 def test_slack_edges_that_collapse_have_no_stress():

@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 from problems import dense_free, random_stress
 
-from critflow import CriticalManifold, Deformation, Network, critical_from_lengths, voronoi_network
-from critflow.lengths.boundary_path import BoundaryPath
+from critflow import CriticalManifold, Network, critical_from_lengths, voronoi_network
+from critflow.lengths.boundary import Expansion
 from critflow.lengths.cone import fit_lengths
-from critflow.lengths.from_lengths import newton_error
+from critflow.lengths.lengths_end import newton_error
 from critflow.lengths.taut_edges import OnsetState, newton_taut
-from critflow.lengths.taut_set import follow_central_path, polish_taut
+from critflow.lengths.taut_set import polish_taut
 from critflow.linalg.matrices import balanced_part
 from critflow.linalg.saddle import Saddle
 
@@ -19,7 +19,7 @@ CRITICAL = CriticalManifold(NETWORK).configuration(random_stress(60, 1))
 
 def scaling(network):
     """The path of a common factor of all lengths."""
-    return BoundaryPath(CriticalManifold(network), Deformation.linear(np.eye(network.dimension)))
+    return Expansion(CriticalManifold(network))
 
 
 def all_taut(network, coordinates, sigma):
@@ -93,20 +93,3 @@ def test_a_pin_outside_the_stressed_part_leaves_it_in_place():
     np.testing.assert_array_equal(found.slack_edges, [18, 19])
     strain = found.value.lengths / rest
     assert strain[18:].max() < strain[:18].max()
-
-
-def test_the_central_path_separates_a_weak_tension_from_a_slack_edge():
-    # A cable of two parts between pins, taut at a strain of 0.2, and two cables to its middle: one slack, and one that
-    # is just as long as the distance there, without tension.
-    network = Network([[0, 1], [1, 2], [1, 3], [1, 4]], pins={0: [0, 0], 2: [1, 0], 3: [0, 1], 4: [0.5, 1]})
-    lengths = np.array([0.5, 0.7, 2.0, np.hypot(0.1, 1.0)])
-    path = BoundaryPath(CriticalManifold(network), Deformation.uniaxial(2))
-    taut = np.array([True, True, False, False])
-    start = OnsetState(0.19, np.zeros(0), np.array([[0.495, 1e-3]]), np.array([2.0, 1.4, 1e-6, 1e-6]), taut)
-    end = follow_central_path(path, lengths, start)
-    assert end is not None
-    assert end.strain == pytest.approx(0.2, abs=1e-12)
-    np.testing.assert_array_equal(end.taut[:3], taut[:3])
-    tension = end.sigma * np.linalg.norm(end.bond_vectors(path), axis=1)
-    np.testing.assert_allclose(tension[:2] / tension[0], 1.0, rtol=1e-6)
-    assert 0 < tension[2] < 1e-12 * tension[0]

@@ -8,9 +8,9 @@ from scipy.optimize import minimize
 from critflow import CriticalManifold, Network, Quantity, SolveError, Status, optimize, voronoi_network
 from critflow.critical.quantity import evaluate
 from critflow.critical.transition import pure_shear, transition_modulus
+from critflow.optimisation.descent import StressObjective
 from critflow.optimisation.minimize import LBFGS, minimise
 from critflow.optimisation.optimize import objective_of
-from critflow.optimisation.stress_objective import StressObjective
 
 NETWORK = voronoi_network(100, seed=1)
 

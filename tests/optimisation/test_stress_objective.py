@@ -1,5 +1,7 @@
 """Objectives as functions of log σ or σ: derivatives by differences, and points that own their state."""
 
+import warnings
+
 import numpy as np
 import pytest
 from derivatives import assert_derivative
@@ -7,8 +9,8 @@ from problems import PERIODIC_KINDS, at, dense_bond_vectors, random_stress
 
 from critflow import CriticalManifold, InputError, Quantity, Status, optimize, voronoi_network
 from critflow.critical.variances import LengthVariance, TensionVariance
+from critflow.optimisation.descent import SignedStressObjective, StressObjective
 from critflow.optimisation.optimize import objective_of
-from critflow.optimisation.stress_objective import SignedStressObjective, StressObjective
 
 
 @pytest.mark.parametrize(
@@ -49,30 +51,72 @@ def test_the_value_does_not_depend_on_the_scale():
     assert abs(objective.at(x).gradient.sum()) < 1e-14
 
 
-class FirstOrder(Quantity):
-    """The tension variance, without its differential."""
+class Own(Quantity):
+    """The tension variance of a user, by `evaluate` alone."""
+
+    def tensions(self, sigma, L):
+        return sigma * np.sqrt((L * L).sum(axis=1))
 
     def evaluate(self, balance):
-        return TensionVariance().evaluate(balance)
+        sigma, L = balance.sigma, balance.bond_vectors
+        tension = self.tensions(sigma, L)
+        mean = tension.mean()
+        deviation = tension - mean
+        variance = (deviation**2).mean() / mean**2
+        by_tension = 2 / (len(sigma) * mean**2) * (deviation - variance * mean)
+        return variance, (by_tension * tension / sigma, (by_tension * sigma**2 / tension)[:, None] * L)
 
 
-def test_without_a_differential_products_are_differences():
+class Norm(Own):
+    """Takes complex numbers, without their derivative."""
+
+    def tensions(self, sigma, L):
+        return sigma * np.linalg.norm(L, axis=1)
+
+
+class Cast(Own):
+    """Casts to floats, with a warning of NumPy."""
+
+    def tensions(self, sigma, L):
+        return super().tensions(sigma, L).astype(float)
+
+
+class Filled(Own):
+    """Fills an array of floats, which refuses complex numbers."""
+
+    def tensions(self, sigma, L):
+        return np.array([float(tension) for tension in super().tensions(sigma, L).tolist()])
+
+
+def products(goal):
     manifold = CriticalManifold(voronoi_network(40, seed=1))
     x, direction = np.log(random_stress(60, 1)), np.random.default_rng(3).standard_normal(60)
-    products = []
-    for goal in (TensionVariance(), FirstOrder()):
-        objective = StressObjective(manifold, goal)
-        products.append(objective.hessian_product(objective.at(x), direction))
-    np.testing.assert_allclose(products[1], products[0], rtol=0, atol=1e-8 * np.abs(products[0]).max())
+    objective = StressObjective(manifold, goal)
+    return objective.hessian_product(objective.at(x), direction)
 
 
-def test_a_differential_is_optional_but_for_newtons_method():
+def test_a_quantity_by_evaluate_alone_has_newtons_method():
+    expected = products(TensionVariance())
+    np.testing.assert_allclose(products(Own()), expected, rtol=0, atol=1e-13 * np.abs(expected).max())
     network = voronoi_network(40, seed=1)
-    expected = optimize(network, "tension_variance", "lbfgs")
-    for method in ("auto", "lbfgs"):
-        found = optimize(network, FirstOrder(), method)
-        assert found.status is Status.ok
-        assert found.objective == expected.objective
-    assert found.saddles == 0
-    with pytest.raises(InputError, match=r"FirstOrder\.differential"):
-        optimize(network, FirstOrder(), "newton")
+    found = optimize(network, Own(), "newton")
+    assert found.objective == pytest.approx(optimize(network, "V_tau", "newton").objective, rel=1e-13)
+
+
+@pytest.mark.parametrize("action", ["error", "ignore"])
+@pytest.mark.parametrize("goal", [Norm(), Cast(), Filled()], ids=lambda goal: goal.name)
+def test_a_quantity_that_is_not_analytic_has_differences(goal, action):
+    network = voronoi_network(40, seed=1)
+    with warnings.catch_warnings(action=action):
+        expected = products(TensionVariance())
+        np.testing.assert_allclose(products(goal), expected, rtol=0, atol=1e-8 * np.abs(expected).max())
+        with pytest.raises(InputError, match=r"write np\.sqrt\(\(L\*L\)\.sum\(axis=1\)\)"):
+            optimize(network, goal, "newton")
+        found = [optimize(network, goal, method) for method in ("auto", "lbfgs")]
+    assert [one.status for one in found] == [Status.ok] * 2 and found[1].saddles == 0
+    assert found[0].objective == pytest.approx(optimize(network, "V_tau").objective, rel=1e-13)
+
+
+def test_stiffening_has_no_second_derivatives():
+    with pytest.raises(InputError, match="C_B has none: choose method='lbfgs'"):
+        optimize(voronoi_network(40, seed=1), "C_B", "newton")

@@ -59,7 +59,7 @@ def test_every_function_exists(function):
 
 def test_every_equation_is_named_where_it_is_computed():
     """Its label stands in a docstring, or in the supplement's case that of the equation it derives."""
-    files = [*(ROOT / "critflow").rglob("*.py"), *(ROOT / "workflows" / "shared").glob("*.py")]
+    files = [*(ROOT / "critflow").rglob("*.py"), *(ROOT / "workflows").rglob("*.py")]
     text = "".join(path.read_text(encoding="utf-8") for path in files)
     named = {equation.function for equation in EQUATIONS if f"`{equation.label}`" in text}
     unnamed = [e.label for e in EQUATIONS if f"`{e.label}`" not in text]

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from derivatives import assert_derivative, second_derivative
+from derivatives import second_derivative
 from problems import (
     SMALL_NETWORKS,
     STRAINS,
@@ -16,17 +16,23 @@ from problems import (
     with_random_stiffness,
 )
 from refusals import refused
+from responses import (
+    STRAIN_PATHS,
+    assert_affine,
+    assert_moduli_of_energies,
+    assert_relaxations,
+    assert_stress_and_increments,
+    relaxed_energy,
+)
 
 from critflow import (
     CriticalManifold,
-    Deformation,
     InputError,
     Network,
     PowerLaw,
     SpringLaw,
     Status,
     WormLike,
-    critical_from_perimeters,
     elasticity,
     equilibrium,
     foam_network,
@@ -60,14 +66,6 @@ def compressed_lattice():
     return equilibrium(state.deformed(np.array([[0.96, 0.05], [0.0, 0.97]])), tolerance=1e-15).value
 
 
-def tissue_in_tension():
-    """Faces of different perimeters and stiffnesses past their transition."""
-    network, rng = voronoi_network(100, seed=1), np.random.default_rng(1)
-    perimeters, stiffness = 1 + 0.03 * rng.standard_normal(50), rng.uniform(0.5, 2.0, 50)
-    start = critical_from_perimeters(network, perimeters, stiffness=stiffness).value.at_rest()
-    return equilibrium(start.deformed(np.sqrt(1.03) * np.eye(2)), tolerance=1e-15).value
-
-
 STATES = {
     "tension": lambda: stretched(with_random_stiffness(voronoi_network(24, seed=1), 3)),
     "oblique": lambda: stretched(oblique(voronoi_network(40, seed=3)), 0.02),
@@ -78,7 +76,6 @@ STATES = {
     "power law": lambda: stretched(with_random_stiffness(voronoi_network(40, seed=2), 3), 0.02, law=PowerLaw(4.5)),
     "power law, 3D": lambda: stretched(voronoi_3d(), 0.02, law=PowerLaw(3)),
     "worm-like": lambda: stretched(voronoi_network(40, seed=2), 0.02, law=WormLike(0.4)),
-    "tissue": tissue_in_tension,
 }
 
 
@@ -91,93 +88,23 @@ def case(request):
     return state, response
 
 
-def random_strain(dimension):
-    return np.random.default_rng(0).standard_normal((dimension, dimension))
-
-
-# Paths F(ε) by the dimension, and the second derivative of the energy along them.
-STRAIN_PATHS = {
-    "bulk": (lambda d: lambda e: (1 + e) ** (1 / d) * np.eye(d), lambda found, d: found.bulk),
-    "shear": (lambda d: lambda e: np.eye(d) + e * strain_basis(d)[1][-1], lambda found, d: found.shear),
-    "any strain": (
-        lambda d: lambda e: np.eye(d) + e * random_strain(d),
-        lambda found, d: found.modulus(random_strain(d)),
-    ),
-    # A curved path, whose acceleration works against the stress.
-    "curved": (
-        lambda d: Deformation.exponential(random_strain(d)).gradient,
-        lambda found, d: found.modulus(Deformation.exponential(random_strain(d))),
-    ),
-}
-
-
-def relaxed_energy(state, F):
-    end = equilibrium(state.deformed(F), tolerance=1e-15, throw=False).value
-    assert end.max_force < 1e-12
-    return end.energy
-
-
 @pytest.mark.parametrize("strain", STRAIN_PATHS)
 def test_moduli_are_second_derivatives_of_relaxed_energies(case, strain):
-    (state, response), (path, modulus) = case, STRAIN_PATHS[strain]
-    d = state.network.dimension
-    expected = second_derivative(lambda e: relaxed_energy(state, path(d)(e)), 5e-4) / state.network.volume
-    assert modulus(response.value, d) == pytest.approx(expected, rel=2e-6, abs=2e-7)
+    assert_moduli_of_energies(*case, strain)
 
 
 def test_stress_and_its_increments_are_derivatives(case):
-    state, response = case
-    d, found = state.network.dimension, response.value
-    basis = strain_basis(d)[1]
-
-    def energy(e):
-        return relaxed_energy(state, np.eye(d) + np.einsum("a,aij->ij", e, basis)) / state.network.volume
-
-    def stress(e):
-        after = equilibrium(state.deformed(np.eye(d) + np.einsum("a,aij->ij", e, basis)), tolerance=1e-15).value
-        L = after.bond_vectors
-        return np.einsum("aij,ij->a", basis, (after.sigma[:, None] * L).T @ L / after.network.volume)
-
-    S = np.einsum("aij,ij->a", basis, found.stress)
-    ends = np.eye(len(basis))[[0, -1]]
-    assert_derivative(energy, S, np.zeros(len(basis)), ends, step=1e-4, rtol=1e-6, atol=1e-9)
-    assert_derivative(stress, lambda e: found.stress_strain @ e, np.zeros(len(basis)), ends, rtol=1e-5, step=1e-4)
-    # Half of the growth of the energy with volume.
-    corrected = found.shear - 0.5 * np.trace(found.stress) / d
-    assert found.shear_stress_corrected == pytest.approx(corrected, rel=1e-14)
-    if d == 2:
-        # The worked factor: tr(E² S) = ¼ tr S = ½ dE/dV.
-        assert found.stress_corrected[-1, -1] == pytest.approx(found.shear_stress_corrected, rel=1e-12)
+    assert_stress_and_increments(*case)
 
 
 def test_relaxations_move_the_bonds_to_the_strained_equilibrium(case):
-    state, response = case
-    d = state.network.dimension
-    basis = strain_basis(d)[1]
-
-    def bond_vectors(e):
-        return equilibrium(state.deformed(np.eye(d) + np.einsum("a,aij->ij", e, basis))).value.bond_vectors
-
-    def rates(e):
-        u = response.relaxation(e)
-        return state.bond_vectors @ np.einsum("a,aij->ij", e, basis) + state.network.free_incidence @ u
-
-    ends = np.eye(len(basis))[[0, -1]]
-    assert_derivative(bond_vectors, rates, np.zeros(len(basis)), ends, step=1e-4, rtol=1e-5)
+    assert_relaxations(*case)
 
 
 def test_affine_tensor_has_the_symmetry_of_central_forces(case):
-    state, response = case
-    found, L = response.value, state.bond_vectors
-    hdot = np.einsum("ei,aij,ej->ae", L, strain_basis(state.network.dimension)[1], L)
-    expected = state.resistance(hdot) @ hdot.T / state.network.volume
-    np.testing.assert_allclose(found.affine_stress_corrected, expected, rtol=0, atol=1e-13 * expected.max())
-    # Vertices that follow the strain only reduce the energy.
-    assert np.linalg.eigvalsh(found.affine - found.tensor).min() > -1e-12
-    if not hasattr(state, "faces"):
-        # Cauchy: all indices may be exchanged.
-        index = found.components.index
-        assert expected[index("xx"), index("yy")] == pytest.approx(expected[index("xy"), index("xy")], rel=1e-12)
+    expected, index = assert_affine(*case), case[1].value.components.index
+    # Cauchy: all indices may be exchanged.
+    assert expected[index("xx"), index("yy")] == pytest.approx(expected[index("xy"), index("xy")], rel=1e-12)
 
 
 # Closed forms
@@ -250,19 +177,6 @@ def test_singular_tensors():
 # What is elastic
 
 
-def test_all_that_holds_springs_has_an_elasticity():
-    state = STATES["power law"]()
-    network, found = state.network, elasticity(state).value
-    again = elasticity(network, state.coordinates, state.rest_lengths, law=state.law).value
-    assert again.bulk == pytest.approx(found.bulk, rel=1e-9)
-    assert elasticity(equilibrium(state)).value.bulk == pytest.approx(found.bulk, rel=1e-12)
-    manifold = CriticalManifold(network)
-    solved = manifold.solve(random_stress(network.n_edges, 2))
-    at_rest = elasticity(network, solved.value.coordinates).value.bulk
-    for holder in (manifold, solved, solved.value):
-        assert elasticity(holder, solved.value.coordinates).value.bulk == pytest.approx(at_rest, rel=1e-9)
-
-
 def test_pinned_networks_have_a_stiffness_per_named_volume():
     network = three_bar_linkage()
     critical = CriticalManifold(network).configuration(np.ones(3))
@@ -284,12 +198,8 @@ def test_pinned_networks_have_a_stiffness_per_named_volume():
 
 
 BAD = {
-    "no coordinates": (lambda: elasticity(voronoi_network(12, seed=1)), "coordinates"),
-    "out of balance": (lambda: elasticity(HEXAGONS, HEXAGONS.positions + NOISE, np.ones(12)), "equilibrium"),
-    "taut and stressed": (
-        lambda: elasticity(HEXAGONS, HEXAGONS.positions, np.ones(12), taut=np.arange(12) > 3),
-        "Cable",
-    ),
+    "nothing elastic": (lambda: elasticity(None), "CriticalConfiguration"),
+    "out of balance": (lambda: elasticity(spring_state(HEXAGONS, np.ones(12), HEXAGONS.positions + NOISE)), "equilib"),
     "no direction": (lambda: isotropic(1.0, 1.0, 2).young([0, 0]), "direction"),
     "direction in space": (lambda: isotropic(1.0, 1.0, 2).young([1, 0, 0]), "direction"),
     "direction NaN": (lambda: isotropic(1.0, 1.0, 2).young([np.nan, 1]), "direction"),
@@ -390,7 +300,7 @@ def test_errors_with_equal_rounding_on_all_edges(size, gamma):
     bounds_over_errors(moduli(value), moduli(value.errors), exact_moduli(state))
 
 
-@pytest.mark.parametrize("gamma", [1e-8, 1e-10, 1e-12, 1e-14, 1e-15])
+@pytest.mark.parametrize("gamma", [1e-8, 1e-10, 1e-12, 1e-14])
 def test_moduli_count_the_smallest_stress(gamma):
     """B − B_0 = C_B γ also where the stress is far below the stiffness, as balanced forces show it."""
     critical = CriticalManifold(voronoi_network(60, 1)).configuration(random_stress(90, 1))

@@ -15,7 +15,6 @@ from critflow import (
     PowerLaw,
     SpringLaw,
     WormLike,
-    elasticity,
     spring_state,
     stiffening,
     strain_path,
@@ -166,7 +165,6 @@ def test_invalid_laws_raise_one_sentence(name):
         lambda: spring_state(network, critical.lengths, critical.coordinates, law),
         lambda: strain_path(critical, [0.01], law=law),
         lambda: stiffening(critical, law=law),
-        lambda: elasticity(network, critical.coordinates, law=law),
     ):
         with pytest.raises(InputError, match=pattern) as caught:
             call()

@@ -9,7 +9,7 @@ from problems import random_stress
 from refusals import refused
 
 from critflow import CriticalManifold, Network, SolveError, Status, three_bar_linkage, voronoi_network
-from critflow.critical.curvature import StereographicChart, dense, principal_curvatures, surface_geometry
+from workflows.three_bar.chart import StereographicChart, dense, principal_curvatures, surface_geometry
 
 
 def half_squares(manifold, sigma):

@@ -19,9 +19,9 @@ from matplotlib.figure import Figure
 from scipy.optimize import NonlinearConstraint, minimize
 
 from critflow import CriticalManifold, delaunay_network, spring_state, voronoi_network
+from critflow.extras.design_stiffness.stiffnesses import Stiffnesses, isotropic_targets
 from critflow.extras.targets.constrained import Point, minimise_constrained
 from critflow.extras.targets.problem import TargetProblem, parse_targets
-from critflow.extras.targets.stiffnesses import Stiffnesses, isotropic_targets
 from critflow.extras.targets.stresses import Stresses
 from critflow.extras.targets.targets import least_change
 

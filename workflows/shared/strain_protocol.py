@@ -9,7 +9,7 @@ import numpy as np
 
 from critflow import CriticalManifold, Status, critical_from_lengths, equilibrium, spring_state
 from critflow.critical.manifold import critical_configuration
-from critflow.lengths.from_lengths import FromLengths
+from critflow.lengths.lengths_end import FromLengths
 from critflow.lengths.taut_edges import unknown_configuration
 from critflow.lengths.taut_set import NO_STRESS
 from critflow.linalg.matrices import balanced_part

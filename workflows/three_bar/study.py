@@ -7,13 +7,13 @@ other grids follow one sheet each in signed lengths r_α ∝ 1/σ_α, which add 
 import numpy as np
 
 from critflow import CriticalManifold, Status, rigidity, three_bar_linkage
-from critflow.critical.curvature import StereographicChart, SurfaceGeometry, dense, unit_response
-from critflow.critical.manifold import COLLAPSED
+from critflow.critical.edge_lengths import COLLAPSED
 from critflow.result import StudyError
 from critflow.workflow import Axis, Coordinate, Study, decimals, stable_rng
 
 from ..shared.reports import PAPER
 from ..shared.tables import numbers, outcomes, stacked
+from .chart import StereographicChart, SurfaceGeometry, dense, unit_response
 from .curvature import curvature_figure
 from .figures import geometry_figure, manifold_figure
 from .report import claims, verify

@@ -13,7 +13,7 @@ import numpy as np
 import scipy.sparse as sp
 from scipy.sparse.csgraph import dijkstra
 
-from critflow.lengths.boundary_path import BoundaryPath
+from critflow.extras.cables.boundary_path import BoundaryPath
 from critflow.lengths.taut_edges import OnsetState, newton_taut
 from critflow.lengths.taut_set import settled
 from critflow.linalg.tolerances import EPS

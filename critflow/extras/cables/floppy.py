@@ -5,16 +5,15 @@ from __future__ import annotations
 import numpy as np
 
 from critflow.critical.manifold import CriticalManifold
+from critflow.extras.cables.boundary_path import BoundaryPath
 from critflow.extras.cables.critical_strain import critical_strain
 from critflow.extras.cables.onset_start import cables_at_onset
 from critflow.extras.cables.search import NotFloppy, floppy_start
-from critflow.lengths.boundary_path import BoundaryPath
 from critflow.networks.deformation import Deformation
 from critflow.networks.network import Array
 from critflow.paths.continuation import Attempt, Interval, PathPoint, PathProblem, begin, refused
-from critflow.paths.predictor import Predictor
 from critflow.paths.start import BALANCED_START, balanced
-from critflow.paths.tangent import Tangent
+from critflow.paths.tangent import Predictor, Tangent
 from critflow.response.tensor import Elasticity, Errors
 from critflow.result import Status
 from critflow.springs.state import SpringState

@@ -7,8 +7,9 @@ from dataclasses import replace
 import numpy as np
 
 from critflow.critical.backbone import backbone
-from critflow.critical.manifold import COLLAPSED, CriticalConfiguration
-from critflow.extras.cables.critical_strain import CriticalStrain
+from critflow.critical.edge_lengths import COLLAPSED
+from critflow.critical.manifold import CriticalConfiguration
+from critflow.extras.cables.onset_end import CriticalStrain
 from critflow.networks.network import Array
 from critflow.paths.start import Beginning, start_of
 from critflow.result import InputError

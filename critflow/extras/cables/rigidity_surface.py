@@ -11,11 +11,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from critflow.arguments import checked
+from critflow.arguments import of_kind
 from critflow.extras.cables.critical_strain import critical_strain
 from critflow.networks.network import Array, Network
-from critflow.progress import counted
+from critflow.progress import counted, running
 from critflow.result import InputError, Record, Status
+from critflow.threads import one_blas_thread
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -48,7 +49,8 @@ class RigiditySurface(Record):
         return np.isfinite(self.strains)
 
 
-@checked
+@running("rigidity_surface")
+@one_blas_thread()
 def rigidity_surface(network: Network, rest_lengths: ArrayLike, directions: ArrayLike) -> RigiditySurface:
     """The rigidity surface of cables of rest lengths ℓ (N_b,), on rays F = 1 + γA for directions A (n, d, d).
 
@@ -62,6 +64,8 @@ def rigidity_surface(network: Network, rest_lengths: ArrayLike, directions: Arra
     >>> surface.strains.round(6)
     array([0.1])
     """
+    network = of_kind(Network, network=network)
+    of_kind(np.ndarray, rest_lengths=rest_lengths, directions=directions)
     A = np.array(directions, dtype=float)
     if A.ndim != 3 or A.shape[1:] != (network.dimension,) * 2 or not np.isfinite(A).all():
         d = network.dimension
@@ -77,7 +81,6 @@ def rigidity_surface(network: Network, rest_lengths: ArrayLike, directions: Arra
     )
 
 
-@checked
 def strain_plane(first: ArrayLike, second: ArrayLike, n: int) -> Array:
     """Directions cos θ A + sin θ B (n, d, d) at n equal angles θ: a plane section of the space of strains.
 
@@ -88,6 +91,8 @@ def strain_plane(first: ArrayLike, second: ArrayLike, n: int) -> Array:
     >>> strain_plane(np.eye(2), np.diag([1.0, -1.0]), 4).shape
     (4, 2, 2)
     """
+    of_kind(np.ndarray, first=first, second=second)
+    n = of_kind(int, n=n)
     A, B = np.array(first, dtype=float), np.array(second, dtype=float)
     if A.shape != B.shape or A.ndim != 2 or n < 1:
         raise InputError(f"a plane of strains needs two matrices of one shape and n ≥ 1, not {A.shape}, {B.shape}, {n}")

@@ -25,9 +25,20 @@ from typing import NamedTuple
 
 import numpy as np
 
+from critflow.extras.cables.boundary_path import BoundaryPath
 from critflow.extras.cables.bounds import Forces, admissible
-from critflow.lengths.boundary_path import BoundaryPath
-from critflow.lengths.cone import ConeSolution, farthest, fit_lengths, nearest
+from critflow.extras.cables.onset_end import (
+    AT_TRANSITION,
+    FLAT_CELL,
+    HIDDEN,
+    NO_ONSET,
+    NO_RESISTANCE,
+    NOT_CONVERGED,
+    RIGID,
+    SIDES_MEET,
+)
+from critflow.extras.cables.programs import farthest, nearest
+from critflow.lengths.cone import ConeSolution, fit_lengths
 from critflow.lengths.length_iteration import iterate_lengths
 from critflow.lengths.taut_edges import ROUGH_CONE, OnsetState
 from critflow.lengths.taut_set import polish_taut, settled
@@ -52,15 +63,6 @@ MOST_HALVINGS = 60  # of a step to a strain that preserves the orientation of th
 WITHIN = (1e-14, 1e-13, 1e-12, 1e-11, 1e-10, 1e-9, 1e-8, 1e-7)
 
 Interior = tuple[Array, Array]
-RIGID = "the network is rigid at strain zero already: lengthen its rest lengths"
-HIDDEN = "rounding hides whether the network is floppy or rigid at strain zero: change its rest lengths"
-AT_TRANSITION = (
-    "the network is at its transition at strain zero, where rounding decides: with rest lengths longer by {0:.0e} it "
-    "is floppy, with shorter ones rigid"
-)
-SIDES_MEET = "cables stay floppy until the free sides of the cell meet: fix a side"
-FLAT_CELL = "the network stays floppy until the cell is flat, at strain {:.3g}: choose a deformation that extends it"
-NO_RESISTANCE = "no strain makes an edge taut, because the edges do not span the cell: choose another deformation"
 
 
 class NotFloppy(NamedTuple):
@@ -132,9 +134,9 @@ def floppy_start(path: BoundaryPath, lengths: Array) -> Interior | NotFloppy:
 
 
 def _at_least_ratio(path: BoundaryPath, lengths: Array, state: OnsetState, ratio: float) -> Interior | NotFloppy:
-    """As `floppy_start`, from min max |L|/ℓ to rounding: the onset of the lengths t ℓ on F = 1 + s."""
-    unit = Deformation.linear(np.eye(path.network.dimension)).freeing(*path.deformation.free)
-    scaling = BoundaryPath(path.manifold, unit)
+    """Decide floppy or rigid from t = min max |L|/ℓ, computed to rounding as the onset of t ℓ on F = 1 + s."""
+    expansion = Deformation.linear(np.eye(path.network.dimension)).freeing(*path.deformation.free)
+    scaling = BoundaryPath(path.manifold, expansion)
     end = settled(scaling, ratio * lengths, polish_taut(scaling, ratio * lengths, state))
     there = replace(end, strain=0.0, coordinates=end.coordinates / (1 + end.strain))
     if admissible(path, lengths, 0.0, there.free, there.coordinates):
@@ -158,8 +160,7 @@ def search_onset(path: BoundaryPath, lengths: Array, tolerance: float = ONSET_CO
     if search.ended:
         return search
     strain = path.direction * search.strain
-    note = f"no onset was found up to strain {strain:.3g}: follow the path in another direction"
-    return search.without_onset(Status.floppy, note)
+    return search.without_onset(Status.floppy, NO_ONSET.format(strain))
 
 
 def _is_free(path: BoundaryPath) -> bool:
@@ -183,7 +184,7 @@ def step(path: BoundaryPath, lengths: Array, search: Search) -> Search:
         return search.without_onset(Status.floppy, NO_RESISTANCE)
     if reach.outcome == "infeasible" or not np.isfinite(reach.parameters).all():
         if s == 0.0:
-            return search.without_onset(Status.stalled, "the cone program did not converge")
+            return search.without_onset(Status.stalled, NOT_CONVERGED)
         return replace(search, strain=0.5 * s)
     r, flat = float(reach.parameters[-1]), path.flat_strain(s, q)
     beyond_flat = search.beyond_flat + 1 if r >= (1 - FLAT) * flat else 0

@@ -11,10 +11,11 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import ArrayLike
 
-from critflow.arguments import checked
+from critflow.arguments import of_kind
 from critflow.certificates.counts import Rigidity, rigidity
 from critflow.certificates.spectrum import CLEAR_GAP
-from critflow.extras.cables.critical_strain import CriticalStrain, critical_strain
+from critflow.extras.cables.critical_strain import critical_strain
+from critflow.extras.cables.onset_end import CriticalStrain
 from critflow.extras.examine.report import UNFINISHED, Examination
 from critflow.extras.files.boundaries import UnheldNetwork, hull_volume
 from critflow.extras.files.convert import network_from
@@ -28,8 +29,10 @@ from critflow.linalg.vectors import norms
 from critflow.networks.checks import edge_values
 from critflow.networks.digits import Digits
 from critflow.networks.network import Array, Network, validated_coordinates
+from critflow.progress import running
 from critflow.response.elasticity import elasticity
 from critflow.result import CritflowError, InputError, NetworkError, Solution, SolveError, Status
+from critflow.threads import one_blas_thread
 
 Result = TypeVar("Result")
 
@@ -47,7 +50,8 @@ _USABLE = (Status.ok, Status.edge_collapse, Status.slack_edges, *UNFINISHED)
 DEFORMATIONS = ("dilation", "simple_shear", "pure_shear", "uniaxial")
 
 
-@checked
+@running("examine")
+@one_blas_thread()
 def examine(
     network: Network | ImportedNetwork | str | PathLike,
     coordinates: ArrayLike | None = None,
@@ -72,22 +76,27 @@ def examine(
     >>> examination.order, examination.n_self_stresses
     ('critical', 1)
     """
+    network = of_kind(str, Network, ImportedNetwork, PathLike, network=network)
+    of_kind(np.ndarray, None, coordinates=coordinates, rest_lengths=rest_lengths)
+    decimals = of_kind(int, None, decimals=decimals)
+    of_kind(Sequence, deformations=deformations)
+    of_kind(Callable, progress=progress)
     if isinstance(network, str | PathLike):
         network = read_held(partial(network_from, network), progress)
     if decimals is not None and not 0 <= decimals <= 15:
         raise InputError(f"decimals must be from 0 to 15, not {decimals}: leave them out where all digits are known")
     subject, attempts = _subject(network, coordinates, rest_lengths, decimals), _Attempts(progress)
-    found = _judged(subject, attempts)
-    strains = _critical_strains(found, subject, deformations, attempts)
+    judged = _judged(subject, attempts)
+    strains = _critical_strains(judged, subject, deformations, attempts)
     moduli = leverage = None
-    if found.network.dimension < 2:
+    if judged.network.dimension < 2:
         attempts.failures.append("the moduli: in one dimension there is no shear")
-    elif not found.nearly_critical:
-        moduli = attempts.value("the moduli", lambda: elasticity(found.network, subject.x))
-    if (critical := found.critical) is not None and critical.network.n_edges <= _MOST_CUTS:
+    elif not judged.nearly_critical:
+        moduli = attempts.value("the moduli", lambda: elasticity(judged.network, subject.x))
+    if (critical := judged.critical) is not None and critical.network.n_edges <= _MOST_CUTS:
         leverage = attempts.value("the cuts of edges", lambda: edge_leverage(critical).value)
     failures = tuple(attempts.failures)
-    return replace(found, critical_strains=strains, elasticity=moduli, leverage=leverage, failures=failures)
+    return replace(judged, critical_strains=strains, elasticity=moduli, leverage=leverage, failures=failures)
 
 
 def read_held(read: Callable[..., ImportedNetwork], progress: Callable[[str], None]) -> ImportedNetwork:
@@ -226,12 +235,12 @@ def _nearest(network: Network, x: Array, counts: Rigidity, attempts: _Attempts, 
 
 
 def _critical_strains(
-    found: Examination, subject: _Subject, deformations: Sequence[str], attempts: _Attempts
+    judged: Examination, subject: _Subject, deformations: Sequence[str], attempts: _Attempts
 ) -> dict[str, Solution[CriticalStrain]]:
     """Critical strains of the rest lengths; none where the network is rigid at strain zero."""
-    network, rest = found.network, subject.rest
+    network, rest = judged.network, subject.rest
     lengths, rounding = norms(network.bond_vectors(subject.x)), 4 * EPS * np.abs(subject.x).max()
-    if found.order not in ("floppy", "undecided") and np.allclose(rest, lengths, rtol=0, atol=rounding):
+    if judged.order not in ("floppy", "undecided") and np.allclose(rest, lengths, rtol=0, atol=rounding):
         return {}
     onsets: dict[str, Solution[CriticalStrain]] = {}
     if deformations and not (rest > 0).all():

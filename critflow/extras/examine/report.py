@@ -9,7 +9,7 @@ import numpy as np
 
 from critflow.certificates.counts import Rigidity, zero_modes
 from critflow.critical.manifold import CriticalConfiguration
-from critflow.extras.cables.critical_strain import CriticalStrain
+from critflow.extras.cables.onset_end import CriticalStrain
 from critflow.extras.files.data import counted
 from critflow.extras.files.repair import described
 from critflow.extras.fronts.leverage import EdgeLeverage
@@ -199,7 +199,7 @@ class Examination(Record):
 
     @property
     def verdict(self) -> str:
-        """The rigidity in one sentence, as one of several ways to hold the network."""
+        """The rigidity in one sentence, by which rules for fixed vertices are compared."""
         if self.nearly_critical or self.order == "critical":
             return f"{self.title}, one self-stress in tension"
         counts = f"{counted(self.n_self_stresses, 'self-stress')}, {counted(self.n_floppy_modes, 'floppy mode')}"

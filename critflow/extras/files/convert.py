@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from critflow.arguments import checked, shown
+from critflow.arguments import of_kind, shown
 from critflow.extras.files.boundaries import Pins, hull_volume, with_offsets, with_pins
 from critflow.extras.files.data import NetworkData, from_zero
 from critflow.extras.files.formats import READ_PICTURES, format_of_object, is_frame, readable_format, writable_format
@@ -29,7 +29,6 @@ from critflow.result import CritflowError, InputError, NetworkError, Solution
 _MOST_EDGES = 10_000_000
 
 
-@checked
 def network_from(
     source: Any = None,
     *,
@@ -62,6 +61,9 @@ def network_from(
     >>> cf.network_from(edges=[[0, 1], [1, 2]], positions=[[0, 0], [1, 1], [2, 0]], pins=[0, 2]).network
     Network(3 vertices, 2 edges, 2 dimensions, 2 pins, z = 1.333)
     """
+    of_kind(np.ndarray, None, cell=cell)
+    of_kind(bool, nearest=nearest, strict=strict, contract=contract)
+    of_kind(float, str, None, volume=volume)
     data = _record(source, given)
     if (vectors := data.cell if cell is None else floats(cell, "the cell")) is not None:
         d = data.dimension
@@ -72,11 +74,10 @@ def network_from(
         data = replace(data, cell=vectors[:d, :d])
     check(data)
     data = in_its_plane(data)
-    found = imported(with_pins(with_offsets(data, nearest), pins), strict, contract)
-    return _referring(found, data.volume if volume is None else volume)
+    read = imported(with_pins(with_offsets(data, nearest), pins), strict, contract)
+    return _referring(read, data.volume if volume is None else volume)
 
 
-@checked
 def write_network(
     network: Any,
     path: str | PathLike[str],
@@ -108,6 +109,9 @@ def write_network(
     >>> print(cf.network_from(path).network)
     Network(8 vertices, 12 edges, 2 dimensions, periodic, z = 3)
     """
+    path = of_kind(str, PathLike, path=path)
+    of_kind(np.ndarray, None, coordinates=coordinates, rest_lengths=rest_lengths, force_densities=force_densities)
+    copies = of_kind(int, Sequence, copies=copies)
     target, data = Path(path), data_of(network, coordinates, rest_lengths, force_densities)
     known = writable_format(target, data.dimension, options)
     assert known.write is not None
@@ -150,22 +154,22 @@ def _tiled(data: NetworkData, copies: int | Sequence[int]) -> NetworkData:
     )
 
 
-def _referring(found: ImportedNetwork, volume: float | str | None) -> ImportedNetwork:
+def _referring(read: ImportedNetwork, volume: float | str | None) -> ImportedNetwork:
     """The network with the volume to which its moduli refer: that of the convex hull where none is named."""
-    network, note = found.value, ""
+    network, note = read.value, ""
     if volume is None and (network.cell is not None or network.dimension == 1):
-        return found
+        return read
     if volume is None or volume == "hull":
         try:
-            hull = hull_volume(found.positions)
+            hull = hull_volume(read.positions)
         except InputError:
             if volume is None:
-                return found
+                return read
             raise
         volume, note = hull, f"moduli refer to the convex hull, V = {hull:.8g}, unless another volume is given"
     if isinstance(volume, str):
         raise InputError(f"the volume must be a number or 'hull', not {volume!r}")
-    return replace(found, value=network.with_volume(volume), data=found.data.noting(*([note] if note else [])))
+    return replace(read, value=network.with_volume(volume), data=read.data.noting(*([note] if note else [])))
 
 
 def data_of(

@@ -208,8 +208,8 @@ def require_regular(path: Path) -> None:
 
 def unread(names: Iterable[str], known: Iterable[str]) -> tuple[str, ...]:
     """A sentence on values of edges that a source has and no network."""
-    others = sorted(set(names) - set(known))
-    return (f"values of edges that were not read: {', '.join(others[:8])}",) if others else ()
+    unknown = sorted(set(names) - set(known))
+    return (f"values of edges that were not read: {', '.join(unknown[:8])}",) if unknown else ()
 
 
 def counted(number: int, noun: str, verb: str = "") -> str:

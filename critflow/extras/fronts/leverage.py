@@ -20,7 +20,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from critflow.arguments import checked
+from critflow.arguments import of_kind
+from critflow.critical.edge_lengths import NO_LENGTH
 from critflow.critical.manifold import CriticalConfiguration, CriticalManifold
 from critflow.critical.quantity import Quantity
 from critflow.critical.vocabulary import quantity
@@ -29,13 +30,14 @@ from critflow.linalg.factor import Factor
 from critflow.linalg.tolerances import EPS
 from critflow.linalg.vectors import dot, norms
 from critflow.networks.network import Array, IntArray, Network
+from critflow.progress import running
 from critflow.response.tensor import TRUSTED_ERROR
 from critflow.result import InputError, Record, Solution, Stats, Status
+from critflow.threads import one_blas_thread
 
 # Rounding of columns that were updated, and of refined ones, relative to r: 1 − σ_α r below its square times Σ|σ|/|σ_α|
 # is that of a bridge, and Σσ²|L|²/k below it times the terms of the sum that of a network that collapses.
 UPDATED, EXACT = 1e-9, 1e-14
-NO_LENGTH = 1e-10  # longest edge, relative to all, of a network that has collapsed
 # Corrections of a column below this part of it have converged; most corrections, and the least decrease of each.
 _REFINED, _MOST_CORRECTIONS, _DECREASE = 1e-13, 10, 0.5
 # Ratio of stresses beyond which corrections of columns may not converge: P then keeps no digit of the smallest.
@@ -73,7 +75,8 @@ class EdgeLeverage(Record):
         return self.after - self.before
 
 
-@checked
+@running("edge_leverage")
+@one_blas_thread()
 def edge_leverage(critical: CriticalConfiguration, name: str | Quantity = "B_0") -> Solution[EdgeLeverage]:
     """The exact change of a quantity by cutting each edge, all at once, without a new factorisation.
 
@@ -84,12 +87,14 @@ def edge_leverage(critical: CriticalConfiguration, name: str | Quantity = "B_0")
     stresses that are zero somewhere.
 
     >>> import critflow as cf
-    >>> found = cf.edge_leverage(cf.optimize(cf.lattice("honeycomb", 2, 2), 'B_0')).value
-    >>> round(found.before, 6), round(float(found.change[0]), 6)
+    >>> leverage = cf.edge_leverage(cf.optimize(cf.lattice("honeycomb", 2, 2), 'B_0')).value
+    >>> round(leverage.before, 6), round(float(leverage.change[0]), 6)
     (0.288675, -0.057735)
     """
+    critical = of_kind(CriticalConfiguration, critical=critical)
+    name = of_kind(str, Quantity, name=name)
     network, sigma = critical.network, critical.sigma
-    goal = quantity(network, name)
+    measured = quantity(network, name)
     if not (sigma != 0).all():
         raise InputError("some edges have no stress: use the configuration of the taut part")
     manifold = critical.manifold
@@ -100,23 +105,23 @@ def edge_leverage(critical: CriticalConfiguration, name: str | Quantity = "B_0")
     known = solved.ok and np.abs(sigma).max() < LARGEST_RATIO * np.abs(sigma).min()
     for first in range(0, m if known else 0, width):
         edges = np.arange(first, min(first + width, m))
-        columns, others, taken = _columns(network, sigma, factor, edges)
+        columns, rounded, taken = _columns(network, sigma, factor, edges)
         bypass[edges], steps = _bypass(sigma, columns, edges, kept)[0], max(steps, taken)
-        after[edges] = values_after(goal, network, sigma, L, columns, edges, kept, EXACT)
+        after[edges] = values_after(measured, network, sigma, L, columns, edges, kept, EXACT)
         errors[edges], bypass_errors[edges] = _MARGIN * EPS * np.abs([after[edges], bypass[edges]])
-        for seed, other in enumerate(others):
+        for seed, other in enumerate(rounded):
             moved = L * (1 + EPS * _signs(seed, m, 1))
-            there = values_after(goal, network, sigma, moved, other, edges, kept, EXACT)
+            there = values_after(measured, network, sigma, moved, other, edges, kept, EXACT)
             errors[edges] += _MARGIN * np.abs(there - after[edges])
             bypass_errors[edges] += _MARGIN * np.abs(_bypass(sigma, other, edges, kept)[0] - bypass[edges])
-    before, status, note = goal.evaluate(solved.value)[0], solved.status, solved.note
+    before, status, note = measured.evaluate(solved.value)[0], solved.status, solved.note
     if solved.ok:
         unknown = np.isnan(bypass) | (errors > TRUSTED_ERROR * np.abs(after))
         after[unknown] = np.nan
         if unknown.any():
             status = Status.ill_conditioned
             note = f"rounding hides the cut of {unknown.sum()} edges: choose stresses of more similar magnitude"
-    value = EdgeLeverage(goal.name, before, after, errors, bypass, bypass_errors)
+    value = EdgeLeverage(measured.name, before, after, errors, bypass, bypass_errors)
     return Solution(value, status, Stats("rank-one updates", steps, residual=solved.stats.residual), note)
 
 
@@ -143,12 +148,12 @@ def _columns(network: Network, sigma: Array, factor: Factor, edges: IntArray) ->
         # Nothing flows around a bridge, and a loop loads nothing.
         size = float(np.sqrt(np.max(np.divide(moved, all_around, out=np.zeros_like(moved), where=all_around > 0))))
     # Differences of displacements have their rounding, and so have forces, which softer edges resist.
-    others = []
+    rounded = []
     for seed in range(2):
         signs = EPS * _signs(seed, *columns.shape)
         other = columns + np.abs(columns[edges, own]) * signs
-        others.append(other + correction(other, bypass - sigma[edges] * (other - columns)[edges, own], signs[:, ::-1]))
-    return columns, others, steps
+        rounded.append(other + correction(other, bypass - sigma[edges] * (other - columns)[edges, own], signs[:, ::-1]))
+    return columns, rounded, steps
 
 
 def _signs(seed: int, *shape: int) -> Array:
@@ -201,7 +206,7 @@ class Part:
 
 
 def values_after(
-    goal: Quantity,
+    measured: Quantity,
     network: Network,
     sigma: Array,
     L: Array,
@@ -218,7 +223,7 @@ def values_after(
     bypass, around = _bypass(sigma, columns, edges, kept)
     opened = np.abs(bypass * sigma[edges]) <= rounding**2 * np.abs(sigma).sum()
     growth = sigma[edges] / np.where(opened, np.inf, bypass)
-    form = stress_form(goal)
+    form = stress_form(measured)
     if form is not None:
         stress, weight = np.where(kept, sigma, 0.0), np.where(kept, sigma**2 / network.stiffness, 0.0)
         if rounding == UPDATED:
@@ -243,7 +248,7 @@ def values_after(
         if length[rest].max(initial=0.0) > NO_LENGTH * norms(L).max():
             with np.errstate(all="ignore"):
                 # Edges that hang on one vertex have no length, and no gradient.
-                value[n] = goal.evaluate(Part(network, rest, sigma, there))[0]
+                value[n] = measured.evaluate(Part(network, rest, sigma, there))[0]
         rest[edges[n]] = kept[edges[n]]
     return value
 
@@ -259,7 +264,7 @@ def _sum_after(
     # The sum of all but one, without a difference.
     ahead = np.concatenate([[0.0], np.cumsum(parts)[:-1]])
     behind = np.concatenate([np.cumsum(parts[::-1])[-2::-1], [0.0]])
-    others = (ahead + behind)[edges]
+    rest = (ahead + behind)[edges]
     linear = 2 * growth * dot(around.T @ (weight[:, None] * L), AL[edges])
     square = growth**2 * dot(L, AL)[edges] * (weight @ around**2)
-    return others + linear + square, np.abs(others) + np.abs(linear) + np.abs(square)
+    return rest + linear + square, np.abs(rest) + np.abs(linear) + np.abs(square)

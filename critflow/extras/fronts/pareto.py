@@ -17,18 +17,20 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from critflow.arguments import checked
+from critflow.arguments import of_kind
+from critflow.critical.edge_lengths import COLLAPSING, SOUND
 from critflow.critical.manifold import Balance, CriticalConfiguration, CriticalManifold, require_one_self_stress
 from critflow.critical.vocabulary import quantity
 from critflow.extras.targets.constrained import Minimum, Point, minimise_constrained
-from critflow.extras.targets.problem import Target, edge_limits, parse_targets
+from critflow.extras.targets.problem import POWERS, Target, edge_limits, parse_targets
 from critflow.extras.targets.stress_form import same
 from critflow.extras.targets.stresses import Stresses
 from critflow.linalg.vectors import norms
 from critflow.networks.network import Array, Network
-from critflow.optimisation.descent import COLLAPSING, FADED, SOUND
-from critflow.progress import counted
+from critflow.optimisation.descent_end import FADED
+from critflow.progress import counted, running
 from critflow.result import InputError, Solution, Stats, Status
+from critflow.threads import one_blas_thread
 
 FRONT_OPTIMAL = 2e-9  # gradient at which the search for a point ends, in units of the ends of the front
 FRONT_CERTIFIED = 1e-5  # largest relative residual of the first-order conditions of a certified point
@@ -49,6 +51,9 @@ _SHAKEN = 0.3
 _FRONTS = 3
 _BEST = {-1: "largest", 1: "smallest"}
 _LIMIT_EDGES = "limit the edges, as by within={'force_densities': (0.2, None)}"
+_OUTSIDE = "the front has no point at this position: relax a limit of the edges"
+_STEPS = "its steps are used up before the first-order conditions hold: raise max_steps"
+_ROUNDED = f"rounding stops its search before the first-order conditions hold: give another start, or {_LIMIT_EDGES}"
 _BACKWARDS = "a multiplier is negative: here an objective improves without cost, so the point is not on the front"
 
 
@@ -77,7 +82,8 @@ class Front(Solution[tuple[CriticalConfiguration, ...]]):
     dominated: NDArray[np.bool_] = field(repr=False)
 
 
-@checked
+@running("pareto")
+@one_blas_thread()
 def pareto(
     network: Network | CriticalManifold,
     objectives: Mapping[Any, str] | Sequence[Any],
@@ -107,11 +113,17 @@ def pareto(
     Raises `InputError` for unknown objectives, for two that have the same best configuration or no front without limits
     of the edges, and networks with several self-stresses; `SolveError` where a point is not certified and `throw`.
     """
+    network = of_kind(Network, CriticalManifold, network=network)
+    of_kind(Mapping, Sequence, objectives=objectives)
+    n, max_steps = of_kind(int, n=n, max_steps=max_steps)
+    of_kind(Mapping, None, within=within)
+    of_kind(np.ndarray, None, start=start)
+    of_kind(bool, throw=throw)
     manifold = CriticalManifold.of(network)
     if n < 2:
         raise InputError(f"a front has at least its two ends, n = 2 points, not {n}")
     pair = _pair(manifold, objectives)
-    stresses = Stresses(manifold, start, limits=edge_limits(manifold.network.n_edges, within or {}))
+    stresses = Stresses(manifold, start, limits=edge_limits(manifold.network.n_edges, within or {}, tuple(POWERS)))
     search = _Search(stresses, pair, max_steps)
     solution = _front(stresses, pair, search.points(n), search.units)
     return solution.or_raise("the front is not complete") if throw else solution
@@ -122,14 +134,14 @@ def _pair(manifold: CriticalManifold, objectives: Mapping[Any, str] | Sequence[A
     if len(objectives) != 2:
         raise InputError(f"a front has two objectives, such as ['B_0', 'V_L'], not {len(objectives)}")
     if isinstance(objectives, Mapping):
-        goals = list(objectives.items())
+        extremes = list(objectives.items())
     else:
         best = [quantity(manifold.network, key).maximise for key in objectives]
-        goals = [(key, "largest" if one else "smallest") for key, one in zip(objectives, best, strict=True)]
-    for name, goal in goals:
-        if goal not in ("largest", "smallest"):
-            raise InputError(f"the objective {name!s:.40} must be 'largest' or 'smallest', not {goal!r:.40}")
-    pair = [parse_targets(manifold.network, {key: goal})[0] for key, goal in goals]
+        extremes = [(key, "largest" if one else "smallest") for key, one in zip(objectives, best, strict=True)]
+    for name, extreme in extremes:
+        if extreme not in ("largest", "smallest"):
+            raise InputError(f"the objective {name!s:.40} must be 'largest' or 'smallest', not {extreme!r:.40}")
+    pair = [parse_targets(manifold.network, {key: extreme})[0] for key, extreme in extremes]
     if same(pair[0].quantity, pair[1].quantity):
         raise InputError("both objectives are the same quantity: give two different ones")
     if any(one.quantity.one_self_stress for one in pair):
@@ -181,7 +193,7 @@ class _Search:
 
     def __init__(self, stresses: Stresses, pair: list[Target], max_steps: int):
         self.stresses, self._pair, self._max_steps = stresses, pair, max_steps
-        self._signs = np.array([float(one.goal) for one in pair])
+        self._signs = np.array([float(one.sense) for one in pair])
         self._natural = np.array([one.quantity.unit(stresses.network) for one in pair])
         self._ideal, self.units = np.zeros(2), self._natural
 
@@ -196,12 +208,12 @@ class _Search:
         """The front between the best ends that are known: a better end that a front contains begins another one."""
         starts: list[list[Array]] = [[], []]
         for _ in range(_FRONTS):
-            found = self._between(self._ends(starts), n)
-            values = np.array([one.values if one.minimum.reached else [np.inf, np.inf] for one in found])
+            points = self._between(self._ends(starts), n)
+            values = np.array([one.values if one.minimum.reached else [np.inf, np.inf] for one in points])
             if values.min() > -BETTER_END:
                 break
-            starts = [[found[i].z] for i in values.argmin(axis=0)]
-        return found
+            starts = [[points[i].z] for i in values.argmin(axis=0)]
+        return points
 
     def _between(self, ends: list[_Point], n: int) -> list[_Point]:
         """The ends and the points between them, each from its neighbour, and back where that is not the best."""
@@ -211,19 +223,19 @@ class _Search:
         )
         if n == 2 or without_limit or not all(end.minimum.reached for end in ends):
             return ends
-        found = [ends[0]]
+        points = [ends[0]]
         first, last = (float(end.values[0] - end.values[1]) for end in ends)
         problems = [_Weighted(self, (0.5, 0.5), float(difference)) for difference in np.linspace(first, last, n)[1:-1]]
         for problem in counted(problems, "point"):
-            found.append(self._point(problem, found[-1].z))
-        found.append(ends[1])
+            points.append(self._point(problem, points[-1].z))
+        points.append(ends[1])
         # Where the front jumps, the points beyond belong to the branch of the other end.
         for i in range(n - 2, 0, -1):
-            if found[i].status is not Status.ok or dominated(np.array([one.values for one in found]))[i]:
-                again, old = self._point(problems[i - 1], found[i + 1].z), found[i]
+            if points[i].status is not Status.ok or dominated(np.array([one.values for one in points]))[i]:
+                again, old = self._point(problems[i - 1], points[i + 1].z), points[i]
                 better = old.status is not Status.ok or again.minimum.point.value < old.minimum.point.value
-                found[i] = again if again.status is Status.ok and better else old
-        return [found[0], *(self._attained(one, "this point of the front") for one in found[1:-1]), found[-1]]
+                points[i] = again if again.status is Status.ok and better else old
+        return [points[0], *(self._attained(one, "this point of the front") for one in points[1:-1]), points[-1]]
 
     def _ends(self, starts: list[list[Array]]) -> list[_Point]:
         """Each end first alone, which gives the units, then with a small weight of the other objective.
@@ -239,14 +251,14 @@ class _Search:
                 leaving = self._leaving(z)
                 if leaving and not np.isfinite(self._extreme(target)):
                     _, edge, change = leaving
-                    best = f"{_BEST[target.goal]} {target.name}"
+                    best = f"{_BEST[target.sense]} {target.name}"
                     raise InputError(f"there is no {best}: it has no limit as edge {edge} {change}; {_LIMIT_EDGES}")
             raise InputError("both objectives have the same best configuration: change one")
         self._ideal, self.units = np.diag(values).copy(), spread
         weights = ((1 - END_WEIGHT, END_WEIGHT), (END_WEIGHT, 1 - END_WEIGHT))
         ends = [self._point(_Weighted(self, pair), z) for pair, z in zip(weights, alone, strict=True)]
         return [
-            self._attained(end, f"the end of the {_BEST[target.goal]} {target.name}")
+            self._attained(end, f"the end of the {_BEST[target.sense]} {target.name}")
             for end, target in zip(ends, self._pair, strict=True)
         ]
 
@@ -274,38 +286,39 @@ class _Search:
 
     def _extreme(self, target: Target) -> float:
         """The best value that the objective can have."""
-        return float(target.quantity.extreme(self.stresses.manifold, True)[target.goal < 0])
+        return float(target.quantity.extreme(self.stresses.manifold, True)[target.sense < 0])
 
     def _alone(self, weights: tuple[float, float], more: list[Array]) -> Array:
         """The best z of one objective, from the start, where B_0 and C_B may be stationary, one near it, and more."""
         origin, problem = self.stresses.origin, _Weighted(self, weights)
         shaken = origin + _SHAKEN * np.random.default_rng(0).standard_normal(len(origin))
-        found = [self._minimum(problem, start) for start in (origin, shaken, *more)]
-        values = np.array([end.point.value if end.reached else np.inf for end in found])
+        minima = [self._minimum(problem, start) for start in (origin, shaken, *more)]
+        values = np.array([end.point.value if end.reached else np.inf for end in minima])
         # The first of several that differ by rounding only, which would choose another one in other units.
-        return found[int(np.argmax(values <= values.min() + SAME_VALUE))].point.z
+        return minima[int(np.argmax(values <= values.min() + SAME_VALUE))].point.z
 
     def _minimum(self, problem: _Weighted, start: Array) -> Minimum:
         return minimise_constrained(problem, start, FRONT_OPTIMAL, _LONGEST, self._max_steps, restoring=_RESTORING)
 
     def _point(self, problem: _Weighted, start: Array) -> _Point:
-        found, weights = self._minimum(problem, start), problem.weights.copy()
+        minimum, weights = self._minimum(problem, start), problem.weights.copy()
         if problem.n_prescribed:
-            weights += found.multipliers[0] * np.array([1.0, -1.0])
-        _, values, gradients = self.objectives(found.point.z)
+            weights += minimum.multipliers[0] * np.array([1.0, -1.0])
+        _, values, gradients = self.objectives(minimum.point.z)
         # Where both objectives are stationary, as B_0 and C_B at σ = k, the gradients are rounding.
-        residual = found.residual / max(float(np.abs(weights[:, None] * gradients).max()), FRONT_FLAT)
-        status, note = found.status, ""
-        if not found.reached:
-            status, note = Status.not_reached, "the front has no point at this position: relax a limit of the edges"
+        residual = minimum.residual / max(float(np.abs(weights[:, None] * gradients).max()), FRONT_FLAT)
+        if not minimum.reached:
+            status, note = Status.not_reached, _OUTSIDE
         elif weights.min() < -FRONT_CERTIFIED:
             status, note = Status.not_reached, _BACKWARDS
         elif residual < FRONT_CERTIFIED:
-            status = Status.ok
-        elif status is Status.ok:
-            status = Status.stalled
-        limits = found.multipliers[problem.n_prescribed :]
-        return _Point(found, values, weights, limits, residual, status, note)
+            status, note = Status.ok, ""
+        elif minimum.status is Status.step_limit:
+            status, note = Status.step_limit, _STEPS
+        else:
+            status, note = Status.stalled, _ROUNDED
+        limits = minimum.multipliers[problem.n_prescribed :]
+        return _Point(minimum, values, weights, limits, residual, status, note)
 
 
 def dominated(values: Array) -> NDArray[np.bool_]:
@@ -313,15 +326,15 @@ def dominated(values: Array) -> NDArray[np.bool_]:
     return np.any(np.all(values[:, None, :] > values[None, :, :], axis=2), axis=1)
 
 
-def _front(stresses: Stresses, pair: list[Target], found: list[_Point], units: Array) -> Front:
+def _front(stresses: Stresses, pair: list[Target], points: list[_Point], units: Array) -> Front:
     """The front with the values at configurations that are solved to the last digit."""
-    solved = [stresses.manifold.solve(stresses.stress(one.z)) for one in found]
-    statuses = [one.status if balance.ok else balance.status for one, balance in zip(found, solved, strict=True)]
+    solved = [stresses.manifold.solve(stresses.stress(one.z)) for one in points]
+    statuses = [one.status if balance.ok else balance.status for one, balance in zip(points, solved, strict=True)]
     achieved = np.array([[each.quantity.evaluate(one.value)[0] for each in pair] for one in solved])
     worst = next((i for i, status in enumerate(statuses) if status is not Status.ok), None)
-    note = "" if worst is None else f"point {worst}: {found[worst].note or statuses[worst].message}"
-    residuals = np.array([one.residual for one in found])
-    stats = Stats("normal-boundary intersection", sum(one.minimum.steps for one in found), float(residuals.max()))
+    note = "" if worst is None else f"point {worst}: {points[worst].note or statuses[worst].message}"
+    residuals = np.array([one.residual for one in points])
+    stats = Stats("normal-boundary intersection", sum(one.minimum.steps for one in points), float(residuals.max()))
     return Front(
         tuple(one.value for one in solved),
         Status.ok if worst is None else statuses[worst],
@@ -330,9 +343,9 @@ def _front(stresses: Stresses, pair: list[Target], found: list[_Point], units: A
         names=(pair[0].name, pair[1].name),
         achieved=achieved,
         units=units,
-        weights=np.array([one.weights for one in found]),
+        weights=np.array([one.weights for one in points]),
         residuals=residuals,
         statuses=tuple(statuses),
-        n_limited=np.array([np.count_nonzero(one.limits) for one in found]),
-        dominated=dominated(achieved * [each.goal for each in pair]),
+        n_limited=np.array([np.count_nonzero(one.limits) for one in points]),
+        dominated=dominated(achieved * [each.sense for each in pair]),
     )

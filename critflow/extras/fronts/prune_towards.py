@@ -20,7 +20,8 @@ from typing import Any
 import numpy as np
 from scipy.linalg.blas import dger
 
-from critflow.arguments import checked, generator
+from critflow.arguments import generator, of_kind
+from critflow.critical.edge_lengths import NO_LENGTH
 from critflow.critical.manifold import CriticalConfiguration, CriticalManifold
 from critflow.extras.fronts.leverage import Mask, Part, values_after
 from critflow.extras.targets.problem import Target, parse_targets
@@ -29,9 +30,9 @@ from critflow.linalg.tolerances import LARGEST_DENSE
 from critflow.linalg.vectors import norms
 from critflow.networks.network import Array, IntArray, Network
 from critflow.networks.pruning import pruned
-from critflow.optimisation.largest_modulus import NO_LENGTH
-from critflow.progress import tell
+from critflow.progress import running, tell
 from critflow.result import InputError, Solution, Stats, Status
+from critflow.threads import one_blas_thread
 
 PRUNING_DRIFT = 1e-10  # error of rank-one updates from which P is factorised again: far below the digits of a design
 PRUNING_REACHED = 1e-3  # distance from a target that counts as reached, relative to it: cuts are discrete
@@ -61,7 +62,8 @@ class PrunedDesign(Solution[CriticalConfiguration]):
         return float(self.values[-1])
 
 
-@checked
+@running("prune_towards")
+@one_blas_thread()
 def prune_towards(
     critical: CriticalConfiguration | Network,
     targets: Mapping[Any, Any],
@@ -85,26 +87,31 @@ def prune_towards(
     Raises `InputError` for unknown quantities, stresses with zeros, networks beyond about 4,000 edges, and without
     target and number of cuts.
     """
+    critical = of_kind(CriticalConfiguration, Network, critical=critical)
+    of_kind(Mapping, targets=targets)
+    cuts, seed = of_kind(int, None, cuts=cuts, seed=seed)
+    of_kind(float, tolerance=tolerance)
+    of_kind(bool, throw=throw)
     if isinstance(critical, Network):
         critical = CriticalManifold(critical).configuration(critical.stiffness)
-    goal = _goal(critical, targets, cuts)
-    search, limit = _Search(critical, goal), critical.network.n_edges if cuts is None else cuts
-    near, status, note = tolerance * goal.low, Status.ok, ""
+    target = _target_of(critical, targets, cuts)
+    search, limit = _Search(critical, target), critical.network.n_edges if cuts is None else cuts
+    near, status, note = tolerance * target.low, Status.ok, ""
     state = _followed(search, limit, seed, near)
-    if not goal.goal and seed is None and not search.distance(state) <= near:
+    if not target.sense and seed is None and not search.distance(state) <= near:
         other = _followed(search, limit, 0, near)
         state = other if search.distance(other) <= near else state
     n_cuts, value = len(state.cuts), state.values[-1]
-    if goal.goal and n_cuts < limit:
+    if target.sense and n_cuts < limit:
         status, note = Status.floppy, "every further cut opens the network"
-    if not goal.goal and not search.distance(state) <= near:
+    if not target.sense and not search.distance(state) <= near:
         status = Status.not_reached
-        note = f"{goal.name} is {value:.6g} after {n_cuts} cuts: no further one is nearer to {goal.low:.6g}"
+        note = f"{target.name} is {value:.6g} after {n_cuts} cuts: no further one is nearer to {target.low:.6g}"
     network, edges, _ = pruned(critical.network, state.kept)
     solution = PrunedDesign(
         value=CriticalManifold(network).configuration(critical.sigma[edges]),
         status=status,
-        stats=Stats("rank-one updates", n_cuts, np.nan if goal.goal else abs(value / goal.low - 1)),
+        stats=Stats("rank-one updates", n_cuts, np.nan if target.sense else abs(value / target.low - 1)),
         note=note,
         cuts=np.array(state.cuts, dtype=np.int64),
         edges=edges,
@@ -113,13 +120,13 @@ def prune_towards(
     return solution.or_raise("the cuts did not lead to the target") if throw else solution
 
 
-def _goal(critical: CriticalConfiguration, targets: Mapping[Any, Any], cuts: int | None) -> Target:
+def _target_of(critical: CriticalConfiguration, targets: Mapping[Any, Any], cuts: int | None) -> Target:
     """The target, after checks of all arguments."""
     network = critical.network
-    goal, *more = parse_targets(network, targets)
-    if more or not (goal.goal or goal.low == goal.high > 0):
+    target, *more = parse_targets(network, targets)
+    if more or not (target.sense or target.low == target.high > 0):
         raise InputError("pruning has one target, a positive number, or 'largest' or 'smallest': such as {'B_0': 0.1}")
-    if goal.goal and cuts is None:
+    if target.sense and cuts is None:
         raise InputError("give a target, a number of cuts, or both")
     if cuts is not None and not 0 <= cuts < network.n_edges:
         raise InputError(f"the number of cuts must be from 0 to {network.n_edges - 1}, not {cuts}")
@@ -127,7 +134,7 @@ def _goal(critical: CriticalConfiguration, targets: Mapping[Any, Any], cuts: int
         raise InputError("some edges have no stress: use the configuration of the taut part")
     if network.n_edges**2 > LARGEST_DENSE:
         raise InputError(f"{network.n_edges}² numbers are too many: use edge_leverage, one cut at a time")
-    return goal
+    return target
 
 
 @dataclass(frozen=True, eq=False)
@@ -200,12 +207,12 @@ class _Search:
 
     def distances(self, values: Array) -> Array:
         """What a cut is to make least, of values after it; infinite where it opens the network."""
-        distances = self.target.goal * values if self.target.goal else np.abs(values - self.target.low)
+        distances = self.target.sense * values if self.target.sense else np.abs(values - self.target.low)
         return np.where(np.isfinite(values), distances, np.inf)
 
     def distance(self, state: _State) -> float:
         """Distance of the last value from the target; infinite where the largest or smallest is sought."""
-        return np.inf if self.target.goal else abs(state.values[-1] - self.target.low)
+        return np.inf if self.target.sense else abs(state.values[-1] - self.target.low)
 
 
 def _followed(search: _Search, limit: int, seed: int | None, near: float) -> _State:
@@ -214,7 +221,7 @@ def _followed(search: _Search, limit: int, seed: int | None, near: float) -> _St
     # The last edge of a random order comes first.
     order = None if seed is None else generator(seed).permutation(m)[::-1]
     state = _greedy(search, search.state(), limit) if order is None else _in_order(search, limit, order)
-    for back in range(1, 1 + (0 if search.target.goal else min(_TAKEN_BACK, len(state.cuts)))):
+    for back in range(1, 1 + (0 if search.target.sense else min(_TAKEN_BACK, len(state.cuts)))):
         if search.distance(state) <= near:
             break
         fewer = search.state(state.cuts[:-back], state.values[: -back - 1])

@@ -7,13 +7,16 @@ from typing import NamedTuple
 
 import numpy as np
 
-from critflow.arguments import checked, generator
+from critflow.arguments import generator, of_kind
 from critflow.networks.network import Network
 from critflow.networks.pruning import CarryingPart, carrying_part, part_of
+from critflow.progress import running
 from critflow.result import InputError
+from critflow.threads import one_blas_thread
 
 
-@checked
+@running("diluted")
+@one_blas_thread()
 def diluted(network: Network, z: float, seed: int | np.random.Generator = 0) -> Network:
     """The network with edges removed in random order and then pruned, to the mean coordination z = 2 N_b/N_v.
 
@@ -25,6 +28,9 @@ def diluted(network: Network, z: float, seed: int | np.random.Generator = 0) -> 
     >>> cf.diluted(cf.lattice("triangular", 6, 6), z=4.0, seed=0).n_edges
     72
     """
+    network = of_kind(Network, network=network)
+    of_kind(float, z=z)
+    seed = of_kind(int, np.random.Generator, seed=seed)
     order = generator(seed).permutation(network.n_edges)
 
     def after(n_removed: int) -> CarryingPart:

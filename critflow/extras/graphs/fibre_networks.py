@@ -15,17 +15,20 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from critflow.arguments import checked, generator, shown
+from critflow.arguments import generator, of_kind, shown
 from critflow.extras.graphs.dilution import diluted, with_coordination
 from critflow.generators.lattices import lattice, periodic_network
 from critflow.networks.blocks import components
 from critflow.networks.checks import check_size
 from critflow.networks.network import Array, IntArray, Network
 from critflow.networks.pruning import CarryingPart, carrying_part, pruned
+from critflow.progress import running
 from critflow.result import InputError
+from critflow.threads import one_blas_thread
 
 
-@checked
+@running("fibre_network")
+@one_blas_thread()
 def fibre_network(kind: str, *size: int, z: float | None = None, seed: int | np.random.Generator = 0) -> Network:
     """Straight fibres that are linked where they cross, to the mean coordination z = 2 N_b/N_v.
 
@@ -48,6 +51,9 @@ def fibre_network(kind: str, *size: int, z: float | None = None, seed: int | np.
     >>> cf.fibre_network("phantom", 9, 9, z=3.2, seed=1).dimension, cf.fibre_network("mikado", 60, seed=1).dimension
     (2, 2)
     """
+    of_kind(str, kind=kind)
+    of_kind(float, None, z=z)
+    seed = of_kind(int, np.random.Generator, seed=seed)
     if kind not in _KINDS:
         raise InputError(f"no fibre network is called {shown(kind)}: choose one of {', '.join(_KINDS)}")
     make, usual_size, usual_z = _KINDS[kind]

@@ -7,13 +7,15 @@ from dataclasses import replace
 import numpy as np
 import scipy
 
-from critflow.arguments import checked, generator
+from critflow.arguments import generator, of_kind
 from critflow.extras.graphs.dilution import diluted
 from critflow.generators.random_points import points_in_cell
 from critflow.networks.checks import check_size
 from critflow.networks.network import Array, IntArray, Network
 from critflow.networks.pruning import pruned
+from critflow.progress import running
 from critflow.result import InputError
+from critflow.threads import one_blas_thread
 
 # Ratio of the two radii, at which neither discs nor spheres crystallise (O'Hern et al. 2003).
 _RATIO = 1.4
@@ -28,7 +30,8 @@ _MOST_STEPS = 20_000
 _FEWEST = {2: 20, 3: 60}
 
 
-@checked
+@running("packing_network")
+@one_blas_thread()
 def packing_network(
     n_vertices: int = 200,
     z: float = 4.5,
@@ -51,6 +54,9 @@ def packing_network(
     >>> cf.packing_network(n_vertices=24, z=4.5, seed=1).dimension
     2
     """
+    n_vertices, dimension = of_kind(int, n_vertices=n_vertices, dimension=dimension)
+    of_kind(float, z=z, density=density)
+    seed = of_kind(int, np.random.Generator, seed=seed)
     if dimension not in _JAMMING:
         raise InputError(f"a packing has dimension 2 or 3, not {dimension}")
     if n_vertices < _FEWEST[dimension]:

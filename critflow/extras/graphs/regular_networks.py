@@ -5,12 +5,14 @@ from __future__ import annotations
 import numpy as np
 import scipy
 
-from critflow.arguments import checked, generator
+from critflow.arguments import generator, of_kind
 from critflow.generators.random_points import points_in_cell
 from critflow.networks.network import Array, IntArray, Network
 from critflow.networks.periodic_cell import near_images
 from critflow.networks.pruning import carrying_part
+from critflow.progress import running
 from critflow.result import InputError
+from critflow.threads import one_blas_thread
 
 # Least distance of two vertices, in units of their mean spacing.
 _HARD_CORE = 0.7
@@ -21,7 +23,8 @@ _MOST_REPAIRS = 200
 _MOST_MOVES = 2000
 
 
-@checked
+@running("regular_network")
+@one_blas_thread()
 def regular_network(
     n_vertices: int = 1000, z: float = 3.0, seed: int | np.random.Generator = 0, dimension: int = 2
 ) -> Network:
@@ -36,6 +39,9 @@ def regular_network(
     >>> cf.regular_network(n_vertices=40, z=3.0, seed=1)
     Network(40 vertices, 60 edges, 2 dimensions, periodic, z = 3)
     """
+    n_vertices, dimension = of_kind(int, n_vertices=n_vertices, dimension=dimension)
+    of_kind(float, z=z)
+    seed = of_kind(int, np.random.Generator, seed=seed)
     if dimension not in (2, 3):
         raise InputError(f"the dimension must be 2 or 3, not {dimension}")
     if not 3 <= z <= _MOST_COORDINATION:

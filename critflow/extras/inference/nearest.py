@@ -24,7 +24,7 @@ from scipy.linalg import cho_factor, cho_solve
 from scipy.linalg.lapack import dpotri
 from scipy.sparse.linalg import ArpackNoConvergence, LinearOperator, eigsh, splu
 
-from critflow.arguments import checked
+from critflow.arguments import of_kind
 from critflow.critical.manifold import Balance, CriticalConfiguration, CriticalManifold
 from critflow.extras.tissue.pressures import PressureManifold, PressurisedConfiguration, pressure_jumps
 from critflow.linalg.factor import Entries, FixedPattern
@@ -32,7 +32,9 @@ from critflow.linalg.matrices import end_pairs, free_ends, spread_columns
 from critflow.linalg.tolerances import LARGEST_DENSE
 from critflow.networks.checks import edge_values
 from critflow.networks.network import Array, Network, validated_coordinates
+from critflow.progress import running
 from critflow.result import InputError, Solution, Stats, Status
+from critflow.threads import one_blas_thread
 
 NEAREST_CONVERGED = 1e-9  # change of log σ in a step of Gauss and Newton below which it has converged
 NEAREST_ROUGH = 1e-3  # the same with a regularisation that is then left out
@@ -103,7 +105,8 @@ class _Iterate(NamedTuple):
     cost: float
 
 
-@checked
+@running("nearest_critical")
+@one_blas_thread()
 def nearest_critical(
     network: Network | CriticalManifold,
     coordinates: ArrayLike,
@@ -133,6 +136,12 @@ def nearest_critical(
     >>> found.distance < 1e-6  # a Voronoi tessellation is critical
     True
     """
+    network = of_kind(Network, CriticalManifold, network=network)
+    of_kind(np.ndarray, coordinates=coordinates)
+    of_kind(float, None, error=error)
+    of_kind(np.ndarray, None, start=start)
+    max_steps = of_kind(int, max_steps=max_steps)
+    of_kind(bool, throw=throw, pressures=pressures)
     manifold = CriticalManifold.of(network)
     x = validated_coordinates(manifold.network, coordinates)
     if error is not None and not error > 0:

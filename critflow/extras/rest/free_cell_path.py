@@ -36,7 +36,7 @@ class FreeCell(Vertices):
     def cell(self, strain: float, free: Array | None = None) -> Cell:
         """The cell (1 + Σ q E) F(γ)."""
         q = np.zeros(len(self.strains)) if free is None else free
-        return Cell(strain, stretched(q, self.strains) @ self.deformation.gradient(strain), q)
+        return Cell(strain, stretched(q, self.strains) @ self.gradient(strain), q)
 
     def point(self, state: SpringState, cell: Cell) -> Array:
         """(y, q), (n_free·d + m,)."""
@@ -57,7 +57,7 @@ class FreeCell(Vertices):
 
     def corrected(self, start: SpringState, cell: Cell) -> Correction:
         """The equilibrium of vertices and cell; `Status.floppy` where springs keep their lengths in some cell."""
-        strain, F = cell.strain, self.deformation.gradient(cell.strain)
+        strain, F = cell.strain, self.gradient(cell.strain)
         free = FreeCellState(start, cell.free, self.strains)
         solution, factor, q = relaxed_with_cell(free, self.reference, F, self.pattern, self.tolerance)
         cell = self.cell(strain, q)
@@ -73,7 +73,7 @@ class FreeCell(Vertices):
 
     def rates(self, cell: Cell) -> tuple[Array, Array]:
         """Rates and second derivatives of the module, (1 + m, d, d)."""
-        back = np.linalg.inv(self.deformation.gradient(cell.strain))
+        back = np.linalg.inv(self.gradient(cell.strain))
         velocity = self.deformation.rate(cell.strain) @ back
         acceleration = self.deformation.second_rate(cell.strain) @ back
         E, S = self.strains, stretched(cell.free, self.strains)

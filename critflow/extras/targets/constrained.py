@@ -116,9 +116,9 @@ class _Working:
         root = np.sqrt(np.maximum(values, FLOOR * max(values[-1], np.finfo(float).tiny)))
         A = root[:, None] * vectors.T
         # Free multipliers as differences of two that are not negative.
-        found, _ = scipy.optimize.nnls(np.hstack([A, -A[:, self.equal]]), (vectors.T @ right) / root)
-        mu = found[: len(right)]
-        mu[self.equal] -= found[len(right) :]
+        parts, _ = scipy.optimize.nnls(np.hstack([A, -A[:, self.equal]]), (vectors.T @ right) / root)
+        mu = parts[: len(right)]
+        mu[self.equal] -= parts[len(right) :]
         return np.asarray(mu)
 
     def optimality(self) -> tuple[Array, float]:
@@ -266,11 +266,11 @@ class _Search:
         while part > _SHORTEST:
             self.steps += 1
             moved = self.problem.at(point.z + part * step.d)
-            wanted = here - ARMIJO * part * abs(rate) + ROUNDING * (1 + abs(here))
-            if not self._merit(moved) <= wanted and np.isfinite(self._merit(moved)):
+            acceptable = here - ARMIJO * part * abs(rate) + ROUNDING * (1 + abs(here))
+            if not self._merit(moved) <= acceptable and np.isfinite(self._merit(moved)):
                 # Curvature of the constraints may hide a decrease: return towards their surface.
                 moved = self.restored(moved, metric, _RESTORING)
-            if self._merit(moved) <= wanted:
+            if self._merit(moved) <= acceptable:
                 return moved
             part *= 0.3
         return None

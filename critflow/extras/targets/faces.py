@@ -11,6 +11,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from copy import copy
 from dataclasses import dataclass
+from typing import Any, Self
 
 import numpy as np
 import scipy.sparse as sp
@@ -22,7 +23,7 @@ from critflow.critical.manifold import CriticalConfiguration, CriticalManifold
 from critflow.critical.quantity import Quantity, StressedBonds
 from critflow.critical.vocabulary import quantity
 from critflow.extras.targets.constrained import Minimum, Problem, minimise_constrained
-from critflow.extras.targets.problem import Designed, EdgeLimits, Target, Variables
+from critflow.extras.targets.problem import DesignOptions, DesignResult, EdgeLimits, Target, Variables
 from critflow.linalg.vectors import dot
 from critflow.networks.network import Array
 from critflow.result import InputError
@@ -44,6 +45,7 @@ class IsogonalState(StressedBonds):
 class FaceAmplitudes(Variables):
     """Amplitudes of the isogonal modes of a configuration, in units of its mean length."""
 
+    limited_quantities = ("lengths",)
     longest = 0.3
     tolerance = 1e-2  # component of the gradient of the change along the targets, relative to 1 plus the largest one
 
@@ -66,6 +68,14 @@ class FaceAmplitudes(Variables):
         # Collapsed edges would trap a search: lengths below the limit are outside the domain.
         self.least = (1 - 1e-6) * shortest
         self.low, self.high = shortest / self.reach, longest / self.reach
+
+    @classmethod
+    def of(cls, start: Any, options: DesignOptions) -> Self:
+        limits = options.limits(cls)
+        options.require_unused("signs", "free", "initial")
+        if not isinstance(start, CriticalConfiguration):
+            raise InputError("change='faces' starts from a critical configuration: give one")
+        return cls(start, limits)
 
     def at(self, z: Array) -> IsogonalState:
         """Lengths ℓ (N_b,) at the directions and tensions of the configuration, as a balance."""
@@ -118,9 +128,9 @@ class FaceAmplitudes(Variables):
             return end
         return min(end, stage(self.origin, 1.0, max_steps), key=lambda one: one.violation)
 
-    def excluded(self, targets: Sequence[Target]) -> str:
+    def refusal(self, targets: Sequence[Target]) -> str:
         """A sentence where a closed form excludes the target of C_B, else an empty string."""
-        target = next((target for target in targets if target.quantity.name == "C_B" and not target.goal), None)
+        target = next((target for target in targets if target.quantity.name == "C_B" and not target.sense), None)
         if target is None:
             return ""
         bulk_modulus = quantity(self.network, "B_0")
@@ -134,18 +144,18 @@ class FaceAmplitudes(Variables):
             return ""
         return f"at the largest B_0, C_B is {-bound / 2:.8g} for every isogonal change: start from a smaller B_0"
 
-    def designed(self, z: Array, quantities: Sequence[Quantity]) -> Designed:
+    def designed(self, z: Array, quantities: Sequence[Quantity]) -> DesignResult:
         amplitudes = np.zeros(self.modes.elongations.shape[0])
         amplitudes[: self.n_modes] = self.unit * z
         value = self.modes.walk(amplitudes)
         values, rows = self.values(self.at(z), quantities)
-        # The configuration of the same stress, solved anew, bounds the errors of the one that was walked to.
+        # The configuration of the same stress, solved again, bounds the errors of the one that was walked to.
         solved = self.manifold.solve(value.sigma)
         errors = np.full(len(quantities), np.nan)
         if solved.ok:
             apart = [abs(one.evaluate(solved.value)[0] - v) for one, v in zip(quantities, values, strict=True)]
             errors = np.array(apart) + [one.error(solved.value) for one in quantities]
-        return Designed(value, solved, values, errors, rows, solved.value.error_bound)
+        return DesignResult(value, solved, values, errors, rows, solved.value.error_bound)
 
 
 def _limits(critical: CriticalConfiguration, limits: Sequence[EdgeLimits]) -> tuple[Array, Array]:

@@ -1,7 +1,8 @@
 """The constrained problem of a design: its targets, the limits of edges, and the variables that it may change.
 
-Each kind of variables z maps z to what the quantities are evaluated on, and gives their gradients by z: stresses and
-pressures (`stresses`), stiffnesses (`stiffnesses`), amplitudes of faces (`faces`), and rest lengths (`rest_lengths`).
+Each kind of variables z maps z to what the quantities are evaluated on, and gives their gradients by z: stresses
+(`stresses`) and amplitudes of faces (`faces`).  An extra that brings another kind of `Variables` declares it in its
+`extra.toml` as the function "variables of KIND".
 """
 
 from __future__ import annotations
@@ -9,11 +10,12 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, ClassVar, NamedTuple
+from typing import Any, ClassVar, NamedTuple, Self
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
+from critflow.arguments import of_kind
 from critflow.critical.manifold import Balance
 from critflow.critical.quantity import Quantity
 from critflow.critical.vocabulary import quantity
@@ -22,11 +24,11 @@ from critflow.extras.targets.stress_form import same
 from critflow.networks.checks import edge_values
 from critflow.networks.network import Array, Network
 from critflow.result import InputError, Solution
+from critflow.springs.state import SpringState
 
-GOALS = ("largest", "smallest")
+EXTREMES = ("largest", "smallest")
 # Powers of σ and |L| in the quantities of an edge that a stress sets.
 POWERS = {"lengths": (0, 1), "tensions": (1, 1), "force_densities": (1, 0)}
-LIMITED = {"stress": tuple(POWERS), "faces": ("lengths",), "stiffness": ("stiffnesses",)}
 ABSOLUTE = ("lengths", "stiffnesses")  # the others are in units of their mean
 
 
@@ -37,7 +39,7 @@ class Target(NamedTuple):
     quantity: Quantity
     low: float
     high: float
-    goal: int
+    sense: int
 
 
 def parse_targets(network: Network, targets: Mapping[Any, object]) -> list[Target]:
@@ -52,14 +54,14 @@ def parse_targets(network: Network, targets: Mapping[Any, object]) -> list[Targe
             if same(function, other.quantity):
                 raise InputError(f"the targets {other.name} and {name} are the same: give one of them")
         if isinstance(value, str):
-            if value not in GOALS:
+            if value not in EXTREMES:
                 raise InputError(f"{name} must be a number, limits, 'largest' or 'smallest', not {value!r:.40}")
             parsed.append(Target(name, function, -np.inf, np.inf, 1 if value == "smallest" else -1))
         else:
             parsed.append(Target(name, function, *limits_of(name, value), 0))
-    goals = [target.name for target in parsed if target.goal]
-    if len(goals) > 1:
-        raise InputError(f"only one of {' and '.join(goals)} can be largest or smallest: give the others limits")
+    extremes = [target.name for target in parsed if target.sense]
+    if len(extremes) > 1:
+        raise InputError(f"only one of {' and '.join(extremes)} can be largest or smallest: give the others limits")
     return parsed
 
 
@@ -136,18 +138,58 @@ class EdgeLimits:
         return q, 1.0 if self.name in ABSOLUTE else float(q.mean()), a * length**b, by_L
 
 
-def edge_limits(n_edges: int, within: Mapping[str, object], change: str = "stress") -> list[EdgeLimits]:
-    """The limits of edges, those without any left out."""
-    limited = LIMITED.get(change, ())
+def edge_limits(n_edges: int, within: Mapping[str, object], quantities: Sequence[str]) -> list[EdgeLimits]:
+    """The limits of edges, those without any left out.
+
+    quantities  of the edges that may have limits
+    """
     for name in within:
-        if name not in limited:
-            raise InputError(f"edges have no quantity {name!r:.40}: choose from {', '.join(limited) or 'none'}")
+        if name not in quantities:
+            raise InputError(f"edges have no quantity {name!r:.40}: choose from {', '.join(quantities) or 'none'}")
     every = [EdgeLimits.of(name, value, n_edges) for name, value in within.items()]
     return [limits for limits in every if np.isfinite(limits.low).any() or np.isfinite(limits.high).any()]
 
 
 @dataclass(frozen=True, eq=False)
-class Designed:
+class DesignOptions:
+    """Arguments of `design` from which a kind of variables takes those that apply to it; None where not given."""
+
+    network: Network
+    change: str
+    prefer: Any = "least_change"
+    within: Mapping[str, Any] | None = None
+    signs: str | ArrayLike | None = None
+    free: ArrayLike | None = None
+    initial: ArrayLike | None = None
+
+    def __post_init__(self) -> None:
+        of_kind(Mapping, None, within=self.within)
+        of_kind(np.ndarray, str, None, signs=self.signs)
+        of_kind(np.ndarray, None, free=self.free, initial=self.initial)
+
+    def limits(self, variables: type[Variables]) -> list[EdgeLimits]:
+        """The limits of edges; `InputError` for a quantity that the variables do not limit."""
+        return edge_limits(self.network.n_edges, self.within or {}, variables.limited_quantities)
+
+    def prefers(self, name: str) -> bool:
+        """Whether a preference is given by this name."""
+        return isinstance(self.prefer, str) and self.prefer == name
+
+    def require_unused(self, *names: str) -> None:
+        """Raise `InputError` for arguments that do not apply to the variables."""
+        for name in names:
+            if getattr(self, name) is not None:
+                raise InputError(f"{name} does not apply to change={self.change!r}: omit it")
+
+    def springs(self, start: Any) -> SpringState:
+        """The start, if it is a state of springs on edges; else `InputError`."""
+        if type(start) is not SpringState:
+            raise InputError(f"change={self.change!r} starts from springs on edges: give spring_state(network, ...)")
+        return start
+
+
+@dataclass(frozen=True, eq=False)
+class DesignResult:
     """The end of a design: its value, the solve behind it, and values, errors (n,) and gradients by z (n, N)."""
 
     value: Any
@@ -161,19 +203,35 @@ class Designed:
 class Variables(ABC):
     """Variables z (N,) of a design.
 
-    network     of which they are
-    origin      z_0, (N,)
-    low, high   limits (m,) of the values of `limited`
-    longest     largest change of a component of z in one step
-    tolerance   residual of the first-order conditions at which the least change has been selected
+    network             of which they are
+    origin              z_0, (N,)
+    low, high           limits (m,) of the values of `limited`
+    limited_quantities  of the edges that may have limits
+    preferences         names of preferences that the variables themselves satisfy
+    starts              further classes of starts than networks, configurations and states of springs
+    longest             largest change of a component of z in one step
+    tolerance           residual of the first-order conditions at which the least change has been selected
     """
 
     network: Network
     origin: Array
     low: Array = np.zeros(0)
     high: Array = np.zeros(0)
+    limited_quantities: ClassVar[tuple[str, ...]] = ()
+    preferences: ClassVar[tuple[str, ...]] = ()
+    starts: ClassVar[tuple[type, ...]] = ()
     longest: ClassVar[float]
     tolerance: ClassVar[float]
+
+    @classmethod
+    @abstractmethod
+    def of(cls, start: Any, options: DesignOptions) -> Self:
+        """The variables of a start and the arguments of `design`; `InputError` for arguments that do not apply."""
+
+    @property
+    def size(self) -> int:
+        """A number by which preferences are multiplied, so that components of their gradients are of order one."""
+        return len(self.origin)
 
     @abstractmethod
     def at(self, z: Array) -> Any:
@@ -184,14 +242,14 @@ class Variables(ABC):
         """Values (n,) of quantities and their gradients by z, (n, N)."""
 
     @abstractmethod
-    def designed(self, z: Array, quantities: Sequence[Quantity]) -> Designed:
+    def designed(self, z: Array, quantities: Sequence[Quantity]) -> DesignResult:
         """The end of a design at z, solved to the last digit."""
 
-    def at_configuration(self, solved: Solution[Any], z: Array, quantities: Sequence[Quantity]) -> Designed:
+    def at_configuration(self, solved: Solution[Any], z: Array, quantities: Sequence[Quantity]) -> DesignResult:
         """The end at a refined configuration, to which the errors refer."""
         value = solved.value
         values, errors = np.array([(one.evaluate(value)[0], one.error(value)) for one in quantities]).reshape(-1, 2).T
-        return Designed(value, solved, values, errors, self.values(self.at(z), quantities)[1], value.error_bound)
+        return DesignResult(value, solved, values, errors, self.values(self.at(z), quantities)[1], value.error_bound)
 
     def change(self, state: Any, z: Array) -> tuple[float, Array]:
         """Half the square of the change, and its gradient by z (N,)."""
@@ -211,7 +269,7 @@ class Variables(ABC):
         units = np.array([target.quantity.unit(self.network) for target in targets])
         return np.maximum(limit_sizes(targets), 1e-2 * units)
 
-    def excluded(self, targets: Sequence[Target]) -> str:
+    def refusal(self, targets: Sequence[Target]) -> str:
         """A sentence where a proof excludes the targets, else an empty string."""
         return ""
 
@@ -222,13 +280,6 @@ class Variables(ABC):
     def search(self, problem: Problem, tolerance: float, max_steps: int) -> Minimum:
         """The end of the search for the targets."""
         return minimise_constrained(problem, self.origin, tolerance, self.longest, max_steps)
-
-
-def require_unused(change: str, **options: object) -> None:
-    """Raise `InputError` for options of `design` that do not apply to the variables."""
-    given = [name for name, value in options.items() if value is not None]
-    if given:
-        raise InputError(f"{given[0]} does not apply to change={change!r}: omit it")
 
 
 class Preference(NamedTuple):
@@ -249,7 +300,7 @@ class TargetProblem:
 
     def __init__(self, variables: Variables, preference: Preference, targets: Sequence[Target]):
         self.variables, self.preference = variables, preference
-        self.targets = [target for target in targets if not target.goal]
+        self.targets = [target for target in targets if not target.sense]
         self.sizes = variables.sizes(self.targets)
         low, high = (np.array([getattr(t, end) for t in self.targets]) for end in ("low", "high"))
         self.low = np.concatenate([low / self.sizes, variables.low])

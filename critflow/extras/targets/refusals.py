@@ -26,7 +26,7 @@ BOUND_ROUNDING = 1e-12  # rounding of a closed-form bound, relative
 ONLY_STIFFEST = 1e-9  # relative distance from the largest B_0 within which its own relations count as attained
 
 
-def excluded(manifold: CriticalManifold, targets: Sequence[Target], positive: bool) -> str:
+def refusal_of(manifold: CriticalManifold, targets: Sequence[Target], positive: bool) -> str:
     """A sentence where a closed-form bound excludes the targets, else an empty string.
 
     positive  whether all stresses are positive
@@ -106,11 +106,11 @@ def _beyond_together(manifold: CriticalManifold, targets: Sequence[Target]) -> s
 def prescribed_stress(dimension: int, targets: Sequence[Target]) -> Array | None:
     """The components S:A of a fully prescribed S/√D in the order of `strain_basis`, or None."""
     _, strains = strain_basis(dimension)
-    found = np.full(len(strains), np.nan)
+    components = np.full(len(strains), np.nan)
     for target, function in _stress_forms(targets):
         if not function.squared and target.low == target.high:
-            found[(strains == function.strain).all(axis=(1, 2))] = target.low
-    return None if np.isnan(found).any() else found
+            components[(strains == function.strain).all(axis=(1, 2))] = target.low
+    return None if np.isnan(components).any() else components
 
 
 def limiting_stress(manifold: CriticalManifold, targets: Sequence[Target]) -> Array | None:
@@ -124,17 +124,17 @@ def limiting_stress(manifold: CriticalManifold, targets: Sequence[Target]) -> Ar
         return None
     _, strains = strain_basis(2)
     normal = np.einsum("n,nij->ij", np.linalg.solve(modulus_form(manifold, strains), S), strains)
-    found = largest_modulus(manifold, normal / np.linalg.norm(normal)).value
-    if not np.isfinite(found.sigma).all() or not np.isfinite(found.bond_vectors).all():
+    limit = largest_modulus(manifold, normal / np.linalg.norm(normal)).value
+    if not np.isfinite(limit.sigma).all() or not np.isfinite(limit.bond_vectors).all():
         return None
-    work = np.einsum("a,ai,ij,aj->", found.sigma, found.bond_vectors, normal, found.bond_vectors, optimize=True)
-    return np.asarray(found.sigma * np.sign(work) / np.sqrt(np.mean(found.sigma**2)))
+    work = np.einsum("a,ai,ij,aj->", limit.sigma, limit.bond_vectors, normal, limit.bond_vectors, optimize=True)
+    return np.asarray(limit.sigma * np.sign(work) / np.sqrt(np.mean(limit.sigma**2)))
 
 
 def _beyond_softening(manifold: CriticalManifold, targets: Sequence[Target]) -> str:
     """C_B ≥ (3/d − 2) B_0, equal at the largest B_0 only; C_G ≥ −(G_0/3B_0)(C_B − (3/d − 2) B_0)."""
     d = manifold.network.dimension
-    growth = {t.quantity.name: t for t in targets if t.quantity.name in ("C_B", "C_G") and not t.goal}
+    growth = {t.quantity.name: t for t in targets if t.quantity.name in ("C_B", "C_G") and not t.sense}
     if not growth:
         return ""
     coefficient, bound = 3 / d - 2, largest_value(manifold, dilation(d))

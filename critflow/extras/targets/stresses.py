@@ -1,24 +1,20 @@
-"""Stresses as the variables of a design: z = log |σ| for prescribed signs, which every step keeps, or z = σ.
-
-With pressures in the faces z = (log σ, p): lengths, areas and tensions of a tissue.
-"""
+"""Stresses as the variables of a design: z = log |σ| for prescribed signs, which every step keeps, or z = σ."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import replace
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from critflow.critical.manifold import Balance, CriticalManifold, require_one_self_stress
+from critflow.critical.manifold import Balance, CriticalConfiguration, CriticalManifold, require_one_self_stress
 from critflow.critical.quantity import Quantity
 from critflow.extras.targets.constrained import Minimum, Problem, minimise_constrained
-from critflow.extras.targets.problem import Designed, EdgeLimits, Target, Variables
-from critflow.extras.targets.refusals import excluded, limiting_stress
-from critflow.extras.tissue.pressures import PressureBalance, PressureManifold
+from critflow.extras.targets.problem import POWERS, DesignOptions, DesignResult, EdgeLimits, Target, Variables
+from critflow.extras.targets.refusals import limiting_stress, refusal_of
 from critflow.networks.checks import edge_values
-from critflow.networks.network import Array, Network
+from critflow.networks.network import Array
 from critflow.optimisation.optimize import optimize
 from critflow.result import InputError
 
@@ -38,6 +34,7 @@ class Stresses(Variables):
     limits  of lengths, tensions and force densities
     """
 
+    limited_quantities = tuple(POWERS)
     longest = 0.4
     # Component of the gradient of the change along the surface of the targets, relative to 1 plus the largest one: the
     # change is then mostly least to 1e-3; it only selects.
@@ -65,6 +62,14 @@ class Stresses(Variables):
         self.low = np.concatenate([np.zeros(0), *(limit.low for limit in limits)])
         self.high = np.concatenate([np.zeros(0), *(limit.high for limit in limits)])
         self._targets: list[Target] = []
+
+    @classmethod
+    def of(cls, start: Any, options: DesignOptions) -> Self:
+        manifold = start if isinstance(start, CriticalManifold) else CriticalManifold(options.network)
+        of_start = start.sigma if isinstance(start, CriticalConfiguration) else None
+        sigma = of_start if options.initial is None else options.initial
+        signs = "positive" if options.signs is None else options.signs
+        return cls(manifold, sigma, options.free, signs, options.limits(cls))
 
     @property
     def positive(self) -> bool:
@@ -114,11 +119,11 @@ class Stresses(Variables):
         ]
         return np.concatenate([np.zeros((0, len(self.origin))), *parts])
 
-    def excluded(self, targets: Sequence[Target]) -> str:
+    def refusal(self, targets: Sequence[Target]) -> str:
         if any(target.quantity.one_self_stress for target in targets):
             require_one_self_stress(self.manifold.network)
         self._targets = list(targets)
-        return excluded(self.manifold, targets, self.positive)
+        return refusal_of(self.manifold, targets, self.positive)
 
     def search(self, problem: Problem, tolerance: float, max_steps: int) -> Minimum:
         """The first search that reaches the targets, or the one with the smallest violation, continued to its end."""
@@ -159,7 +164,7 @@ class Stresses(Variables):
                 yield self.of_stress(limiting)
         yield origin + _SPREADS[1] * shaken[1]
 
-    def designed(self, z: Array, quantities: Sequence[Quantity]) -> Designed:
+    def designed(self, z: Array, quantities: Sequence[Quantity]) -> DesignResult:
         return self.at_configuration(self.manifold.solve(self.stress(z)), z, quantities)
 
     def distance(self, z: Array) -> float:
@@ -167,48 +172,6 @@ class Stresses(Variables):
         if self.signs is not None and len(self.free) == self.manifold.network.n_edges:
             change = change - change.mean()
         return float(np.sqrt(np.mean(change**2)))
-
-
-class StressesAndPressures(Variables):
-    """log σ (N_b,) and pressures p (N_f,), from stresses and pressures of a scale at which ⟨σ²⟩ = 1.
-
-    Configurations whose matrix P + iQ is not positive definite are outside the domain.
-    """
-
-    longest = 0.4
-    tolerance = 2e-2  # of the least change, which only selects, as for stresses
-
-    def __init__(self, network: Network, sigma: ArrayLike | None = None, pressures: ArrayLike | None = None):
-        self.network, self.manifold = network, PressureManifold(network)
-        self.n_edges, n_faces = self.manifold.jumps.shape
-        stress = np.ones(self.n_edges) if sigma is None else edge_values(sigma, self.n_edges, "sigma")
-        p = np.zeros(n_faces) if pressures is None else edge_values(pressures, n_faces, "pressures", False, "face")
-        scale = np.sqrt(np.mean(stress**2))
-        self.origin = np.concatenate([np.log(stress / scale), p / scale])
-
-    def at(self, z: Array) -> PressureBalance:
-        balance = self.manifold.balance(np.exp(z[: self.n_edges]), z[self.n_edges :])
-        if balance.factor.indefinite:
-            return replace(balance, bond_vectors=np.full_like(balance.bond_vectors, np.nan))
-        return balance
-
-    def values(self, state: PressureBalance, quantities: Sequence[Quantity]) -> tuple[Array, Array]:
-        values, rows = np.empty(len(quantities)), np.empty((len(quantities), len(self.origin)))
-        for n, quantity in enumerate(quantities):
-            values[n], partials = quantity.evaluate(state)  # type: ignore[arg-type]
-            by_stress, by_pressure = state.pull_back(*partials)
-            rows[n] = np.concatenate([state.sigma * by_stress, by_pressure])
-        return values, rows
-
-    def excluded(self, targets: Sequence[Target]) -> str:
-        elastic = [target.name for target in targets if target.quantity.elastic]
-        if elastic:
-            raise InputError(f"{elastic[0]} is a response of springs, which pressures change: give lengths or areas")
-        return ""
-
-    def designed(self, z: Array, quantities: Sequence[Quantity]) -> Designed:
-        solved = self.manifold.solve(np.exp(z[: self.n_edges]), z[self.n_edges :])
-        return self.at_configuration(solved, z, quantities)
 
 
 def _signs(signs: str | ArrayLike, m: int) -> Array | None:

@@ -14,29 +14,27 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import ArrayLike
 
-from critflow.arguments import checked
+from critflow.arguments import of_kind
 from critflow.critical.manifold import Balance, CriticalConfiguration, CriticalManifold
 from critflow.critical.quantity import Quantity
 from critflow.critical.variances import LengthVariance, TensionVariance
 from critflow.critical.vocabulary import ALIASES
+from critflow.extensions import extras, provided
 from critflow.extras.targets.constrained import Minimum, minimise_constrained
-from critflow.extras.targets.faces import FaceAmplitudes
 from critflow.extras.targets.problem import (
+    DesignOptions,
     Preference,
     Target,
     TargetProblem,
     Variables,
-    edge_limits,
     parse_targets,
-    require_unused,
 )
-from critflow.extras.targets.rest_lengths import RestLengths
-from critflow.extras.targets.stiffnesses import Stiffnesses
-from critflow.extras.targets.stresses import Stresses, StressesAndPressures
-from critflow.extras.tissue.pressures import PressurisedConfiguration
+from critflow.extras.targets.stresses import Stresses
 from critflow.networks.network import Array, Network, validated_coordinates
+from critflow.progress import running
 from critflow.result import InputError, Record, Solution, Stats, Status
 from critflow.springs.state import SpringState
+from critflow.threads import one_blas_thread
 
 # Least eigenvalue of the cosines of the gradients of targets that can be changed independently.
 INDEPENDENT_TARGETS = 1e-6
@@ -50,11 +48,12 @@ TARGET_OPTIMAL = 1e-3
 PREFERENCES: dict[str, type[Quantity]] = {"V_L": LengthVariance, "V_tau": TensionVariance}
 """Preferences that are quantities, by name."""
 
-CHANGES = ("stress", "stiffness", "faces", "rest_lengths", "pressures")
+_KIND = "variables of "
+"""How an extra declares a kind of variables that `design` changes."""
 
 
 @dataclass(frozen=True, repr=False)
-class Achieved(Record):
+class TargetResult(Record):
     """What a design has of one target.
 
     value         of the quantity
@@ -84,7 +83,7 @@ class Design(Solution[Value]):
     """
 
     reached: bool
-    targets: dict[str, Achieved]
+    targets: dict[str, TargetResult]
     preference: float
     distance: float
     gram: Array = field(repr=False)
@@ -96,9 +95,10 @@ class Design(Solution[Value]):
         return bool(np.isfinite(self.gram).all() and np.linalg.eigvalsh(self.gram)[0] > INDEPENDENT_TARGETS)
 
 
-@checked
+@running("design")
+@one_blas_thread()
 def design(
-    start: Network | CriticalManifold | CriticalConfiguration | PressurisedConfiguration | SpringState,
+    start: Any,
     targets: Mapping[Any, Any],
     *,
     change: str = "stress",
@@ -137,58 +137,52 @@ def design(
     `stats.residual` is the largest error of a target relative to its size.
     Raises `InputError` for unknown or contradictory targets and wrong shapes or signs, `SolveError` with `throw`.
     """
-    if max_steps < 0:
-        raise InputError(f"max_steps must not be negative, not {max_steps}")
+    kind = _kind(change)
+    of_kind(bool, throw=throw)
+    start, prefer, max_steps = _checked(kind, start, targets, prefer, max_steps)
     network = start if isinstance(start, Network) else start.network
     parsed = parse_targets(network, targets)
-    ratios = change == "rest_lengths" and isinstance(prefer, str) and prefer == "ratios"
-    variables = _variables(start, change, within or {}, signs, free, initial, ratios)
-    refusal = variables.excluded(parsed)
-    goal = next((target for target in parsed if target.goal), None)
-    preference = preference_of(variables, network, "least_change" if ratios else prefer, goal)
-    problem = TargetProblem(variables, preference, parsed)
-    if refusal:
-        end = minimise_constrained(problem, variables.origin, np.inf, variables.longest, 0)
-        solution = _report(problem, parsed, end, Status.infeasible, refusal)
-    else:
-        with np.errstate(all="ignore"):
-            end = variables.search(problem, preference.tolerance, max_steps)
-        # The least change only selects: a design that has its targets is complete without it.
-        status = Status.ok if end.reached and preference.name == "change" else end.status
-        solution = _report(problem, parsed, end, status, "" if status is Status.ok else _note(problem, end))
+    variables = kind.of(start, DesignOptions(network, change, prefer, within, signs, free, initial))
+    refusal = variables.refusal(parsed)
+    extreme = next((target for target in parsed if target.sense), None)
+    preference = preference_of(variables, network, prefer, extreme)
+    solution = _searched(TargetProblem(variables, preference, parsed), parsed, refusal, max_steps)
     return solution.or_raise("no design with these properties was found") if throw else solution
 
 
-def _variables(
-    start: Network | CriticalManifold | CriticalConfiguration | PressurisedConfiguration | SpringState,
-    change: str,
-    within: Mapping[str, Any],
-    signs: str | ArrayLike | None,
-    free: ArrayLike | None,
-    initial: ArrayLike | None,
-    ratios: bool,
-) -> Variables:
-    """The variables of the arguments of `design`."""
-    if change not in CHANGES:
-        raise InputError(f"no change is called {change!r:.40}: choose from {', '.join(CHANGES)}")
-    network = start if isinstance(start, Network) else start.network
-    limits = edge_limits(network.n_edges, within, change)
-    if change == "stress":
-        sigma = start.sigma if isinstance(start, CriticalConfiguration) and initial is None else initial
-        manifold = start if isinstance(start, CriticalManifold) else CriticalManifold(network)
-        return Stresses(manifold, sigma, free, "positive" if signs is None else signs, limits)
-    require_unused(change, signs=signs, free=free)
-    if change == "pressures":
-        sigma = getattr(start, "sigma", None) if initial is None else initial
-        return StressesAndPressures(network, sigma, getattr(start, "pressures", None))
-    if change == "faces":
-        require_unused(change, initial=initial)
-        if not isinstance(start, CriticalConfiguration):
-            raise InputError("change='faces' starts from a critical configuration: give one")
-        return FaceAmplitudes(start, limits)
-    if type(start) is not SpringState:
-        raise InputError(f"change={change!r} starts from springs on edges: give spring_state(network, ...)")
-    return Stiffnesses(start, initial, limits) if change == "stiffness" else RestLengths(start, ratios, initial)
+def _searched(problem: TargetProblem, targets: Sequence[Target], refusal: str, max_steps: int) -> Design[Any]:
+    """The design at the end of the search; at its start where a proof refuses the targets."""
+    variables, preference = problem.variables, problem.preference
+    if refusal:
+        end = minimise_constrained(problem, variables.origin, np.inf, variables.longest, 0)
+        return _report(problem, targets, end, Status.infeasible, refusal)
+    with np.errstate(all="ignore"):
+        end = variables.search(problem, preference.tolerance, max_steps)
+    # The least change only selects: a design that has its targets is complete without it.
+    status = Status.ok if end.reached and preference.name == "change" else end.status
+    return _report(problem, targets, end, status, "" if status is Status.ok else _note(problem, end))
+
+
+def _checked(kind: type[Variables], start: Any, targets: Any, prefer: Any, max_steps: Any) -> tuple[Any, Any, int]:
+    """The start, the preference and the limit of the steps, of the kinds that `design` takes."""
+    start = of_kind(Network, CriticalManifold, CriticalConfiguration, *kind.starts, SpringState, start=start)
+    of_kind(Mapping, targets=targets)
+    prefer = of_kind(np.ndarray, str, CriticalConfiguration, prefer=prefer)
+    max_steps = of_kind(int, max_steps=max_steps)
+    if max_steps < 0:
+        raise InputError(f"max_steps must not be negative, not {max_steps}")
+    return start, prefer, max_steps
+
+
+def _kind(change: str) -> type[Variables]:
+    """The kind of variables of this name; `InputError` for unknown ones."""
+    of_kind(str, change=change)
+    declared = (function for extra in extras().values() for function in extra.functions)
+    kinds = [function.removeprefix(_KIND) for function in declared if function.startswith(_KIND)]
+    if change not in kinds:
+        raise InputError(f"no change is called {change!r:.40}: choose from {', '.join(kinds)}")
+    kind: type[Variables] = provided(_KIND + change, f"changes of {change}")
+    return kind
 
 
 def least_change(variables: Variables) -> Preference:
@@ -198,8 +192,7 @@ def least_change(variables: Variables) -> Preference:
 
 def best_value(variables: Variables, quantity: Quantity, name: str, sign: float) -> Preference:
     """V_L, V_τ, or a target that is to be largest or smallest, times its sign and the number of edges."""
-    # Times the number of edges, so that components of the gradient are of order one.
-    size = sign * getattr(variables, "n_edges", len(variables.origin)) / quantity.unit(variables.network)
+    size = sign * variables.size / quantity.unit(variables.network)
 
     def at(state: Any, z: Array) -> tuple[float, Array]:
         values, rows = variables.values(state, [quantity])
@@ -225,15 +218,18 @@ def nearness(stresses: Stresses, coordinates: Array) -> Preference:
 
 
 def preference_of(
-    variables: Variables, network: Network, prefer: str | CriticalConfiguration | ArrayLike, goal: Target | None
+    variables: Variables, network: Network, prefer: str | CriticalConfiguration | ArrayLike, extreme: Target | None
 ) -> Preference:
-    """The preference of the arguments of `design`; `InputError` for unknown ones."""
-    change = isinstance(prefer, str) and prefer == "least_change"
-    if goal is not None:
+    """The preference of the arguments of `design`; `InputError` for unknown ones.
+
+    extreme  the target that is to be largest or smallest
+    """
+    change = isinstance(prefer, str) and prefer in ("least_change", *variables.preferences)
+    if extreme is not None:
         if not change:
-            word = {1: "smallest", -1: "largest"}[goal.goal]
-            raise InputError(f"{goal.name} is to be {word}, which leaves no choice: omit prefer")
-        return best_value(variables, goal.quantity, goal.name, float(goal.goal))
+            word = {1: "smallest", -1: "largest"}[extreme.sense]
+            raise InputError(f"{extreme.name} is to be {word}, which leaves no choice: omit prefer")
+        return best_value(variables, extreme.quantity, extreme.name, float(extreme.sense))
     if change:
         return least_change(variables)
     if not isinstance(variables, Stresses):
@@ -265,29 +261,29 @@ def _note(problem: TargetProblem, end: Minimum) -> str:
 def _report(problem: TargetProblem, targets: Sequence[Target], end: Minimum, status: Status, note: str) -> Design[Any]:
     """The design at the end of a search."""
     variables, preference, z = problem.variables, problem.preference, end.point.z
-    made = variables.designed(z, [target.quantity for target in targets])
+    result = variables.designed(z, [target.quantity for target in targets])
     names = [target.name for target in problem.targets]
     # dpreference/dlimit = −μ of the constraint in units of its size.
     multipliers = -end.multipliers[: len(names)] / problem.sizes
     costs = {name: float(one) / preference.size for name, one in zip(names, multipliers, strict=True)}
-    gram, independence = cosines(made.rows)
+    gram, independence = cosines(result.rows)
     achieved = {
-        target.name: Achieved(float(value), float(error), costs.get(target.name, 0.0), float(sine))
-        for target, value, error, sine in zip(targets, made.values, made.errors, independence, strict=True)
+        target.name: TargetResult(float(value), float(error), costs.get(target.name, 0.0), float(sine))
+        for target, value, error, sine in zip(targets, result.values, result.errors, independence, strict=True)
     }
-    if not made.solved.ok:
-        status, note = made.solved.status, made.solved.note
+    if not result.solved.ok:
+        status, note = result.solved.status, result.solved.note
     return Design(
-        value=made.value,
+        value=result.value,
         status=status,
-        stats=Stats("sqp", end.steps, end.violation, error_bound=made.error_bound),
+        stats=Stats("sqp", end.steps, end.violation, error_bound=result.error_bound),
         note=note,
         reached=end.reached,
         targets=achieved,
         preference=end.point.value / preference.size,
         distance=variables.distance(z),
         gram=gram,
-        solved=made.solved,
+        solved=result.solved,
     )
 
 

@@ -19,12 +19,14 @@ import scipy
 import scipy.sparse as sp
 from numpy.typing import ArrayLike, NDArray
 
-from critflow.arguments import checked
+from critflow.arguments import of_kind
 from critflow.certificates.prestress import stabilises
 from critflow.critical.manifold import CriticalConfiguration, critical_configuration
 from critflow.linalg.matrices import balanced_part, block_laplacian, laplacian, spread_columns
 from critflow.networks.network import Array, Network, validated_coordinates
+from critflow.progress import running
 from critflow.result import InputError, Record, Solution, Stats, Status
+from critflow.threads import one_blas_thread
 
 # Largest least |σ| of a linear program without solution, and the accuracy to which linear programs are solved.
 NO_SIGNED_STRESS, ACCURACY = 1e-7, 1e-9
@@ -55,7 +57,8 @@ class SignedStress(Record):
     loosened: NDArray[np.intp]
 
 
-@checked
+@running("signed_stress")
+@one_blas_thread()
 def signed_stress(
     network: Network, coordinates: ArrayLike, signs: ArrayLike, throw: bool = True
 ) -> Solution[SignedStress]:
@@ -77,6 +80,9 @@ def signed_stress(
     >>> signed_stress(network, network.positions, np.ones(18, int)).value.least
     1.0
     """
+    network = of_kind(Network, network=network)
+    of_kind(np.ndarray, coordinates=coordinates, signs=signs)
+    of_kind(bool, throw=throw)
     x, s = validated_coordinates(network, coordinates), np.asarray(signs, dtype=float)
     if s.shape != (network.n_edges,) or not np.isin(s, (-1, 0, 1)).all() or not s.any():
         raise InputError(f"signs are +1 (cable), -1 (strut) or 0 (bar) on the {network.n_edges} edges, and not all 0")
@@ -154,7 +160,8 @@ class Stability(Solution[CriticalConfiguration]):
     super_stable: bool | None
 
 
-@checked
+@running("stability")
+@one_blas_thread()
 def stability(critical: CriticalConfiguration, margin: float = 1e-8) -> Stability:
     """Stability of a configuration under its stress, from the inertia of P(σ) and of P on the first-order flexes.
 
@@ -168,6 +175,8 @@ def stability(critical: CriticalConfiguration, margin: float = 1e-8) -> Stabilit
     >>> cf.stability(cf.optimize(cf.lattice("honeycomb", 2, 2), 'bulk_modulus')).ok
     True
     """
+    critical = of_kind(CriticalConfiguration, critical=critical)
+    of_kind(float, margin=margin)
     network, sigma = critical.network, critical.sigma
     affine = _affine_maps(network, critical.coordinates)
     if (sigma > 0).all():

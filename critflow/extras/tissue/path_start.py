@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from critflow.critical.manifold import COLLAPSED
+from critflow.critical.edge_lengths import COLLAPSED
 from critflow.extras.tissue.tissue import CriticalTissue
 from critflow.paths.start import Beginning, of_state, require_directions, start_of
 from critflow.result import InputError

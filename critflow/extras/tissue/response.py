@@ -39,7 +39,7 @@ _SAMPLES, _SAMPLE_MARGIN = 2, 10.0
 
 
 @elastic_response.register(CriticalTissue)
-def _elasticity(tissue: CriticalTissue, volume: float, _: Options) -> ElasticResponse:
+def _at_transition(tissue: CriticalTissue, volume: float, _: Options) -> ElasticResponse:
     """The response of the perimeters in tension, at rest where these have several self-stresses."""
     critical, tense = tissue.configuration, tissue.face_tensions > SLACK_FACE * tissue.face_tensions.max()
     faces = FaceSprings(tissue.faces.sides[tense], tissue.faces.stiffness[tense])

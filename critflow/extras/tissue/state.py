@@ -12,8 +12,8 @@ import numpy as np
 import scipy.sparse as sp
 
 from critflow.extras.tissue.face_springs import FaceSprings
+from critflow.extras.tissue.pair_laplacian import pair_laplacian
 from critflow.linalg.factor import FixedPattern
-from critflow.linalg.matrices import pair_laplacian
 from critflow.linalg.tolerances import EPS
 from critflow.networks.network import Array
 from critflow.precision.double_double import Extended, lengths

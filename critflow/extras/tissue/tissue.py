@@ -14,16 +14,18 @@ import numpy as np
 import scipy.sparse as sp
 from numpy.typing import ArrayLike, NDArray
 
-from critflow.arguments import checked
+from critflow.arguments import of_kind
 from critflow.critical.manifold import CriticalConfiguration, critical_configuration
 from critflow.extras.tissue.face_springs import FaceSprings
+from critflow.extras.tissue.perimeter_program import fit_perimeters
 from critflow.extras.tissue.state import TissueState
-from critflow.lengths.cone import fit_perimeters
 from critflow.linalg.tolerances import EPS
 from critflow.networks.network import Array, Network
+from critflow.progress import running
 from critflow.result import InputError, Record, Solution, Stats, Status
 from critflow.springs.equilibrium import equilibrium
 from critflow.springs.state import edge_directions
+from critflow.threads import one_blas_thread
 
 # Edges below this part of the mean length are collapsed: ten times the accuracy of the cone program, about 1e-6.
 COLLAPSED_EDGE = 1e-5
@@ -34,7 +36,6 @@ FITTED_PERIMETERS = 1e-11  # relative error of perimeters and forces after polis
 _PENALTY, _MOST_ITERATIONS, _DECREASE = 100.0, 40, 0.7
 
 
-@checked
 def tissue(
     network: Network,
     perimeters: ArrayLike,
@@ -57,6 +58,10 @@ def tissue(
     >>> cf.tissue(network, np.full(4, 5.0)).spring_lengths
     array([6., 6., 6., 6.])
     """
+    network = of_kind(Network, network=network)
+    of_kind(np.ndarray, perimeters=perimeters, stiffness=stiffness)
+    of_kind(np.ndarray, None, coordinates=coordinates)
+    sides = of_kind(np.ndarray, sp.sparray, None, sides=sides)
     faces = FaceSprings.of(network, stiffness, sides)
     x = network.positions if coordinates is None else coordinates
     if x is None:
@@ -113,7 +118,8 @@ class PerimeterFit(Solution[CriticalTissue]):
     collapsed_edges: NDArray[np.intp]
 
 
-@checked
+@running("critical_from_perimeters")
+@one_blas_thread()
 def critical_from_perimeters(
     network: Network,
     perimeters: ArrayLike,
@@ -138,6 +144,10 @@ def critical_from_perimeters(
     >>> round(float(found.value.shape_index.mean()), 2)
     3.82
     """
+    network = of_kind(Network, network=network)
+    of_kind(np.ndarray, perimeters=perimeters, stiffness=stiffness)
+    sides = of_kind(np.ndarray, sp.sparray, None, sides=sides)
+    of_kind(bool, throw=throw)
     faces = FaceSprings.of(network, stiffness, sides)
     A, p0 = faces.sides, faces.perimeters(perimeters)
     cone = fit_perimeters(network.free_incidence, network.boundary_vectors, A, p0, 1e-12)

@@ -19,7 +19,7 @@ import scipy.linalg
 import scipy.sparse as sp
 from scipy.sparse.linalg import LinearOperator, eigsh
 
-from critflow.arguments import checked
+from critflow.arguments import of_kind
 from critflow.certificates.uniqueness import require_only_self_stress
 from critflow.critical.manifold import CriticalConfiguration
 from critflow.extras.weak.weak_system import WeakSystem
@@ -27,7 +27,9 @@ from critflow.linalg.matrices import spread_columns
 from critflow.linalg.tolerances import LARGEST_DENSE
 from critflow.linalg.vectors import quasi_random
 from critflow.networks.network import Array
+from critflow.progress import running
 from critflow.result import InputError, Record
+from critflow.threads import one_blas_thread
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -56,7 +58,8 @@ class SoftSpectrum(Record):
         return 0.5 * float(np.sum(np.log(self.soft)))
 
 
-@checked
+@running("soft_spectrum")
+@one_blas_thread()
 def soft_spectrum(critical: CriticalConfiguration) -> SoftSpectrum:
     """Both bands, their coupling and ½ ln det with its gradient, from dense matrices.
 
@@ -70,6 +73,7 @@ def soft_spectrum(critical: CriticalConfiguration) -> SoftSpectrum:
     >>> len(found.soft), len(found.stiff)
     (9, 29)
     """
+    critical = of_kind(CriticalConfiguration, critical=critical)
     network, sigma, L, d = critical.network, critical.sigma, critical.bond_vectors, critical.network.dimension
     require_floppy_motions(critical, "remove edges until one is left")
     size = d * len(network.free)

@@ -149,6 +149,8 @@ def no_energy(x: Array, F: Array) -> tuple[float, Array, sp.sparray]:
 
 WeakEnergy = AngleSprings | SoftSprings | PointForces | Temperature | WeakFunction | Sequence[Any]
 """What `weak_function` accepts."""
+ENERGIES = (AngleSprings, SoftSprings, PointForces, Temperature, Callable, Sequence)
+"""The kinds of these."""
 
 
 def weak_function(energy: WeakEnergy, network: Network) -> WeakFunction:

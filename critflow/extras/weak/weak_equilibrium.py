@@ -14,18 +14,20 @@ import numpy as np
 import scipy.sparse as sp
 from numpy.typing import ArrayLike, NDArray
 
-from critflow.arguments import checked
+from critflow.arguments import of_kind
 from critflow.critical.manifold import CriticalConfiguration
-from critflow.extras.weak.weak_energies import WeakEnergy, WeakFunction, weak_function
+from critflow.extras.weak.weak_energies import ENERGIES, WeakEnergy, WeakFunction, weak_function
 from critflow.linalg.factor import Entries, Factor, FixedPattern
 from critflow.linalg.matrices import block_entries, n_block_values
 from critflow.networks.checks import floats
 from critflow.networks.deformation import Deformable, Deformation, deformation_of
 from critflow.networks.network import Array, Network
+from critflow.progress import running
 from critflow.result import InputError, Record, Solution, Stats, Status
 from critflow.springs.laws import HOOKEAN, Cable, SpringLaw, checked_law
 from critflow.springs.newton import newton
 from critflow.springs.state import TAUT, SpringState
+from critflow.threads import one_blas_thread
 
 TOLERANCE = 1e-13  # of forces, in units of stiffness times length: ten roundings
 _MOST_STEPS = 300
@@ -105,7 +107,8 @@ class WeakEquilibria(Record):
     states: tuple[WeakSpringState | None, ...]
 
 
-@checked
+@running("weak_equilibrium")
+@one_blas_thread()
 def weak_equilibrium(
     critical: CriticalConfiguration,
     energy: WeakEnergy,
@@ -133,6 +136,12 @@ def weak_equilibrium(
     >>> bool((found.tension > 0).all())
     True
     """
+    critical = of_kind(CriticalConfiguration, critical=critical)
+    of_kind(*ENERGIES, energy=energy)
+    of_kind(np.ndarray, strains=strains)
+    of_kind(float, kappa=kappa)
+    of_kind(SpringLaw, None, law=law)
+    of_kind(bool, throw=throw)
     gammas = np.atleast_1d(floats(strains, "strains"))
     if gammas.ndim != 1 or not gammas.size or not np.isfinite(gammas).all():
         raise InputError("strains must be one or more finite numbers in one row: leave out the others")

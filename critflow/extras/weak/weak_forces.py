@@ -25,19 +25,21 @@ import numpy as np
 import scipy.sparse as sp
 from numpy.typing import ArrayLike, NDArray
 
-from critflow.arguments import checked, shown
+from critflow.arguments import of_kind, shown
 from critflow.certificates.prestress import stabilises
 from critflow.critical.manifold import CriticalConfiguration
 from critflow.extras.weak.soft_spectrum import require_floppy_motions, soft_eigenvalues
 from critflow.extras.weak.weak_derivatives import PLACES, STEP, WeakDerivatives
-from critflow.extras.weak.weak_energies import Temperature, WeakEnergy, WeakFunction, no_energy, weak_function
+from critflow.extras.weak.weak_energies import ENERGIES, Temperature, WeakEnergy, WeakFunction, no_energy, weak_function
 from critflow.extras.weak.weak_equilibrium import fixed_deformation
 from critflow.extras.weak.weak_model import Modes, ThermalModel, WeakModel
 from critflow.extras.weak.weak_system import WeakStrain, WeakSystem
 from critflow.networks.checks import floats
 from critflow.networks.deformation import Deformable, Deformation
 from critflow.networks.network import Array
+from critflow.progress import running
 from critflow.result import InputError, Record, Solution, Stats, Status
+from critflow.threads import one_blas_thread
 
 LARGEST_ERROR = 0.1  # of the tension above the end of the branch, beyond which values are NaN
 NO_WORK = 1e-9  # part of Σσ|L||AL| below which a strain does no work on the self-stress
@@ -259,7 +261,8 @@ class WeakForces(Record):
         return u
 
 
-@checked
+@running("weak_forces")
+@one_blas_thread()
 def weak_forces(
     critical: CriticalConfiguration,
     energy: WeakEnergy,
@@ -289,6 +292,10 @@ def weak_forces(
     >>> weak.tension([-0.001, 0.0, 0.001], 1e-5).shape
     (3,)
     """
+    critical = of_kind(CriticalConfiguration, critical=critical)
+    of_kind(*ENERGIES, energy=energy)
+    of_kind(str, order=order)
+    of_kind(bool, throw=throw)
     if order not in ("full", "cubic"):
         raise InputError(f"the order of weak forces is 'full' or 'cubic', not {shown(order)}")
     network, sigma = critical.network, critical.sigma

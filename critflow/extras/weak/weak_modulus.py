@@ -7,6 +7,7 @@ that by x is a derivative by bond vectors, σ ∘ g y, which the pull-back needs
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 
@@ -40,6 +41,7 @@ class WeakModulus(SpringResponse):
     deformation: Deformable = "dilation"
 
     maximise = True
+    analytic: ClassVar[bool] = False
 
     def __post_init__(self) -> None:
         if not (np.isfinite(self.strain) and 0 < self.kappa < np.inf):

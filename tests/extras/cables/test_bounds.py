@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from critflow import CriticalManifold, Network
+from critflow.extras.cables.boundary_path import BoundaryPath
 from critflow.extras.cables.bounds import Forces, admissible
-from critflow.lengths.boundary_path import BoundaryPath
 from critflow.lengths.taut_edges import OnsetState
 from critflow.networks.deformation import deformation_of
 

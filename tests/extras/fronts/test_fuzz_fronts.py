@@ -9,7 +9,7 @@ import critflow
 def leverage_of(problem):
     """Values after the cut of each edge, each with an error."""
     leverage = critflow.edge_leverage(critical_of(problem))
-    assert (np.isnan(leverage.errors) == np.isnan(leverage.after)).all()
+    assert (np.isnan(leverage.value.errors) == np.isnan(leverage.value.after)).all()
 
 
 CALLS = {

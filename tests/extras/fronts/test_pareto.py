@@ -2,8 +2,20 @@
 
 import numpy as np
 import pytest
+from units import UNITS, in_units
 
-from critflow import CriticalManifold, InputError, Status, design, pareto, properties, quantity, voronoi_network
+from critflow import (
+    CriticalManifold,
+    InputError,
+    SolveError,
+    Status,
+    design,
+    lattice,
+    pareto,
+    properties,
+    quantity,
+    voronoi_network,
+)
 from critflow.critical.quantity import evaluate
 from critflow.extras.fronts.pareto import dominated
 
@@ -113,3 +125,22 @@ def test_the_front_of_a_soft_network_is_that_of_a_stiff_one(stiff_and_equal):
     soft = CriticalManifold(network.with_stiffness(1e-8 * network.stiffness))
     front = pareto(soft, {"B_0": "largest", "V_L": "smallest"}, 4)
     np.testing.assert_allclose(front.achieved, stiff_and_equal.achieved * [1e-8, 1.0], rtol=1e-6, atol=1e-15)
+
+
+def test_the_reason_of_an_incomplete_front_names_its_own_arguments():
+    with pytest.raises(SolveError, match=r"give another start|raise max_steps") as caught:
+        pareto(voronoi_network(100, seed=7), ["B_0", "G_0"], 2)
+    assert "method" not in str(caught.value)
+
+
+@pytest.mark.parametrize(("stiffness", "length"), UNITS)
+def test_fronts_are_the_same(stiffness, length):
+    planar, goals = voronoi_network(40, seed=3), {"B_0": "largest", "V_tau": "smallest"}
+    plain, scaled = (pareto(one, goals, 4) for one in (planar, in_units(planar, stiffness, length)))
+    np.testing.assert_allclose(scaled.achieved, plain.achieved * [stiffness, 1.0], rtol=1e-10)
+    np.testing.assert_allclose(scaled.weights, plain.weights, rtol=1e-6)
+
+
+def test_several_self_stresses_are_refused():
+    with pytest.raises(InputError, match=r"self-stress.*prune_towards\("):
+        pareto(lattice("triangular", 4, 4), ["B_0", "V_L"])

@@ -13,6 +13,7 @@ from critflow import (
     lattice,
     nearest_critical,
     network_from,
+    rigidity,
     voronoi_network,
 )
 from critflow.extras.inference.nearest import _Fit, _inverse_without_scale
@@ -147,3 +148,12 @@ def test_positions_in_balance_need_no_step(make, monkeypatch):
     monkeypatch.setattr(_Fit, "_step", lambda *arguments: pytest.fail("a system was factorised"))
     found = nearest_critical(network, network.positions)
     assert found.stats.steps == 0 and found.distance < 1e-12
+
+
+@pytest.mark.parametrize("decimals", [5, 6, 8, 10])
+def test_a_configuration_that_a_file_has_rounded_is_restored(decimals):
+    network = voronoi_network(100, seed=4)
+    rounded = np.round(network.positions, decimals)
+    assert "nearest_critical" in rigidity(network, rounded).reason
+    restored = nearest_critical(network, rounded).value
+    assert rigidity(network, restored.coordinates).ok

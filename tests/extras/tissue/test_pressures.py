@@ -10,15 +10,12 @@ from critflow import (
     CriticalManifold,
     InputError,
     Status,
-    design,
     elasticity,
     lattice,
     nearest_critical,
-    quantity,
     strain_path,
     voronoi_network,
 )
-from critflow.extras.targets.stresses import StressesAndPressures
 from critflow.extras.tissue.pressures import PressureManifold, unbalanced_forces
 
 
@@ -126,24 +123,12 @@ def test_planted_tensions_and_pressures_are_recovered():
     assert np.abs(deviation).max() < 5
 
 
-def test_design_reaches_areas_and_tensions_by_pressures():
-    network = voronoi_network(20, seed=1)
-    targets = {"area[3]": 3.0, "area[4]": 2.0, "V_tau": (0, 1e-3)}
-    found = design(network, targets, change="pressures")
-    assert found.reached
-    for name, value in (("area[3]", 3.0), ("area[4]", 2.0)):
-        assert found.targets[name].value == pytest.approx(value, abs=1e-10)
-        assert quantity(network, name).evaluate(found.value)[0] == pytest.approx(value, abs=1e-10)
-    assert np.var(found.value.tensions) / np.mean(found.value.tensions) ** 2 < 1e-3 + 1e-9
-
-
 def test_what_pressures_cannot_serve_is_refused():
     network, sigma, pressures = loaded()
     value = CriticalManifold(network).configuration(sigma, pressures)
     for call in (
         lambda: elasticity(value),
         lambda: strain_path(value, [0.01]),
-        lambda: design(network, {"B_0": 0.2}, change="pressures"),
         lambda: CriticalManifold(network).configuration(sigma, pressures[1:]),
         lambda: CriticalManifold(lattice("cubic", 2, 2, 2)).configuration(np.ones(24), np.ones(3)),
         lambda: nearest_critical(lattice("square", 3, 3), lattice("square", 3, 3).positions, pressures=True),
@@ -177,13 +162,3 @@ def test_standard_errors_are_those_of_differences():
         columns.append((ends[0] - ends[1]) / 2e-5)
     spread = np.linalg.norm(columns, axis=0)
     assert np.concatenate([found.stress_error, found.pressure_error]) == pytest.approx(spread, rel=1e-5)
-
-
-def test_gradients_of_a_design_by_stress_and_pressure():
-    network, sigma, pressures = loaded(8)
-    variables = StressesAndPressures(network, sigma, pressures)
-    quantities = [quantity(network, name) for name in ("V_L", "V_tau", "length[2]", "area[1]")]
-    rows = variables.values(variables.at(variables.origin), quantities)[1]
-    step = np.random.default_rng(1).standard_normal(len(variables.origin))
-    values = lambda z: variables.values(variables.at(z), quantities)[0]  # noqa: E731
-    assert_derivative(values, lambda u: rows @ u, variables.origin, [step], 1e-3, 1e-7)

@@ -11,10 +11,9 @@ from functools import partial
 import numpy as np
 
 from critflow import CriticalManifold, Status, critical_from_lengths, voronoi_network
-from critflow.lengths.boundary_path import BoundaryPath
+from critflow.lengths.boundary import Expansion
 from critflow.lengths.cone import fit_lengths
 from critflow.lengths.taut_edges import OnsetState, newton_taut
-from critflow.networks.deformation import Deformation
 from critflow.precision.double_double import Extended
 from critflow.workflow import stable_rng
 
@@ -56,7 +55,7 @@ def _problem(n_vertices: int, seed: int) -> tuple[CriticalManifold, np.ndarray, 
 def _methods(n_vertices: int, seed: int) -> list[Method]:
     manifold, lengths, best = _problem(n_vertices, seed)
     network, error = manifold.network, error_of_stress(best)
-    path = BoundaryPath(manifold, Deformation.linear(np.eye(network.dimension)))
+    path = Expansion(manifold)
 
     def auto(level: float) -> Answer:
         solution = critical_from_lengths(manifold, lengths, throw=False)

@@ -8,16 +8,16 @@ exactly and without another solve: C is stationary in the relaxations u.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from critflow.arguments import checked
+from critflow.arguments import of_kind
 from critflow.certificates.counts import rigidity
 from critflow.critical.quantity import Quantity
 from critflow.extras.rest.at_rest import response_at_rest
-from critflow.extras.targets.problem import Designed, EdgeLimits, Target, Variables, limit_sizes
+from critflow.extras.targets.problem import DesignOptions, DesignResult, EdgeLimits, Target, Variables, limit_sizes
 from critflow.extras.targets.stress_form import tensor_weights
 from critflow.linalg.matrices import block_laplacian, edge_blocks
 from critflow.networks.checks import edge_values
@@ -43,6 +43,7 @@ class AtRest(NamedTuple):
 class Stiffnesses(Variables):
     """log k (N_b,) of springs at rest at the coordinates of a state."""
 
+    limited_quantities = ("stiffnesses",)
     longest = 1.0
     tolerance = 1e-5  # largest gradient of ½|Δ log k|² along the targets, relative to 1 + max |Δ log k|
 
@@ -58,6 +59,12 @@ class Stiffnesses(Variables):
         with np.errstate(divide="ignore"):
             self.low = np.concatenate([np.zeros(0), *(np.log(np.maximum(limit.low, 0)) for limit in limits)])
             self.high = np.concatenate([np.zeros(0), *(np.log(limit.high) for limit in limits)])
+
+    @classmethod
+    def of(cls, start: Any, options: DesignOptions) -> Self:
+        limits = options.limits(cls)
+        options.require_unused("signs", "free")
+        return cls(options.springs(start), options.initial, limits)
 
     def at(self, z: Array) -> AtRest:
         k, unit, network = np.exp(z), self._unit, self.network
@@ -92,7 +99,7 @@ class Stiffnesses(Variables):
         largest = float(sizes.max(initial=0.0)) or float(np.abs(self.at(self.origin).tensor).max())
         return np.maximum(sizes, _SMALL * largest)
 
-    def excluded(self, targets: Sequence[Target]) -> str:
+    def refusal(self, targets: Sequence[Target]) -> str:
         """A sentence where the targets contradict any network of this many self-stresses, else an empty string."""
         d = self.network.dimension
         given = {target.quantity.name: target for target in targets}
@@ -112,7 +119,7 @@ class Stiffnesses(Variables):
             return f"the requested tensor has rank {rank}, and {most} self-stresses give at most that rank"
         return ""
 
-    def designed(self, z: Array, quantities: Sequence[Quantity]) -> Designed:
+    def designed(self, z: Array, quantities: Sequence[Quantity]) -> DesignResult:
         """The state with these stiffnesses; its tensor is computed again with error bounds."""
         network = self.network.with_stiffness(np.exp(z))
         response = response_at_rest(network, self.state.coordinates, network.volume)
@@ -120,20 +127,21 @@ class Stiffnesses(Variables):
         values = np.einsum("nab,ab->n", W, response.value.tensor)
         errors = np.einsum("nab,ab->n", np.abs(W), response.value.errors.tensor)
         value = spring_state(network, self.state.rest_lengths, self.state.coordinates, self.state.law)
-        return Designed(value, response, values, errors, self.values(self.at(z), quantities)[1])
+        return DesignResult(value, response, values, errors, self.values(self.at(z), quantities)[1])
 
 
-@checked
 def isotropic_targets(dimension: int, youngs_modulus: float, poissons_ratio: float) -> dict[str, float]:
     """All components of the isotropic tensor with Young's modulus E and Poisson's ratio ν, −1 < ν < 1/(d − 1).
 
     C = λ 1⊗1 + 2μ 𝟙 with μ = E/(2(1 + ν)) and λ = E ν/((1 + ν)(1 − (d − 1)ν)): targets of a change of stiffnesses.
     Raises `InputError` for ν at or beyond its limits, and E that is not positive.
 
-    >>> from critflow.extras.targets.stiffnesses import isotropic_targets
+    >>> from critflow.extras.design_stiffness.stiffnesses import isotropic_targets
     >>> isotropic_targets(2, youngs_modulus=1.0, poissons_ratio=0.0)
     {'C_xxxx': 1.0, 'C_xxyy': 0.0, 'C_xxxy': 0.0, 'C_yyyy': 1.0, 'C_yyxy': 0.0, 'C_xyxy': 0.5}
     """
+    dimension = of_kind(int, dimension=dimension)
+    of_kind(float, youngs_modulus=youngs_modulus, poissons_ratio=poissons_ratio)
     d, E, nu = dimension, youngs_modulus, poissons_ratio
     if d not in (2, 3):
         raise InputError(f"the tensor is that of two or three dimensions, not of {d}")

@@ -7,15 +7,16 @@ the set of taut edges changes at every step they need not be found, and the shor
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from critflow.critical.quantity import Quantity
-from critflow.extras.cables.critical_strain import CriticalStrain, critical_strain
+from critflow.extras.cables.critical_strain import critical_strain
+from critflow.extras.cables.onset_end import CriticalStrain
 from critflow.extras.targets.constrained import RESTORED, Minimum, Problem, minimise_constrained
-from critflow.extras.targets.problem import Designed, Target, Variables
+from critflow.extras.targets.problem import DesignOptions, DesignResult, Target, Variables
 from critflow.lengths.from_lengths import critical_from_lengths
 from critflow.networks.checks import edge_values
 from critflow.networks.deformation import Deformation
@@ -32,6 +33,7 @@ class RestLengths(Variables):
     ratios  whether all rest lengths change by one factor: t ℓ_0 has the onset γ*, with t of the cone program at F(γ*)
     """
 
+    preferences = ("ratios",)
     longest = 0.2
     tolerance = 1e-5  # component of the least change along the targets, relative to 1 plus the largest one
 
@@ -41,6 +43,12 @@ class RestLengths(Variables):
         self.origin = np.log(edge_values(rest, self.network.n_edges, "rest_lengths"))
         self._sought: dict[str, Target] = {}
         self._onsets: dict[tuple[str, bytes], Solution[CriticalStrain]] = {}
+
+    @classmethod
+    def of(cls, start: Any, options: DesignOptions) -> Self:
+        options.limits(cls)
+        options.require_unused("signs", "free")
+        return cls(options.springs(start), options.prefers("ratios"), options.initial)
 
     def at(self, z: Array) -> Array:
         return z
@@ -67,9 +75,9 @@ class RestLengths(Variables):
         """Errors of strains are absolute, and `REACHED` counts as none."""
         return np.full(len(targets), REACHED / RESTORED)
 
-    def excluded(self, targets: Sequence[Target]) -> str:
+    def refusal(self, targets: Sequence[Target]) -> str:
         for target in targets:
-            if target.goal or not (target.low == target.high and np.isfinite(target.low) and target.low != 0):
+            if target.sense or not (target.low == target.high and np.isfinite(target.low) and target.low != 0):
                 raise InputError(f"the strain of {target.name} must be a number other than zero")
         if self.ratios and len(targets) > 1:
             raise InputError("rest lengths in given ratios have one onset only: give one target")
@@ -114,11 +122,11 @@ class RestLengths(Variables):
         deformed = self.network.deformed(deformation.gradient(target.low))
         return float(np.log(critical_from_lengths(deformed, np.exp(self.origin), throw=False).ratio))
 
-    def designed(self, z: Array, quantities: Sequence[Quantity]) -> Designed:
+    def designed(self, z: Array, quantities: Sequence[Quantity]) -> DesignResult:
         """The state with these rest lengths, at its coordinates, and the onset of the first target."""
         onsets = [self.onset(z, quantity) for quantity in quantities]
         values, rows = self.values(z, quantities)
         errors = np.array([onset.value.upper - onset.value.lower for onset in onsets])
         state = self.state
         value: Any = spring_state(self.network, np.exp(z), state.coordinates, state.law)
-        return Designed(value, onsets[0], values, errors, rows, float(errors.max()))
+        return DesignResult(value, onsets[0], values, errors, rows, float(errors.max()))

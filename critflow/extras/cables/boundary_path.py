@@ -11,12 +11,13 @@ from functools import cached_property
 import numpy as np
 
 from critflow.critical.manifold import CriticalManifold
+from critflow.lengths.boundary import Boundary
 from critflow.networks.deformation import Deformation
-from critflow.networks.network import Array, Network
+from critflow.networks.network import Array, IntArray
 
 
 @dataclass(frozen=True, eq=False)
-class BoundaryPath:
+class BoundaryPath(Boundary):
     """A network, a deformation and the sign of its strain γ = direction · s.
 
     sheared  whether free shears of a cell with free sides are not zero: the balance then determines the sides as well
@@ -26,10 +27,6 @@ class BoundaryPath:
     deformation: Deformation
     direction: int = 1
     sheared: bool = False
-
-    @property
-    def network(self) -> Network:
-        return self.manifold.network
 
     @cached_property
     def free_strains(self) -> Array:
@@ -42,7 +39,7 @@ class BoundaryPath:
         return len(self.deformation.free)
 
     @cached_property
-    def determined(self) -> Array:
+    def determined(self) -> IntArray:
         """Indices of the free components that the balance of cables determines, others follow from inequalities.
 
         Where a normal stress Σσ L_i² vanishes and σ ≥ 0, stressed edges have no component along that axis: the boundary
@@ -51,7 +48,7 @@ class BoundaryPath:
         """
         unstressed = {name[0] for name in self.deformation.free if name[0] == name[1] and not self.sheared}
         names = enumerate(self.deformation.free)
-        return np.array([m for m, name in names if not set(name) <= unstressed], dtype=int)
+        return np.array([m for m, name in names if not set(name) <= unstressed], np.int64)
 
     @cached_property
     def has_free_sides(self) -> bool:
@@ -82,22 +79,17 @@ class BoundaryPath:
         F = self.deformation.gradient(self.direction * s)
         return np.concatenate([self.free_strains @ F, (self._free(q) @ along)[None]])
 
-    def velocities(self, s: float, q: Array) -> Array:
-        """A_k = (∂F/∂y_k) F⁻¹ of the determined free components, and of the strain last, (k, d, d)."""
-        return self.rates(s, q)[[*self.determined, self.n_free]] @ np.linalg.inv(self.gradient(s, q))
-
-    def mixed_velocities(self, s: float, q: Array) -> Array:
-        """(∂²F/∂q_m ∂s) F⁻¹ of the determined components, (k − 1, d, d); second derivatives by q alone vanish."""
-        mixed = self.free_strains[self.determined] @ (self.direction * self.deformation.rate(self.direction * s))
-        return np.asarray(mixed @ np.linalg.inv(self.gradient(s, q)))
-
-    def boundary_vectors(self, F: Array) -> Array:
-        """F b, (N_b, d)."""
-        return self.network.boundary_vectors @ F.T
-
-    def bond_vectors(self, s: float, q: Array, x: Array) -> Array:
-        """L = F(s, q) b + g x, (N_b, d), for coordinates x (n_free, d)."""
-        return self.boundary_vectors(self.gradient(s, q)) + self.network.free_incidence @ x
+    def stress_rates(self, s: float, q: Array, sigma: Array, L: Array, velocities: Array) -> Array:
+        m = len(self.determined)
+        corner = np.zeros((m + 1, m + 1))
+        if m:
+            stress = np.einsum("a,ai,aj->ij", sigma, L, L)
+            # (∂²F/∂q_m ∂s) F⁻¹; second derivatives by q alone vanish.
+            along = self.direction * self.deformation.rate(self.direction * s)
+            mixed = self.free_strains[self.determined] @ along @ np.linalg.inv(self.gradient(s, q))
+            corner[:-1] = np.einsum("mik,nil,kl->mn", velocities[:-1], velocities, stress)
+            corner[:-1, -1] += np.einsum("mij,ij->m", mixed, stress)
+        return corner
 
     def flat_strain(self, s: float, q: Array) -> float:
         """Distance on the line F + r F' at which det F vanishes first; infinite if it does nowhere."""

@@ -21,12 +21,14 @@ import scipy.linalg
 from numpy.typing import ArrayLike
 from scipy.sparse.linalg import ArpackNoConvergence, LinearOperator, eigsh
 
-from critflow.arguments import checked
+from critflow.arguments import of_kind
 from critflow.critical.manifold import CriticalConfiguration, CriticalManifold
 from critflow.linalg.vectors import quasi_random
 from critflow.networks.checks import edge_values
 from critflow.networks.network import Array
+from critflow.progress import running
 from critflow.result import InputError, Record, Solution, Stats, Status
+from critflow.threads import one_blas_thread
 
 CURVATURE_ERROR = 1e-8  # largest relative residual of principal curvatures that are returned
 DENSE_BYTES = 10**9  # largest dense matrix of an operator, in bytes: 10,000 rows and columns take 0.8 GB
@@ -138,12 +140,16 @@ class SurfaceGeometry(Record):
         return -(self.chart.T @ self.tangents)
 
 
-@checked
+@running("surface_geometry")
+@one_blas_thread()
 def surface_geometry(manifold: CriticalManifold, chart: StereographicChart, s: ArrayLike) -> SurfaceGeometry:
     """Tangents, metric and second fundamental form at chart coordinates s (N_b − 1,).
 
     Raises `InputError` for coordinates of another shape and `SolveError` where the stress has no configuration.
     """
+    manifold = of_kind(CriticalManifold, manifold=manifold)
+    chart = of_kind(StereographicChart, chart=chart)
+    of_kind(np.ndarray, s=s)
     sigma, V = chart.sigma(s), chart.derivative(s)
     return SurfaceGeometry(sigma, unit_response(manifold, manifold.configuration(sigma)), V)
 
@@ -182,7 +188,8 @@ class PrincipalCurvatures(Record):
         return -float(np.log(np.abs(self.radii)).sum())
 
 
-@checked
+@running("principal_curvatures")
+@one_blas_thread()
 def principal_curvatures(
     manifold: CriticalManifold,
     sigma: ArrayLike,
@@ -196,6 +203,11 @@ def principal_curvatures(
     `Status.singular` where P(σ) is singular, `Status.edge_collapse` where an edge has no length and B less than N_b − 1
     directions, `Status.stalled` where a residual exceeds `tolerance`; values are then NaN.
     """
+    manifold = of_kind(CriticalManifold, manifold=manifold)
+    of_kind(np.ndarray, sigma=sigma)
+    k = of_kind(int, None, k=k)
+    of_kind(float, tolerance=tolerance)
+    of_kind(bool, throw=throw)
     n = manifold.network.n_edges
     if k is not None and not 0 < k < n - 1:
         raise InputError(f"k = {k} must lie between 1 and {n - 2}: leave it out for all {n - 1} curvatures")

@@ -1,0 +1,1 @@
+"""Design of rest lengths of cables, for prescribed onsets of rigidity."""

@@ -1,0 +1,1 @@
+"""Design of stiffnesses at rest, for prescribed moduli and elasticity tensors."""

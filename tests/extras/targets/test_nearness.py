@@ -1,0 +1,28 @@
+"""The distance from given positions, of which designs take the gradient, against differences in sixty digits."""
+
+import numpy as np
+import pytest
+from problems import random_stress, with_random_stiffness
+
+from critflow import CriticalManifold, voronoi_network
+from critflow.extras.targets.stresses import Stresses
+from critflow.extras.targets.targets import nearness
+from workflows.benchmarks import reference
+from workflows.benchmarks.high_precision import MP, numbers
+
+
+def test_the_gradient_of_the_distance_agrees_with_differences_in_sixty_digits():
+    network = with_random_stiffness(voronoi_network(n_vertices=8, seed=1), seed=2)
+    sigma, change = random_stress(network.n_edges, seed=5), np.random.default_rng(7).normal(size=network.n_edges)
+    step = MP.mpf(10) ** -15
+
+    def square(h):
+        """Σ|x + c|² of the coordinates about their mean."""
+        x = reference.configuration(network, numbers(sigma) + h * numbers(change)).coordinates
+        return ((x - x.mean(axis=0)) ** 2).sum()
+
+    stresses = Stresses(CriticalManifold(network), sigma, signs="any")
+    size = sigma[0] / stresses.start[0]
+    gradient = 2 * 8 * nearness(stresses, np.zeros((8, 2))).at(stresses.at(stresses.origin), stresses.origin)[1] / size
+    expected = float((square(step) - square(-step)) / (2 * step))
+    assert gradient @ change == pytest.approx(expected, rel=1e-12)
