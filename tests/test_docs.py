@@ -31,6 +31,7 @@ from PIL import Image
 
 import critflow
 from critflow.command.main import main
+from critflow.critical.vocabulary import ALIASES
 from critflow.extensions import extras
 from critflow.linalg import backends
 from workflows.pages.paper import EQUATIONS, named
@@ -251,9 +252,8 @@ def reduced(picture: Path) -> np.ndarray:
     return np.asarray(tiles, float)
 
 
-COMPLETE = set(tomllib.loads((ROOT / "critflow" / "known_extras.toml").read_text(encoding="utf-8"))) <= set(
-    extras()
-)  # no extra is deleted
+_KNOWN = (ROOT / "critflow" / "known_extras.toml").read_text(encoding="utf-8")
+COMPLETE = set(tomllib.loads(_KNOWN)) <= set(extras())  # no extra is deleted
 DRAWN = [path for path in sorted((DOCS / "pictures").glob("*.py")) if COMPLETE or path.stem != "house"]
 
 
@@ -276,3 +276,9 @@ def test_a_committed_picture_is_the_one_of_its_script(script, tmp_path, monkeypa
                 shown.seek(at), again.seek(at)
                 difference = np.asarray(shown.convert("RGB"), float) - np.asarray(again.convert("RGB"), float)
                 assert np.abs(difference).mean() < 1
+
+
+def test_the_glossary_lists_the_long_names_of_quantities():
+    text = (DOCS / "glossary.md").read_text(encoding="utf-8").split("## Long names")[1]
+    rows = dict(re.findall(r"^\| `(\w+)` \| `(\w+)` \|$", text, flags=re.M))
+    assert {long: symbol for symbol, long in rows.items()} == ALIASES
