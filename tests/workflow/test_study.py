@@ -8,6 +8,7 @@ import pytest
 from critflow.result import Status, StudyError
 from critflow.workflow import Axis, Claim, Coordinate, Study, Variable
 from critflow.workflow.plan import select
+from critflow.workflow.study import plural
 
 STATUS = Variable("status", ("seed",), "i1", long_name="outcome", flags=Status)
 
@@ -77,6 +78,13 @@ def test_the_number_of_workers_respects_the_limit_of_the_study(allowed, requeste
 def test_more_workers_than_the_study_allows_are_refused():
     with pytest.raises(StudyError, match="workers 2"):
         small_study(workers=1).worker_count(2, available=8)
+
+
+@pytest.mark.parametrize(("number", "noun", "text"), [
+    (1, "network", "1 network"), (0, "network", "0 networks"), (2, "stress", "2 stresses"), (3, "family", "3 families"),
+])  # fmt: skip
+def test_a_number_stands_with_its_noun(number, noun, text):
+    assert plural(number, noun) == text
 
 
 def test_labels_of_inner_dimensions_keep_the_requested_order():
