@@ -120,7 +120,7 @@ def write_partial_dataset(folder: Folder, origin: Mapping[str, str]) -> str:
         axis, states = selection.study.axes[0], folder.states(selection)
         open_values = {state.case.values[axis.name] for state in states if state.state != DONE}
         complete = tuple(value for value in selection.axes[axis.name] if value not in open_values)
-        sizes = f"{len(complete)} of {plural(len(selection.axes[axis.name]), axis.noun)}"
+        sizes = f"{len(complete)} of {axis.counted(len(selection.axes[axis.name]))}"
         if not complete:
             raise StudyError(f"no dataset and {sizes} complete in {folder.path}: {_RESUME}")
         partial = replace(selection, axes={**selection.axes, axis.name: complete})
@@ -194,7 +194,7 @@ def _compute(loaded: StudyFile, plan: RunPlan, folder: Folder, workers: Workers,
         for line in [*plan.messages, *reason_lines([s for s in plan.states if s.state in (DAMAGED, CHANGED)])]:
             progress.say(f"critflow: {line}")
         if tasks:
-            progress.say(f"{study.name}: {plural(len(tasks), study.axes[0].noun)}, {cases}")
+            progress.say(f"{study.name}: {study.axes[0].counted(len(tasks))}, {cases}")
         try:
             for outcomes in compute(job, tasks, workers, stopped) if tasks else ():
                 stored += len(outcomes)

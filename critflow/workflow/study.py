@@ -47,12 +47,8 @@ def nearest(word: str, known: Sequence[str], noun: str) -> str:
 
 
 def plural(number: int, noun: str) -> str:
-    """A number with its noun, which is given for one: "1 network", "3 networks", "2 stresses", "5 families"."""
-    if number == 1:
-        return f"1 {noun}"
-    if noun.endswith("y"):
-        return f"{number} {noun[:-1]}ies"
-    return f"{number} {noun}" + ("es" if noun.endswith("s") else "s")
+    """A number with its noun, which is given for one: "1 network", "3 networks", "2 stresses"."""
+    return f"{number} {noun}" + ("" if number == 1 else "es" if noun.endswith("s") else "s")
 
 
 def require(condition: bool, message: str) -> None:
@@ -71,7 +67,7 @@ class Axis:
     values: Sequence[int] | Sequence[str]  # default values
     long_name: str
     key: str = ""  # word of `--set`; the name with an s by default
-    noun: str = ""  # for one value of the first axis, counted by the progress line; the name by default
+    noun: str = ""  # for one value, where they are counted; the name and the key by default
 
     def __post_init__(self) -> None:
         _identifier(self.name, "axis")
@@ -85,11 +81,14 @@ class Axis:
         require(not negative, f"{name} needs whole numbers from zero")
         object.__setattr__(self, "values", values)
         object.__setattr__(self, "key", self.key or f"{self.name}s")
-        object.__setattr__(self, "noun", self.noun or self.name)
 
     @property
     def is_words(self) -> bool:
         return isinstance(self.values[0], str)
+
+    def counted(self, number: int) -> str:
+        """A number of values with their noun, as in "3 networks"."""
+        return plural(number, self.noun) if self.noun else f"{number} {self.name if number == 1 else self.key}"
 
     def ordered(self, values: Iterable[Any]) -> tuple:
         """Values of this axis in the order of every dataset: numbers increase, words are in the declared order."""

@@ -80,11 +80,15 @@ def test_more_workers_than_the_study_allows_are_refused():
         small_study(workers=1).worker_count(2, available=8)
 
 
-@pytest.mark.parametrize(("number", "noun", "text"), [
-    (1, "network", "1 network"), (0, "network", "0 networks"), (2, "stress", "2 stresses"), (3, "family", "3 families"),
-])  # fmt: skip
-def test_a_number_stands_with_its_noun(number, noun, text):
-    assert plural(number, noun) == text
+def test_numbers_stand_with_their_nouns():
+    assert [plural(n, noun) for n, noun in ((1, "case"), (0, "case"), (2, "stress"))] == [
+        "1 case",
+        "0 cases",
+        "2 stresses",
+    ]
+    axes = Axis("seed", [0], "s", noun="network"), Axis("seed", [0], "s"), Axis("family", ["a"], "f", key="families")
+    assert [axis.counted(1) for axis in axes] == ["1 network", "1 seed", "1 family"]
+    assert [axis.counted(2) for axis in axes] == ["2 networks", "2 seeds", "2 families"]
 
 
 def test_labels_of_inner_dimensions_keep_the_requested_order():
