@@ -33,15 +33,14 @@ def test_equations_and_figures_have_the_numbers_of_the_paper():
     for label, number in known.items():
         assert printed(label) == f"Eq. ({number})"
     assert printed("ResponseMetrics-A-random_stress") == "Fig. 7 A, random_stress"
-    assert printed("DesignFronts") == "DesignFronts"
+    assert printed("weak-modulus-exponent") == "weak-modulus-exponent"
 
 
 def test_every_figure_of_the_paper_has_a_picture_and_a_caption():
     text = PAGE.read_text(encoding="utf-8")
     for figure in FIGURES:
-        assert bool(figure.seen) == bool(figure.pictures), figure.meaning
+        assert figure.seen and figure.pictures, figure.meaning
         if figure.label:
-            assert figure.pictures, figure.meaning
             assert re.search(
                 rf"\.(png|gif)\)\n\n\*{re.escape(printed(figure.label))}: {re.escape(figure.meaning)}", text
             )
