@@ -18,9 +18,9 @@ from critflow import (
     Network,
     Status,
     critical_from_lengths,
-    diluted,
     equilibrium,
     lattice,
+    pruned,
     spring_state,
     voronoi_network,
 )
@@ -61,8 +61,14 @@ def with_random_stiffness(network: Network, seed: int) -> Network:
 
 
 def slack_lattice(seed: int = 1) -> tuple[Network, np.ndarray, CriticalConfiguration]:
-    """A diluted triangular lattice of which many edges are slack at the transition, with ℓ and its configuration."""
-    network = diluted(lattice("triangular", 7, 7), 3.6, seed=seed)
+    """A triangular lattice without 64 of its edges, of which many are slack at the transition, ℓ and its configuration.
+
+    The mean coordination is 3.6.
+    """
+    whole = lattice("triangular", 7, 7)
+    left = np.ones(whole.n_edges, bool)
+    left[np.random.default_rng(seed).permutation(whole.n_edges)[:64]] = False
+    network = pruned(whole, left).network
     lengths = 1 + 0.05 * np.random.default_rng(seed).standard_normal(network.n_edges)
     return network, lengths, critical_from_lengths(network, lengths, throw=False).value
 
