@@ -25,6 +25,7 @@ import matplotlib
 import matplotlib.pyplot as plt
 import numpy as np
 import pytest
+from extras_there import mentioned, skip_without
 from PIL import Image
 
 import critflow
@@ -112,6 +113,7 @@ def run_python(page: Path, group: list[Block], folder: Path) -> list[str]:
 def test_the_code_of_a_page_runs_and_prints_what_the_page_shows(page, tmp_path, monkeypatch, empty_pictures):
     for package in NEEDED.get(name_of(page), ()):
         pytest.importorskip(package)
+    skip_without(mentioned("".join(block.text for block in executed(page))))
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(backends, "BACKENDS", dict(backends.BACKENDS))  # a page adds one
     found = blocks(page)
@@ -233,6 +235,7 @@ def test_the_gallery_has_short_scripts_and_shows_them_all():
 
 @pytest.mark.parametrize("script", programs.gallery_scripts(), ids=lambda script: script.stem)
 def test_a_picture_of_the_gallery_is_made_by_its_script(script):
+    skip_without(mentioned(script.read_text(encoding="utf-8")))
     assert 5_000 < programs.execute_script(script).stat().st_size < 120_000
 
 
@@ -245,6 +248,7 @@ def reduced(picture: Path) -> np.ndarray:
 
 @pytest.mark.parametrize("script", sorted((DOCS / "pictures").glob("*.py")), ids=lambda script: script.stem)
 def test_a_committed_picture_is_the_one_of_its_script(script, tmp_path, monkeypatch):
+    skip_without(mentioned(script.read_text(encoding="utf-8")))
     monkeypatch.setattr(sys, "argv", [str(script), str(tmp_path / "made.png")])
     with matplotlib.rc_context(matplotlib.rcParamsDefault | {"backend": "Agg"}):
         runpy.run_path(str(script), run_name="__main__")
