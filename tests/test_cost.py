@@ -94,7 +94,7 @@ def test_a_closed_form_has_no_descent(factorised, monkeypatch, network, manifold
 
 
 def test_coefficients_need_one_system_and_no_path(factorised, monkeypatch, network, manifold, critical):
-    monkeypatch.setattr(PATH, "relaxed", forbidden)
+    monkeypatch.setattr(sys.modules["critflow.paths.unknowns"], "relaxed", forbidden)
     answers = []
     counts = factorised(network, lambda: answers.append(stiffening(critical, manifold=manifold)))
     # P(σ) refines the coordinates.

@@ -76,7 +76,7 @@ def test_the_failure_map_of_a_file(monkeypatch, tmp_path):
         ("missing.csv", "no file"),
         ("mine", "ending"),
         ("mine.csv@0123456789abcdef", "another network"),
-        ("mine.png", "no file"),
+        ("mine.png", "pictures.md"),
         ("stiff.csv", "self-stress"),
         ("patch.csv", "periodic"),
         ("loop.csv", "convert"),

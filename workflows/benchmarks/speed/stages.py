@@ -97,7 +97,7 @@ def measured(n_vertices: int, seed: int, least: float) -> tuple[list[Timing], fl
     best = stage("optimum", _optimum, manifold)
     stage.note(abs(best.gap), backend, best.status)
     moduli = stage("moduli", elasticity, best.value)
-    stage.note(abs(moduli.bulk / best.bound - 1))
+    stage.note(abs(moduli.value.bulk / best.bound - 1))
     # The configurations' part is not needed any more.
     del manifold
     exact, backend = stage("coefficients", _coefficients, network, best.value)
