@@ -9,12 +9,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 import xarray as xr
+from extras_there import skip_without
 
 import critflow as cf
 from critflow import CritflowError, InputError, SolveError
 from critflow.command.main import main
 
-EXTRAS = Path(cf.__file__).parent / "extras"
 TINY = str(Path(__file__).parent / "workflow" / "tiny_study.py")
 
 NETWORK = cf.voronoi_network(n_vertices=60, seed=1)
@@ -552,15 +552,9 @@ def rows(table):
     return [pytest.param(extras, name, id=f"{extras} {name}".strip()) for extras in table for name in table[extras]]
 
 
-def skip_deleted(extras):
-    deleted = [extra for extra in extras.split() if not (EXTRAS / extra / "__init__.py").exists()]
-    if deleted and EXTRAS.exists():
-        pytest.skip(f"deleted: {', '.join(deleted)}")
-
-
 @pytest.mark.parametrize("extras, name", rows(CALLS))
 def test_a_wrong_call_gives_its_kind_of_error_and_its_sentence(extras, name, monkeypatch, tmp_path):
-    skip_deleted(extras)
+    skip_without(extras.split())
     monkeypatch.chdir(tmp_path)
     call, kind, *words = CALLS[extras][name]
     with pytest.raises(kind) as caught:
@@ -574,7 +568,7 @@ def test_a_wrong_call_gives_its_kind_of_error_and_its_sentence(extras, name, mon
 
 @pytest.mark.parametrize("extras, name", rows(ACCEPTED))
 def test_a_call_that_is_no_mistake_returns(extras, name, monkeypatch, tmp_path):
-    skip_deleted(extras)
+    skip_without(extras.split())
     monkeypatch.chdir(tmp_path)
     call, expected = ACCEPTED[extras][name]
     assert call() == expected
@@ -616,7 +610,7 @@ def here(tmp_path, monkeypatch):
 
 @pytest.mark.parametrize("extras, name", rows(COMMANDS))
 def test_a_wrong_command_gives_its_exit_code_and_its_sentence(extras, name, here, results, capsys):
-    skip_deleted(extras)
+    skip_without(extras.split())
     words, code, *decisive = COMMANDS[extras][name]
     files = sorted(here.rglob("*"))
     capsys.readouterr()

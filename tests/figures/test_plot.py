@@ -3,7 +3,6 @@
 import matplotlib
 import numpy as np
 import pytest
-from faces_drawn import assert_colours_of_faces
 from matplotlib.figure import Figure
 from problems import oblique, random_stress, sheared, slack_lattice
 from scipy.spatial import cKDTree
@@ -160,13 +159,6 @@ def test_shaded_faces_cover_the_cell():
     inside = sum(path.contains_points(points).astype(int) for path in shading.get_paths())
     np.testing.assert_array_equal(inside, 1)
     assert shading.get_clip_path() is not None
-
-
-def test_faces_have_the_colours_of_their_pressures():
-    network = voronoi_network(20, seed=1)
-    p = np.linspace(-0.1, 0.1, network.faces.n_faces)
-    pressed = CriticalManifold(network).configuration(np.ones(network.n_edges), p)
-    assert_colours_of_faces(pressed, pressed, p)
 
 
 def test_slack_edges_are_drawn_grey_below_the_taut_part():

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from extras.tissues import tissue
 
-from critflow import lattice, nearest_critical, network_from, write_network
+from critflow import lattice, nearest_critical, network_from, progress, write_network
 from critflow.command.main import main
 
 
@@ -52,3 +52,12 @@ def test_a_pipe_is_not_waited_for(tmp_path, capsys, pipe, name):
     os.mkfifo(tmp_path / pipe)
     assert main(["examine", str(tmp_path / name)]) == 2
     assert "regular" in capsys.readouterr().err
+
+
+def test_the_parts_of_an_examination_are_told_in_the_words_of_the_shell(monkeypatch, tmp_path):
+    told = []
+    monkeypatch.setattr(progress, "tell", told.append)
+    (tmp_path / "t_edges.csv").write_text("tail,head\nA,D\nB,D\nC,D\n")
+    (tmp_path / "t_vertices.csv").write_text("id,x,y\nA,0,0\nB,4,0\nC,0,3\nD,1,1\n")
+    assert main(["examine", str(tmp_path / "t.csv")]) == 2
+    assert "--pins hull" in told

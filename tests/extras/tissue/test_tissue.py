@@ -7,7 +7,6 @@ import pytest
 import scipy.sparse as sp
 from derivatives import assert_derivative, first_derivative, second_derivative
 from extras.tissues import disordered_tissue
-from faces_drawn import assert_colours_of_faces
 from problems import (
     NETWORKS,
     grounded,
@@ -378,10 +377,3 @@ def made(**options):
 
 
 test_bad_input_raises_one_sentence = refused(BAD)
-
-
-def test_drawn_faces_have_the_colours_of_their_tensions():
-    network = voronoi_network(20, seed=1)
-    value = critical_from_perimeters(network, np.ones(network.faces.n_faces)).value
-    for thing, values in ((value, value.face_tensions), (value.at_rest(), 0 * value.face_tensions)):
-        assert_colours_of_faces(thing, value.configuration, values)
