@@ -41,6 +41,8 @@ def used(program: str) -> set[str]:
                 found |= {parts[2]} if len(parts) > 2 else {alias.name for alias in node.names}
             if parts == ["critflow"]:
                 found |= {PUBLIC[alias.name] for alias in node.names if alias.name in PUBLIC}
+        elif isinstance(node, ast.Import):
+            found |= set(re.findall(r"critflow\.extras\.(\w+)", " ".join(alias.name for alias in node.names)))
         elif isinstance(node, ast.Attribute) and isinstance(node.value, ast.Name) and node.value.id in MODULES:
             found |= {PUBLIC[node.attr]} if node.attr in PUBLIC else set()
     return found

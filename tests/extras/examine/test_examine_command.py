@@ -4,7 +4,7 @@ import os
 
 import numpy as np
 import pytest
-from extras.tissues import tissue
+from extras.tissue_patches import tissue
 
 from critflow import lattice, nearest_critical, network_from, progress, write_network
 from critflow.command.main import main

@@ -4,7 +4,7 @@ import os
 
 import numpy as np
 import pytest
-from extras.tissues import tissue
+from extras.tissue_patches import tissue
 
 import critflow
 from critflow import lattice, network_from, voronoi_network, write_network
