@@ -1,9 +1,6 @@
 """The command `critflow examine`."""
 
-import os
-
 import numpy as np
-import pytest
 from extras.tissue_patches import tissue
 
 from critflow import lattice, nearest_critical, network_from, progress, write_network
@@ -45,13 +42,6 @@ def test_the_next_command_has_the_options_of_the_report(tmp_path, capsys):
     near = nearest_critical(given.network, given.positions)
     moved = np.sqrt(np.mean(np.sum((near.value.coordinates - given.positions) ** 2, axis=1)))
     assert f"distance of the vertices {moved:.3e}" in report
-
-
-@pytest.mark.parametrize(("pipe", "name"), [("a.json", "a.json"), ("a_edges.csv", "a.csv"), ("a.nc", "a.nc")])
-def test_a_pipe_is_not_waited_for(tmp_path, capsys, pipe, name):
-    os.mkfifo(tmp_path / pipe)
-    assert main(["examine", str(tmp_path / name)]) == 2
-    assert "regular" in capsys.readouterr().err
 
 
 def test_the_parts_of_an_examination_are_told_in_the_words_of_the_shell(monkeypatch, tmp_path):
