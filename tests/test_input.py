@@ -26,7 +26,6 @@ from critflow import (
 )
 from critflow.generators.random_points import random_sequential_addition
 from critflow.networks.deformation import deformation_of
-from critflow.paths.strain_path import PathSolver
 
 NETWORK = square_octagon()
 EDGES, OFFSETS, CELL = NETWORK.edges.copy(), NETWORK.offsets.copy(), NETWORK.cell.copy()
@@ -225,7 +224,6 @@ CASES = {
     "a path without balance": (lambda: strain_path(state(rest_lengths=np.ones(6)), [0.01]), "equilibrium"),
     "a path from a number": (lambda: strain_path(1.0, [0.01]), "start must"),
     "a path from a failure": (lambda: strain_path(MANIFOLD.solve([0, 0, 0, 0, 1, 1]), [0.01]), "starts"),
-    "free sides by FIRE": (lambda: strain_path(CRITICAL, [0.01], "uniaxial_free", solver=PathSolver("fire")), "newton"),
     "strain NaN": (lambda: strain_path(CRITICAL, [np.nan]), "finite"),
     "a strain of zero": (lambda: strain_path(CRITICAL, [0.0, 0.001]), r"0\.001"),
     "strains twice": (lambda: strain_path(CRITICAL, [0.001, 0.001]), r"0\.001"),

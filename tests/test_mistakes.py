@@ -296,11 +296,13 @@ CALLS = {
             lambda: cf.design(NETWORK, {"nu": -0.5}),
             *(InputError, "no quantity is called 'nu'", "choose from B_0, G_0", "modulus[D]"),
         ),
+        "targets as a set": (lambda: cf.design(NETWORK, {"B_0"}), InputError, "targets must be a Mapping", "not a set"),
+    },
+    "design_stiffness": {
         "no such quantity of stiffnesses": (
             lambda: cf.design(NETWORK, {"poisson": -0.5}, change="stiffness"),
             *(InputError, "no quantity is called 'poisson'", "choose from B_0, G_0", "modulus[D]"),
         ),
-        "targets as a set": (lambda: cf.design(NETWORK, {"B_0"}), InputError, "targets must be a Mapping", "not a set"),
         "limits of an unknown quantity": (
             lambda: cf.design(STATE, {"B_0": 0.2}, change="stiffness", within={"stiffness": (0.1, 10)}),
             *(InputError, "edges have no quantity 'stiffness'", "choose from stiffnesses"),
