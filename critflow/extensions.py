@@ -55,7 +55,12 @@ class Extra:
         return f"{__package__}.{_FOLDER.name}.{self.name}"
 
     def named(self, place: str) -> Any:
-        """The object at "module:name" within the folder."""
+        """The object at "module:name" within the folder; `InputError` where the extra needs one that is not there."""
+        if absent := sorted(with_needs(set(self.needs)) - extras().keys()):
+            raise InputError(
+                f"the extra {self.name!r} of critflow needs the extra {absent[0]!r}, which is not installed: install "
+                "critflow again"
+            )
         return named(f"{self.package}.{place}")
 
 
@@ -71,6 +76,16 @@ def extras() -> dict[str, Extra]:
     files = sorted(_FOLDER.glob("*/extra.toml"))
     declared = {file.parent.name: tomllib.loads(file.read_text(encoding="utf-8")) for file in files}
     return {name: _extra(name, **entries) for name, entries in declared.items()}
+
+
+def with_needs(names: set[str]) -> set[str]:
+    """Extras and all that they import, installed or not."""
+    needed, waiting = set[str](), set(names)
+    while waiting:
+        name = waiting.pop()
+        needed.add(name)
+        waiting |= set(extras()[name].needs) - needed if name in extras() else set()
+    return needed
 
 
 def _extra(name: str, commands: dict[str, dict[str, str]] | None = None, **entries: Any) -> Extra:

@@ -15,6 +15,7 @@ for name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
 
 import matplotlib.pyplot as plt
 import pytest
+from extras_there import absent, used_by_file
 from hypothesis import settings
 from matplotlib.figure import Figure
 
@@ -31,6 +32,13 @@ def everything(config):
 
 # Folders of tests of what the package does not contain, and studies that users start with.
 _MADE_HERE, _RUN_BY_USERS = ("studies", "benchmarks", "pages"), ("test_ensemble.py", "test_own_network.py")
+
+
+def pytest_ignore_collect(collection_path):
+    """Tests of the whole repository are left out where an extra that they use is not there."""
+    of_all = collection_path.parent.name in _MADE_HERE or collection_path.name == "test_peers.py"
+    file = collection_path.suffix == ".py" and of_all
+    return bool(file and absent(used_by_file(collection_path))) or None
 
 
 @pytest.hookimpl(tryfirst=True)

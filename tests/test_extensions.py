@@ -1,6 +1,7 @@
 """How extras join the scene: their declarations, and what is said of one that is not installed."""
 
 import tomllib
+from dataclasses import replace
 
 import pytest
 from known_extras import LIST, declared
@@ -53,3 +54,9 @@ def test_a_quantity_of_an_extra_that_is_not_installed(without):
     with pytest.raises(InputError, match=r"and modulus\[D\] or stiffening\[D\] of a deformation D: ") as error:
         quantity(network, "nonsense")
     assert "onset" not in str(error.value)
+
+
+def test_a_service_of_an_extra_that_needs_one_that_is_not_installed():
+    extra = next(one for one in extensions.extras().values() if one.functions)
+    with pytest.raises(InputError, match=f"'{extra.name}' of critflow needs the extra 'nonsense', which is not"):
+        replace(extra, needs=["nonsense"]).named(next(iter(extra.functions.values())))

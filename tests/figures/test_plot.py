@@ -1,15 +1,13 @@
 """Figures: every edge is drawn once, whole and in its cell."""
 
 import matplotlib
-import matplotlib.pyplot as plt
 import numpy as np
 import pytest
-from matplotlib.collections import PolyCollection
 from matplotlib.figure import Figure
 from problems import oblique, random_stress, sheared, slack_lattice
 from scipy.spatial import cKDTree
 
-from critflow import CriticalManifold, critical_from_perimeters, draw, foam_network, lattice, voronoi_network
+from critflow import CriticalManifold, foam_network, lattice, voronoi_network
 from critflow.figures.plot import (
     draw_in_depth,
     draw_network,
@@ -161,32 +159,6 @@ def test_shaded_faces_cover_the_cell():
     inside = sum(path.contains_points(points).astype(int) for path in shading.get_paths())
     np.testing.assert_array_equal(inside, 1)
     assert shading.get_clip_path() is not None
-
-
-def _centre(corners):
-    return corners.mean(axis=0)
-
-
-def test_faces_have_the_colours_of_their_pressures_and_tensions():
-    network = voronoi_network(20, seed=1)
-    p = np.linspace(-0.1, 0.1, network.faces.n_faces)
-    pressed = CriticalManifold(network).configuration(np.ones(network.n_edges), p)
-    tissue = critical_from_perimeters(network, np.ones(network.faces.n_faces))
-    for thing, values in ((pressed, p), (tissue, tissue.value.face_tensions), (tissue.value.at_rest(), 0 * p)):
-        critical = pressed if thing is pressed else tissue.value.configuration
-        shading = next(each for each in draw(thing).collections if isinstance(each, PolyCollection))
-        polygons = face_polygons(network.faces, network.edges, critical.coordinates, critical.bond_vectors)
-        inside = [np.mod(place @ np.linalg.inv(network.cell), 1.0) % 1.0 for place in map(_centre, polygons)]
-        paths = [
-            np.mod(_centre(path.vertices[:-1]) @ np.linalg.inv(network.cell), 1.0) % 1.0 for path in shading.get_paths()
-        ]
-        distance, face = cKDTree(inside, boxsize=1.0).query(paths)
-        colours = shading.get_facecolors()
-        redness, expected = colours[:, 0] - colours[:, 2], values[face]
-        assert distance.max() < 1e-9 and len(colours) == len(paths)
-        assert (redness[expected > 0.02] > 0.05).all() and (redness[expected < -0.02] < -0.05).all()
-        assert (np.diff(redness[np.argsort(expected)]) > -0.01).all()
-        plt.close("all")
 
 
 def test_slack_edges_are_drawn_grey_below_the_taut_part():

@@ -4,8 +4,10 @@ from contextlib import nullcontext
 
 import pytest
 import xarray as xr
+from extras_there import skip_without, used_by_file
 
 from critflow.command.main import main
+from critflow.workflow.load import named_studies
 
 SETTINGS = {
     "boundary": ("seeds=0:3", "n_vertices=40"),
@@ -68,6 +70,7 @@ def runs(run_study, tmp_path_factory):
     made = {}
 
     def of(study):
+        skip_without(used_by_file(named_studies()[study]))
         if study not in made:
             folder = tmp_path_factory.mktemp(study) / "out"
             made[study] = folder, run_study(study, folder, drawn=True)
@@ -91,3 +94,11 @@ def dataset(request, runs):
 @pytest.fixture(scope="module", autouse=True)
 def quick(undrawn_but_in_sweeps):
     """Studies are run without drawing their pictures, unless the sweeps run too."""
+
+
+@pytest.fixture(autouse=True)
+def with_its_extras(request):
+    """A row of a table of studies is left out where an extra that its study uses is not there."""
+    row = request.node.callspec.params.values() if hasattr(request.node, "callspec") else ()
+    for study in {one for one in row if isinstance(one, str)} & named_studies().keys():
+        skip_without(used_by_file(named_studies()[study]))
