@@ -27,11 +27,12 @@ class Units:
         return "plain" if self == PLAIN else "scaled"
 
     number = 1.0
-    curvature = property(lambda self: 1 / self.length)
     area = property(lambda self: self.length**2)
     force = property(lambda self: self.stiffness * self.length)
     energy = property(lambda self: self.stiffness * self.length**2)
     pressure = property(lambda self: self.stiffness / self.length)  # stress and moduli in space, in the plane stiffness
+    softness = property(lambda self: 1 / self.stiffness)
+    compliance = property(lambda self: 1 / self.pressure)
 
     def network(self, network):
         return in_units(network, self.stiffness, self.length)
