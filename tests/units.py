@@ -26,7 +26,7 @@ class Units:
     def __str__(self):
         return "plain" if self == PLAIN else "scaled"
 
-    number = 1.0
+    number = one = 1.0
     area = property(lambda self: self.length**2)
     force = property(lambda self: self.stiffness * self.length)
     energy = property(lambda self: self.stiffness * self.length**2)
@@ -54,7 +54,7 @@ def same_in_units(table, rtol=0.0):
         plain, scaled = (measured(units.network(make()), units) for units in (PLAIN, SCALED))
         for unit, values in plain.items():
             for n, (value, other) in enumerate(zip(values, scaled[unit], strict=True)):
-                if isinstance(value, str):
+                if value is None or isinstance(value, str):
                     assert other == value
                 else:
                     other = np.asarray(other) / getattr(SCALED, unit)

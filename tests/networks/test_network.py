@@ -202,14 +202,6 @@ def test_edges_are_removed_and_added():
     assert linkage.volume == 2 and not linkage.offsets.any()
 
 
-def test_pins_far_from_the_origin_are_refused():
-    """Their coordinates take the digits of the lengths: an onset in geographic coordinates was called floppy."""
-    edges, pins = [[0, 1], [1, 2]], np.array([[0.0, 0.0], [1.0, 0.5]])
-    with pytest.raises(NetworkError, match="subtract their mean"):
-        Network(edges, pins={0: pins[0] + 1e5, 2: pins[1] + 1e5})
-    assert Network(edges, pins={0: pins[0] + 1e3, 2: pins[1] + 1e3}).dimension == 2
-
-
 def test_a_cell_whose_volume_is_beyond_the_range_of_doubles_is_refused():
     for size in (1e-170, 1e160):
         with pytest.raises(NetworkError, match="finite volume"):

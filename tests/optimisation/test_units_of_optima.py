@@ -1,12 +1,83 @@
-"""Optima in other units of stiffness and length: the same stresses, with values in these units."""
+"""Optima in other units of stiffness and length: the same steps and stresses, with values in these units."""
+
+from functools import partial
 
 import numpy as np
 import pytest
-from units import UNITS, in_units
+from problems import NETWORKS, hung_ring
+from units import UNITS, in_units, same_in_units
 
-from critflow import foam_network, optimize, voronoi_network
+from critflow import CriticalManifold, foam_network, optimize, voronoi_network
+from critflow.critical.transition import pure_shear
+from critflow.optimisation.descent import StressObjective
+from critflow.optimisation.largest_modulus import largest_modulus, least_compressed_length
+from critflow.optimisation.optimize import objective_of
 
 PLANAR = voronoi_network(40, seed=3)
+
+
+def optimum(network, units, name, method="auto", **options):
+    found = optimize(network, name, method, throw=False, **options)
+    ends = (found.status, found.note, found.stats.steps, found.stats.residual, found.gap, found.saddles)
+    return {
+        "number": (*ends, found.value.sigma, found.collapsed_edges, found.slack_edges, found.nearest_singular),
+        "one" if name[0] == "V" else "stiffness": (
+            found.objective,
+            found.objective_error,
+            found.uncertainty,
+            found.bound,
+            *found.starts,
+        ),
+    }
+
+
+def equal_lengths(network, units, **options):
+    found = optimize(network, "V_L", throw=False, **options)
+    return {"number": (found.status, found.stats.method, found.stats.steps, found.value.sigma)}
+
+
+def closed_form(network, units):
+    found = largest_modulus(network, pure_shear(2))
+    bulk, shear = (optimize(network, name, signs="any") for name in ("B_0", "modulus[uniaxial]"))
+    by_methods = bulk.objective, shear.objective, bulk.objective_error
+    return {
+        "number": (found.status, found.value.sigma, found.gap),
+        "length": (found.value.coordinates, least_compressed_length(network, pure_shear(2))),
+        "stiffness": (found.objective, found.bound, *by_methods),
+    }
+
+
+def objective(network, units, name):
+    objective = StressObjective(CriticalManifold(network), objective_of(network, name, 0.1))
+    x = np.random.default_rng(1).standard_normal(network.n_edges)
+    point = objective.at(x)
+    return {"number": (point.value, point.gradient, point.residual, objective.hessian_product(point, np.cos(x)))}
+
+
+NETWORK, SMALL = NETWORKS["voronoi, random stiffness"], NETWORKS["tiny"]
+COLLAPSING = partial(voronoi_network, 40, seed=47, hard_core=0.65)
+OPTIMA = {
+    **{
+        f"{name} by {method}": {"name": name, "method": method}
+        for name in ("V_tau", "G_0")
+        for method in ("lbfgs", "newton")
+    },
+    **{name: {"name": name} for name in ("G_0", "V_tau")},
+    "C_B": {"name": "C_B", "max_steps": 150},
+    "of FIRE": {"name": "V_tau", "method": "fire"},
+    "threshold": {"name": "G_0", "threshold": 0.2},
+    "signed": {"name": "G_0", "signs": "any", "method": "lbfgs", "max_steps": 100},
+}
+test_optima_in_other_units = same_in_units(
+    {name: (partial(optimum, **options), SMALL) for name, options in OPTIMA.items()}
+    | {"collapse": (partial(optimum, name="V_tau"), COLLAPSING), "ring": (partial(optimum, name="V_tau"), hung_ring)}
+    | {f"objective {name}": (partial(objective, name=name), NETWORK) for name in ("G_0", "V_tau", "V_L", "B_0")},
+)
+test_closed_forms_in_other_units = same_in_units(
+    {"closed form": (closed_form, NETWORK), "conic": (equal_lengths, NETWORK)}
+    | {"rough": (partial(equal_lengths, tolerance=1e-4), partial(voronoi_network, 300, seed=1))},
+    rtol=1e-9,
+)
 
 
 @pytest.mark.parametrize(("stiffness", "length"), UNITS)

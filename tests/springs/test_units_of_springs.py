@@ -50,7 +50,11 @@ def compressed(network, units, part):
     state = spring_state(network, (1 + part) * np.full(network.n_edges, units.length), network.positions)
     ends = [equilibrium(state, method, throw=False) for method in ("newton", "fire")]
     return {
-        "number": [*(end.status for end in ends), *(end.stats.condition for end in ends), *(e.stats.steps for e in ends)],
+        "number": [
+            *(end.status for end in ends),
+            *(end.stats.condition for end in ends),
+            *(e.stats.steps for e in ends),
+        ],
         "length": [end.stats.error_bound for end in ends],
     }
 
@@ -74,6 +78,9 @@ test_springs_in_other_units = same_in_units(
     | {f"matrices, {size}": (partial(matrices, size=size), NETWORK) for size in (0.95, 1.0, 1.05)}
     | {"operator": (operator, NETWORK), "with pins": (relaxation, NETWORKS["pinned grid"])}
     | {f"lattice compressed by {part}": (partial(compressed, part=part), LATTICE) for part in (0.3, 0.02, 1e-9)}
-    | {f"honeycomb {part}": (partial(compressed, part=part), lambda: lattice("honeycomb", 3, 3)) for part in (0.05, 1e-14)}
+    | {
+        f"honeycomb {part}": (partial(compressed, part=part), lambda: lattice("honeycomb", 3, 3))
+        for part in (0.05, 1e-14)
+    }
     | {"in space": (relaxation, lambda: with_random_stiffness(voronoi_3d(), 2))}
 )
