@@ -24,7 +24,7 @@ class Units:
     length: float = 1.0
 
     def __str__(self):
-        return "plain" if self == PLAIN else "scaled"
+        return "plain" if self == PLAIN else f"unit of length {self.length:g}"
 
     number = one = 1.0
     area = property(lambda self: self.length**2)
@@ -38,26 +38,30 @@ class Units:
         return in_units(network, self.stiffness, self.length)
 
 
-PLAIN, SCALED = Units(), Units(2.0**-18, 2.0**21)
+# Both ways, since a tolerance may be too small or too large.
+PLAIN, SCALED, INVERSE = Units(), Units(2.0**-18, 2.0**21), Units(2.0**18, 2.0**-21)
 
 
-def same_in_units(table, rtol=0.0):
+def same_in_units(table, rtol=0.0, others=(SCALED, INVERSE)):
     """A test of every row of a table: results are the same in other units, to the last bit.
 
-    table  a function of a network and units, whose results it names by unit, and a function that makes the network
-    rtol   of results with roots of volumes, which round
+    table   a function of a network and units, whose results it names by unit, and a function that makes the network
+    rtol    of results with roots of volumes, which round
+    others  units; linear programs need large lengths, since their solver has an absolute tolerance of 1e-7
     """
 
     @pytest.mark.parametrize("name", table)
     def test(name):
         measured, make = table[name]
-        plain, scaled = (measured(units.network(make()), units) for units in (PLAIN, SCALED))
-        for unit, values in plain.items():
-            for n, (value, other) in enumerate(zip(values, scaled[unit], strict=True)):
-                if value is None or isinstance(value, str):
-                    assert other == value
-                else:
-                    other = np.asarray(other) / getattr(SCALED, unit)
-                    np.testing.assert_allclose(other, value, rtol=rtol, atol=0, err_msg=f"{unit} {n}")
+        plain = measured(make(), PLAIN)
+        for units in others:
+            scaled = measured(units.network(make()), units)
+            for unit, values in plain.items():
+                for n, (value, other) in enumerate(zip(values, scaled[unit], strict=True)):
+                    if value is None or isinstance(value, str):
+                        assert other == value
+                    else:
+                        other = np.asarray(other) / getattr(units, unit)
+                        np.testing.assert_allclose(other, value, rtol=rtol, atol=0, err_msg=f"{unit} {n}")
 
     return test

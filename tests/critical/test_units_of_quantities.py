@@ -4,7 +4,7 @@ from functools import partial
 
 import numpy as np
 from problems import NETWORKS, critical_of, random_stress, slack_lattice, voronoi_3d, with_random_stiffness
-from units import same_in_units
+from units import SCALED, same_in_units
 
 from critflow import CriticalManifold, isogonal_modes, properties
 from critflow.critical.backbone import backbone
@@ -61,12 +61,16 @@ def modes(network, units):
     every, local = isogonal_modes(critical), face_modes(critical)
     step, flat = np.arange(1.0, 1 + every.n_independent), flat_directions(critical_of(network), "B_0")
     walked, far = every.walk(0.01 * units.length * step), every.towards(step)
-    largest = local.largest(np.arange(network.n_edges), 0.05 * units.length)
     return {
         "number": (every.n_independent, local.n_independent, *every.gap, flat.n_flat, every.elongations, *flat.gap),
-        "length": (walked.coordinates, far.coordinates, every.limit(step), largest.value.lengths, largest.amplitudes),
+        "length": (walked.coordinates, far.coordinates, every.limit(step)),
         "stiffness": (flat.eigenvalues,),
     }
+
+
+def largest(network, units):
+    found = face_modes(critical_of(network)).largest(np.arange(network.n_edges), 0.05 * units.length)
+    return {"length": (found.value.lengths, found.amplitudes)}
 
 
 def of_a_backbone(network, units):
@@ -88,3 +92,4 @@ test_the_transition_in_other_units = same_in_units(
     | {"backbone": (of_a_backbone, lambda: slack_lattice()[0])},
     rtol=1e-12,
 )
+test_programs_in_larger_units = same_in_units({"largest": (largest, NETWORK)}, 1e-6, others=[SCALED])

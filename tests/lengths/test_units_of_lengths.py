@@ -12,7 +12,6 @@ from critflow.lengths.cone import fit_lengths
 from critflow.lengths.length_iteration import iterate_lengths
 from critflow.lengths.lengths_end import newton_error
 from critflow.lengths.taut_edges import OnsetState, newton_taut
-from critflow.linalg.matrices import balanced_part
 from critflow.linalg.saddle import Saddle
 
 
@@ -48,8 +47,7 @@ def by_newton(network, units):
     path = Expansion(CriticalManifold(network))
     end = newton_taut(path, target, OnsetState(0.0, np.zeros(0), x, critical.sigma, taut))
     error = newton_error(Saddle(network), network, target, critical.coordinates, critical.sigma)
-    part = balanced_part(network, critical.bond_vectors, lengths(network, 1e-3), path.manifold.hessian)
-    return {"number": (end.strain, end.error, end.steps, end.sigma, part), "length": (end.coordinates, error)}
+    return {"number": (end.strain, end.error, end.steps, end.sigma), "length": (end.coordinates, error)}
 
 
 def by_iteration(network, units):

@@ -158,8 +158,8 @@ def test_crossing_edges_are_refused(seed):
 
 
 @pytest.mark.parametrize("depth, crosses", [(1e-3, True), (1e-8, True), (1e-14, False), (-1e-8, False)])
-def test_a_spike_through_the_opposite_side_crosses_it_beyond_rounding(depth, crosses):
-    x = np.array([[0, 0], [1, 0], [1, 1], [0.55, 1], [0.5, -depth], [0.45, 1], [0, 1]])
+def test_a_spike_through_the_opposite_side_crosses_it_beyond_rounding(units, depth, crosses):
+    x = units.length * np.array([[0, 0], [1, 0], [1, 1], [0.55, 1], [0.5, -depth], [0.45, 1], [0, 1]])
     edges = np.stack([np.arange(7), np.roll(np.arange(7), -1)], axis=1)
     sides = x[edges[:, 1]] - x[edges[:, 0]]
     if crosses:

@@ -7,7 +7,7 @@ import numpy as np
 from problems import NETWORKS, critical_of, slack_lattice, stiff_lattice, strained, voronoi_3d, with_random_stiffness
 from units import same_in_units
 
-from critflow import PowerLaw, WormLike, elasticity, equilibrium, lattice, spring_state, stiffening
+from critflow import Cable, PowerLaw, WormLike, elasticity, equilibrium, lattice, spring_state, stiffening
 from critflow.critical.manifold import critical_configuration
 from critflow.response.linear_response import linear_response
 
@@ -46,6 +46,14 @@ def compressed(network, units):
     return of_response(elasticity(equilibrium(springs).value), 2, units)
 
 
+def with_floppy_parts(network, units):
+    """Slack cables next to taut ones."""
+    critical = slack_lattice()[2]
+    rest, x = 0.999 * units.length * critical.rest_lengths, units.length * critical.coordinates
+    state = equilibrium(spring_state(network, rest, x, Cable())).value
+    return of_response(elasticity(state), 2, units)
+
+
 def growth(network, units, **options):
     solution = stiffening(critical_of(network), throw=False, **options)
     rows = (astuple(solution.value), astuple(solution.stats.error_bound) if solution.ok else ())
@@ -73,6 +81,8 @@ test_responses_in_other_units = same_in_units(
         "exact": (partial(under_stress, gamma=0.1, exact=True), NETWORK),
         "under stress in space": (partial(under_stress, gamma=0.1), SPACE),
         "compressed": (compressed, lambda: stiff_lattice().network),
+        "floppy parts": (with_floppy_parts, lambda: slack_lattice()[0]),
+        "affine": (partial(under_stress, gamma=0.1), lambda: lattice("honeycomb", 3, 3)),
         "stiffening": (growth, NETWORK),
         "stiffening in space": (growth, SPACE),
         "stiffening of a law": (partial(growth, law=PowerLaw(4.5), deformation="uniaxial"), NETWORK),

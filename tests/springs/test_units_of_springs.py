@@ -23,7 +23,7 @@ def relaxation(network, units, method="auto", tolerance=1e-14, max_steps=None, *
     end = equilibrium(springs(network, **start), method, tolerance, max_steps, throw=False)
     state, stats = end.value, end.stats
     return {
-        "number": (end.status, end.note, stats.steps, stats.condition),
+        "number": (end.status, end.note, stats.steps, stats.condition, state.taut(), state.unique),
         "length": (state.coordinates, state.bond_vectors, state.extension, stats.error_bound, state.length_scale),
         "force": (stats.residual, state.max_force, state.tension),
         "energy": (state.energy,),
@@ -41,8 +41,8 @@ def matrices(network, units, **start):
     }
 
 
-def operator(network, units):
-    X = bond_operator(springs(network)) @ np.eye(network.n_edges)
+def operator(network, units, size=0.98):
+    X = bond_operator(springs(network, size)) @ np.eye(network.n_edges)
     return {"number": (X * units.stiffness,)}
 
 
@@ -71,12 +71,15 @@ RELAXATIONS = {
     "cables": {"off": 0.2, "law": Cable()},
     "rough": {"tolerance": 1e-2, "off": 0.1},
     "below rounding": {"tolerance": 1e-25},
+    "below rounding, weak": {"tolerance": 1e-25, "size": 0.95},
+    "beyond reach": {"size": 0.98, "off": 0.1, "law": WormLike(0.01)},
     "unfinished": {"off": 0.6, "max_steps": 3},
 }
 test_springs_in_other_units = same_in_units(
     {name: (partial(relaxation, **start), NETWORK) for name, start in RELAXATIONS.items()}
     | {f"matrices, {size}": (partial(matrices, size=size), NETWORK) for size in (0.95, 1.0, 1.05)}
-    | {"operator": (operator, NETWORK), "with pins": (relaxation, NETWORKS["pinned grid"])}
+    | {f"operator {size}": (partial(operator, size=size), NETWORK) for size in (0.98, 1.0)}
+    | {"with pins": (relaxation, NETWORKS["pinned grid"])}
     | {f"lattice compressed by {part}": (partial(compressed, part=part), LATTICE) for part in (0.3, 0.02, 1e-9)}
     | {
         f"honeycomb {part}": (partial(compressed, part=part), lambda: lattice("honeycomb", 3, 3))
