@@ -10,9 +10,7 @@ from critflow import CriticalManifold, critical_from_lengths, voronoi_network
 from critflow.lengths.boundary import Expansion
 from critflow.lengths.cone import fit_lengths
 from critflow.lengths.length_iteration import iterate_lengths
-from critflow.lengths.lengths_end import newton_error
 from critflow.lengths.taut_edges import OnsetState, newton_taut
-from critflow.linalg.saddle import Saddle
 
 
 def lengths(network, spread, seed=1):
@@ -46,8 +44,7 @@ def by_newton(network, units):
     target = critical.lengths * lengths(network, 1e-3)
     path = Expansion(CriticalManifold(network))
     end = newton_taut(path, target, OnsetState(0.0, np.zeros(0), x, critical.sigma, taut))
-    error = newton_error(Saddle(network), network, target, critical.coordinates, critical.sigma)
-    return {"number": (end.strain, end.error, end.steps, end.sigma), "length": (end.coordinates, error)}
+    return {"number": (end.strain, end.error, end.steps, end.sigma), "length": (end.coordinates,)}
 
 
 def by_iteration(network, units):
