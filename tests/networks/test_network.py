@@ -10,7 +10,7 @@ from critflow.result import NetworkError
 
 
 @pytest.mark.parametrize("name", NETWORKS)
-def test_bond_vectors_by_definition(name):
+def test_bond_vectors_and_incidence_by_definition(name):
     network = NETWORKS[name]()
     x = np.random.default_rng(0).standard_normal((network.n_vertices, network.dimension))
     for vertex, position in network.pins.items():
@@ -19,11 +19,6 @@ def test_bond_vectors_by_definition(name):
     if network.cell is not None:
         expected = expected + network.offsets @ network.cell
     np.testing.assert_allclose(network.bond_vectors(x), expected, rtol=0, atol=1e-13)
-
-
-@pytest.mark.parametrize("name", NETWORKS)
-def test_incidence_by_definition(name):
-    network = NETWORKS[name]()
     g = dense_incidence(network)
     np.testing.assert_array_equal(network.incidence.toarray(), g)
     np.testing.assert_array_equal(network.divergence.toarray(), g[:, network.free].T)
