@@ -17,7 +17,7 @@ import matplotlib.pyplot as plt
 import pytest
 from hypothesis import settings
 from matplotlib.figure import Figure
-from units import PLAIN, SCALED
+from units import INVERSE, PLAIN, SCALED
 
 
 def pytest_configure(config):
@@ -44,7 +44,7 @@ def pytest_collection_modifyitems(items):
     items.sort(key=lambda item: item.path.parent.name != "workflow")
 
 
-@pytest.fixture(params=[PLAIN, SCALED], ids=str)
+@pytest.fixture(params=[PLAIN, SCALED, INVERSE], ids=str)
 def units(request):
     """A test runs with lengths near one and stiffnesses of one, and with both far from it."""
     return request.param

@@ -9,7 +9,7 @@ from critflow.lengths.boundary import Expansion
 from critflow.lengths.cone import fit_lengths
 from critflow.lengths.lengths_end import newton_error
 from critflow.lengths.taut_edges import OnsetState, newton_taut
-from critflow.lengths.taut_set import polish_taut
+from critflow.lengths.taut_set import placed, polish_taut
 from critflow.linalg.matrices import balanced_part
 from critflow.linalg.saddle import Saddle
 
@@ -80,6 +80,16 @@ def test_the_balanced_part_of_a_stress_is_the_self_stress():
     found = balanced_part(NETWORK, L, sigma, CriticalManifold(NETWORK).hessian)
     np.testing.assert_allclose(found, (sigma @ null) * null, rtol=0, atol=1e-9)
     assert np.abs(g.T @ (found[:, None] * L)).max() < 1e-12
+
+
+def test_slack_vertices_are_placed_where_no_edge_is_long(units):
+    # A slack chain of three edges beside a taut one between pins: straight, all edges have 4/9 of their lengths.
+    chain = Network([[0, 1], [0, 2], [2, 3], [3, 1]], pins={0: [0, 0], 1: [4 * units.length, 0]})
+    lengths, taut = units.length * np.array([4.0, 2, 3, 4]), np.array([True, False, False, False])
+    x = units.length * np.array([[0, 10.0], [4, 10]])
+    found = placed(chain, taut, lengths, chain.bond_vectors(chain.all_coordinates(x)), x, 1e-9)
+    ratios = np.linalg.norm(chain.bond_vectors(chain.all_coordinates(found)), axis=1) / lengths
+    assert (ratios[1:] <= 0.5 * (1 + 4 / 9) * (1 + 1e-9)).all()
 
 
 def test_a_pin_outside_the_stressed_part_leaves_it_in_place():
