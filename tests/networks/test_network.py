@@ -22,6 +22,7 @@ def test_bond_vectors_and_incidence_by_definition(name):
     g = dense_incidence(network)
     np.testing.assert_array_equal(network.incidence.toarray(), g)
     np.testing.assert_array_equal(network.divergence.toarray(), g[:, network.free].T)
+    np.testing.assert_array_equal(np.arange(network.n_vertices)[network.free_rows], network.free)
 
 
 def test_deformation_maps_boundary_and_pins():
