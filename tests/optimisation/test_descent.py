@@ -200,22 +200,26 @@ def test_an_observer_ends_every_part_of_a_method():
     assert solution.status is Status.step_limit and seen == [0, 1, 2]
 
 
-@pytest.mark.parametrize("n_edges", [2, 3])
-@pytest.mark.parametrize("method", ["auto", "lbfgs", "newton"])
-def test_a_modulus_that_is_always_zero_is_an_optimum(method, n_edges):
-    # A ring of edges in line resists no shear.
+def ring(n_edges):
+    """Edges in line, which resist no shear."""
     edges = [[edge, (edge + 1) % n_edges] for edge in range(n_edges)]
     offsets = np.zeros((n_edges, 2), int)
     offsets[-1, 0] = 1
-    ring = Network(edges, offsets, np.eye(2))
-    solution = optimize(ring, "shear_modulus", method, signs="any")
+    return Network(edges, offsets, np.eye(2))
+
+
+@pytest.mark.parametrize("method", ["auto", "lbfgs", "newton"])
+@pytest.mark.parametrize(
+    "network, goal",
+    [(ring(2), "shear_modulus"), (ring(3), "shear_modulus")]
+    + [
+        (ORDINARY, transition_modulus(ORDINARY, strain)) for strain in (np.zeros((2, 2)), np.array([[0.0, 1], [-1, 0]]))
+    ],
+    ids=["ring of two", "ring of three", "no strain", "rotation"],
+)
+def test_a_modulus_that_is_always_zero_is_an_optimum(network, goal, method):
+    solution = optimize(network, goal, method, signs="any")
     assert solution.objective == pytest.approx(0.0, abs=1e-30)
-
-
-@pytest.mark.parametrize("strain", [np.zeros((2, 2)), np.array([[0.0, 1.0], [-1.0, 0.0]])])
-def test_a_strain_that_only_rotates_has_a_modulus_of_zero(strain):
-    goal = transition_modulus(ORDINARY, strain)
-    assert optimize(ORDINARY, goal, signs="any").objective == 0.0
 
 
 @pytest.mark.parametrize("method", ["lbfgs", pytest.param("newton", marks=pytest.mark.sweep), "fire"])
