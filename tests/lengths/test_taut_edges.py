@@ -95,10 +95,10 @@ def test_slack_vertices_are_placed_where_no_edge_is_long(units):
 
 @pytest.mark.parametrize("ratio, length", [(1.5, 1.5), (0.5, 0.75)])
 def test_edges_that_are_too_long_are_shortened_by_the_least_motion(ratio, length):
-    # The end of one edge moves along it, a shorter edge does not count; half way to a ratio of one, or to a ratio above.
+    # The end of an edge moves along it, half the way to a ratio of one, or to a ratio above; short edges do not count.
     one = _shortening(sp.csr_array([[1.0]]), np.array([[3.0, 0]]), np.ones(1), ratio)
     np.testing.assert_allclose(one, [[length - 3, 0]], rtol=1e-12, atol=1e-15)
-    two = _shortening(sp.csr_array([[1.0], [1.0]]), np.array([[0.1, 0], [0, 3.0]]), np.ones(2), ratio)
+    two = _shortening(sp.csr_array([[1.0], [1.0]]), np.array([[0, -0.1], [0, 3.0]]), np.array([9.0, 1]), ratio)
     np.testing.assert_allclose(two, [[0, length - 3]], rtol=1e-12, atol=1e-15)
 
 
