@@ -39,7 +39,7 @@ class Units:
 
 
 # Both ways, since a tolerance may be too small or too large.
-PLAIN, SCALED, INVERSE = Units(), Units(2.0**-18, 2.0**21), Units(2.0**18, 2.0**-21)
+PLAIN, SCALED, INVERSE = Units(), Units(2.0**-18, 2.0**21), Units(2.0**40, 2.0**-21)
 
 
 def same_in_units(table, rtol=0.0, others=(SCALED, INVERSE)):

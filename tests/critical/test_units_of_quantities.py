@@ -90,6 +90,6 @@ test_the_transition_in_other_units = same_in_units(
     | {"quantities": (quantities, NETWORK), "quantities, signed": (partial(quantities, signed=True), NETWORK)}
     | {"quantities in space": (quantities, SPACE), "modes": (modes, NETWORK)}
     | {"backbone": (of_a_backbone, lambda: slack_lattice()[0])},
-    rtol=1e-12,
+    rtol=1e-14,
 )
 test_programs_in_larger_units = same_in_units({"largest": (largest, NETWORK)}, 1e-6, others=[SCALED])

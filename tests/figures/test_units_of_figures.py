@@ -35,5 +35,4 @@ def in_depth(network, units):
 test_figures_in_other_units = same_in_units(
     {name: (lines, NETWORKS[name]) for name in ("voronoi", "oblique", "sheared")}
     | {"space": (in_depth, lambda: foam_network(60, seed=1))},
-    rtol=1e-12,
 )

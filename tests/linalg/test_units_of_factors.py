@@ -49,5 +49,4 @@ test_factors_in_other_units = same_in_units(
         "saddle in space": (partial(saddle, kind=Saddle), NETWORKS["voronoi 3D"]),
         "condensed": (partial(saddle, kind=CondensedSaddle), NETWORK),
     },
-    rtol=1e-9,
 )

@@ -90,5 +90,4 @@ test_responses_in_other_units = same_in_units(
         "stiffening of worms": (partial(growth, law=WormLike(0.2)), lambda: lattice("honeycomb", 3, 3)),
         "stiffening of a taut part": (growth_of_a_taut_part, lambda: slack_lattice()[0]),
     },
-    rtol=1e-12,
 )
