@@ -72,6 +72,8 @@ def test_gradients_and_hessian_products(kind, name, sign):
     if goal.analytic:
         assert has_exact_hessian(manifold, goal)
         gradient = lambda s: evaluate(manifold, goal, s).gradient  # noqa: E731
+        product = here.hessian_product(directions[0])
+        np.testing.assert_allclose(1e-100 * here.hessian_product(1e100 * directions[0]), product, rtol=1e-9, atol=size)
         assert_derivative(gradient, here.hessian_product, sigma, directions, 1e-3, 1e-6, 1e-6 * scale)
     else:
         u, v = directions

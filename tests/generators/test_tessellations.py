@@ -78,6 +78,7 @@ def test_short_vectors_span_the_same_lattice():
     for cell in (
         [[1.0, 0.0], [1e6 + 0.3, 1.0]],
         [[5.0, 3.0], [8.0, 5.0]],
+        [[1.0, 0.0], [0.5, 1.0]],  # short already, since half a vector leaves its length
         [[1, 0.4, 0.3], [7.1, 1, 3.3], [2.2, 9.4, 1]],
     ):
         short, rows = short_cell(np.array(cell))
