@@ -8,8 +8,8 @@ from scipy.optimize import minimize
 from critflow import CriticalManifold, Network, Quantity, SolveError, Status, optimize, voronoi_network
 from critflow.critical.quantity import evaluate
 from critflow.critical.transition import pure_shear, transition_modulus
-from critflow.optimisation.descent import StressObjective
-from critflow.optimisation.minimize import LBFGS, minimise
+from critflow.optimisation.descent import StressObjective, _improves
+from critflow.optimisation.minimize import LBFGS, Minimum, Point, minimise
 from critflow.optimisation.optimize import objective_of
 
 NETWORK = voronoi_network(100, seed=1)
@@ -166,6 +166,29 @@ def test_a_descent_leaves_saddles(n_vertices, seed, threshold, method):
     assert largest_curvature(manifold, goal, np.log(solution.value.sigma)) < 1e-6
     # Vertices with the same neighbours are a symmetry of the start, which leads to the saddle at rough tolerances too.
     assert optimize(manifold, goal, method, tolerance=1e-10).saddles == 1
+
+
+@pytest.mark.parametrize(
+    "first, value, again, other, better",
+    [
+        (Status.stalled, 1.0, Status.ok, 2.0, True),
+        (Status.ok, 1.0, Status.stalled, 0.5, False),
+        (Status.stalled, 1.0, Status.stalled, 0.5, True),
+        (Status.stalled, 1.0, Status.stalled, 2.0, False),
+        (Status.singular, np.inf, Status.stalled, np.inf, True),
+        # An infimum that is only approached: within the sum of the gradient, 0.3, a minimum is no worse, another
+        # approach no better.
+        (Status.edge_collapse, 1.0, Status.ok, 1.2, True),
+        (Status.edge_collapse, 1.0, Status.ok, 1.4, False),
+        (Status.edge_collapse, 1.0, Status.slack_edges, 0.8, False),
+        (Status.edge_collapse, 1.0, Status.slack_edges, 0.6, True),
+    ],
+)
+def test_the_better_of_two_ends(first, value, again, other, better):
+    def end(status, value):
+        return Minimum(Point(np.zeros(3), value, np.array([0.1, -0.1, 0.1]), 0.1), status, 1)
+
+    assert _improves(end(again, other), end(first, value)) == better
 
 
 def test_ends_that_rough_tolerances_leave_untested():
