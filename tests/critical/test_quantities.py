@@ -26,7 +26,7 @@ from critflow import (
     upper_bound,
     voronoi_network,
 )
-from critflow.critical.quantity import evaluate, has_exact_hessian
+from critflow.critical.quantity import evaluate, has_exact_hessian, require_exact_hessian
 from critflow.critical.transition import PenalisedModulus, TransitionModulus, pure_shear, transition_modulus
 from critflow.critical.vocabulary import ALIASES, names
 from critflow.extensions import quantities
@@ -196,6 +196,9 @@ test_unknown_names_are_one_sentence = refused(
 
 def test_bad_quantities_are_refused():
     network = lattice("honeycomb", 2, 2)
+    require_exact_hessian(CriticalManifold(network), quantity(network, "B_0"))
+    with pytest.raises(InputError, match="C_B has none"):
+        require_exact_hessian(CriticalManifold(network), quantity(network, "C_B"))
     with pytest.raises(InputError, match="dimensions"):
         transition_modulus(network, np.eye(3))
 
