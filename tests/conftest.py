@@ -18,6 +18,7 @@ import pytest
 from extras_there import absent, used_by_file
 from hypothesis import settings
 from matplotlib.figure import Figure
+from units import INVERSE, PLAIN, SCALED
 
 
 def pytest_configure(config):
@@ -49,6 +50,12 @@ def pytest_collection_modifyitems(items):
             item.add_marker(pytest.mark.sweep)
     # Files that wait for other processes begin, so that no process is alone with them at the end.
     items.sort(key=lambda item: item.path.parent.name != "workflow")
+
+
+@pytest.fixture(params=[PLAIN, SCALED, INVERSE], ids=str)
+def units(request):
+    """A test runs with lengths near one and stiffnesses of one, and with both far from it."""
+    return request.param
 
 
 @pytest.fixture(autouse=True)

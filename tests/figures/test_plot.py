@@ -3,8 +3,9 @@
 import matplotlib
 import numpy as np
 import pytest
+from matplotlib.collections import PathCollection
 from matplotlib.figure import Figure
-from problems import oblique, random_stress, sheared, slack_lattice
+from problems import critical_of, oblique, pinned_grid, random_stress, sheared, slack_lattice
 from scipy.spatial import cKDTree
 
 from critflow import CriticalManifold, foam_network, lattice, voronoi_network
@@ -171,3 +172,35 @@ def test_slack_edges_are_drawn_grey_below_the_taut_part():
     assert (np.asarray(taut.get_array()) > 0).all()
     assert slack.get_zorder() < taut.get_zorder()
     assert max(slack.get_linewidths()) < min(taut.get_linewidths()) + 0.1
+
+
+def test_pinned_networks_are_drawn_with_a_margin_and_their_pins(units):
+    critical = critical_of(units.network(pinned_grid()))
+    network, x = critical.network, critical.coordinates
+    for thing in (critical, network):
+        axes = draw(thing)
+        x = critical.coordinates if thing is critical else network.positions
+        margin = 0.03 * np.ptp(x, axis=0).max()
+        for limits, along in ((axes.get_xlim(), x[:, 0]), (axes.get_ylim(), x[:, 1])):
+            np.testing.assert_allclose(limits, (along.min() - margin, along.max() + margin), rtol=1e-12)
+        drawn = np.concatenate([each.get_segments() for each in axes.collections if len(each.get_segments())])
+        at = np.sort(x[network.edges].reshape(network.n_edges, -1), axis=0)
+        np.testing.assert_allclose(np.sort(drawn.reshape(network.n_edges, -1), axis=0), at, rtol=1e-12)
+        np.testing.assert_array_equal(axes.lines[0].get_xydata(), x[list(network.pins)])
+
+
+@pytest.mark.parametrize("make", [pinned_grid, lambda: voronoi_network(20, seed=1)], ids=["pins", "cell"])
+def test_values_of_vertices_are_areas_of_discs(make):
+    network = make()
+    values = np.linspace(-1.0, 2.0, network.n_vertices)
+    axes = draw(network, vertices=values)
+    discs = next(each for each in axes.collections if isinstance(each, PathCollection))
+    sizes, fraction = discs.get_sizes(), np.clip(values, 0, None) / 2
+    np.testing.assert_allclose(sizes, sizes.max() * fraction, rtol=1e-12)
+    assert 10 < sizes.max() <= 90
+    places = (
+        network.positions
+        if network.cell is None
+        else network.positions @ np.linalg.inv(network.cell) % 1 @ network.cell
+    )
+    np.testing.assert_allclose(discs.get_offsets(), places, rtol=0, atol=1e-12)
