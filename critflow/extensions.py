@@ -92,6 +92,7 @@ def _extra(name: str, commands: dict[str, dict[str, str]] | None = None, **entri
     return Extra(name, commands={one: Command(**entry) for one, entry in (commands or {}).items()}, **entries)
 
 
+@cache
 def quantities() -> dict[str, str]:
     """Quantities of all extras: "module:factory" by name."""
     return {name: f"{one.package}.{place}" for one in extras().values() for name, place in one.quantities.items()}

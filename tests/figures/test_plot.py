@@ -8,7 +8,7 @@ from matplotlib.figure import Figure
 from problems import critical_of, oblique, pinned_grid, random_stress, sheared, slack_lattice
 from scipy.spatial import cKDTree
 
-from critflow import CriticalManifold, foam_network, lattice, voronoi_network
+from critflow import CriticalManifold, draw, foam_network, lattice, voronoi_network
 from critflow.figures.plot import (
     draw_in_depth,
     draw_network,
