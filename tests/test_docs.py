@@ -266,7 +266,8 @@ DRAWN = [path for path in sorted((DOCS / "pictures").glob("*.py")) if COMPLETE o
 def test_a_committed_picture_is_the_one_of_its_script(script, tmp_path, monkeypatch):
     skip_without(mentioned(script.read_text(encoding="utf-8")))
     monkeypatch.setattr(sys, "argv", [str(script), str(tmp_path / "made.png")])
-    with matplotlib.rc_context(matplotlib.rcParamsDefault | {"backend": "Agg"}):
+    agg = matplotlib.rcParamsDefault | {"backend": "Agg"}
+    with left_out_without_services(), matplotlib.rc_context(agg):
         runpy.run_path(str(script), run_name="__main__")
     made, committed = reduced(tmp_path / "made.png"), reduced(script.with_suffix(".png"))
     assert made.shape == committed.shape
