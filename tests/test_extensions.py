@@ -16,8 +16,10 @@ def without(monkeypatch):
     def remove(extra):
         rest = {name: one for name, one in extensions.extras().items() if name != extra}
         monkeypatch.setattr(extensions, "extras", lambda: rest)
+        extensions.quantities.cache_clear()
 
-    return remove
+    yield remove
+    extensions.quantities.cache_clear()
 
 
 def test_the_list_of_names_is_that_of_the_declarations():
