@@ -1,6 +1,7 @@
 """How extras join the scene: each is a folder of `critflow/extras`, and its file `extra.toml` declares what it adds.
 
     needs       other extras that it imports
+    numeric     false where nothing of it decides the numbers of a study
     kinds       classes of the scene that its package teaches to functions which are `extensible`
     quantities  name, such as "onset[D]" -> "module:factory" within its folder, as in `critical.vocabulary`
     commands    name -> "module:function" within its folder
@@ -43,6 +44,7 @@ class Extra:
 
     name: str
     needs: list[str] = field(default_factory=list)
+    numeric: bool = True
     kinds: list[str] = field(default_factory=list)
     quantities: dict[str, str] = field(default_factory=dict)
     commands: dict[str, Command] = field(default_factory=dict)

@@ -54,18 +54,24 @@ def test_no_file_names_the_machine_its_user_or_its_folders(tmp_path, run):
 
 def test_the_digest_of_the_library_is_that_of_the_modules_that_decide_numbers(tmp_path, monkeypatch):
     monkeypatch.setattr(provenance, "_PACKAGE", tmp_path)
-    names = ("critical/manifold.py", "workflow/plan.py", "workflow/study.py", "workflow/run.py", "figures/plot.py")
-    names += ("command/main.py", "explore/server.py", "examination/examine.py", "studies/ensemble.py")
+    names = ("critical/manifold.py", "workflow/plan.py", "workflow/study.py", "extras/anything/state.py")
+    names += (
+        "workflow/run.py",
+        "figures/plot.py",
+        "command/main.py",
+        "extras/explore/server.py",
+        "studies/ensemble.py",
+    )
     changes = {}
     for name in names:
-        (tmp_path / name).parent.mkdir(exist_ok=True)
+        (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
         (tmp_path / name).write_text("1")
     first = provenance.libraries.__wrapped__()["critflow"]
     for name in names:
         (tmp_path / name).write_text("2")
         changes[name] = provenance.libraries.__wrapped__()["critflow"] != first
         (tmp_path / name).write_text("1")
-    assert [name for name in names if changes[name]] == list(names[:3])
+    assert [name for name in names if changes[name]] == list(names[:4])
 
 
 def git(folder, *words):
