@@ -53,3 +53,14 @@ def test_a_quantity_of_an_extra_that_is_not_installed(without):
     with pytest.raises(InputError, match=r"and modulus\[D\] or stiffening\[D\] of a deformation D: ") as error:
         quantity(network, "nonsense")
     assert "onset" not in str(error.value)
+
+
+def test_what_an_extra_writes_in_brackets_goes_to_its_factory(monkeypatch):
+    """Names in other words than EDGE, FACE and D, such as a pair of vertices."""
+    declared = {"share[I-J]": "critflow.critical.variances:edge_length"}
+    monkeypatch.setattr("critflow.critical.vocabulary.quantities", lambda: declared)
+    network = lattice("honeycomb", 2, 2)
+    with pytest.raises(ValueError, match="3-5:1:0"):  # this factory knows whole numbers alone
+        quantity(network, "share[3-5:1:0]")
+    with pytest.raises(InputError, match=r"did you mean 'share\[I-J\]'.*area\[FACE\], share\[I-J\], and modulus"):
+        quantity(network, "shar[3-5]")
