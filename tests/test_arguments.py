@@ -87,6 +87,7 @@ OF_FUNCTION = {
     "isotropic_targets": {"youngs_modulus": 1.0, "poissons_ratio": 0.2},
     "prune_towards": {"targets": {"B_0": 0.1}},
     "properties": {"quantities": ["B_0"]},
+    "local_response": {"source": (0, 3), "targets": [(1, 4)]},
     "quantity": {"name": "B_0"},
     "upper_bound": {"name": "B_0"},
     "pareto": {"objectives": {"B_0": "largest", "V_L": "smallest"}, "start": np.ones(6), "n": 2},
