@@ -243,19 +243,6 @@ def vanishes(F: Array, moment: Array, A: Array) -> bool:
     return bool(np.trace(F @ moment @ F.T) <= ISOTROPIC**2 * np.sum(A**2) * np.trace(moment))
 
 
-def strain_components(A: Array) -> Array:
-    """The components (m,) of a symmetric strain A (d, d) in `strain_basis`: engineering shears are doubled."""
-    return np.asarray(_component_weights(len(A)) @ A.ravel())
-
-
-@cache
-def _component_weights(dimension: int) -> Array:
-    """The matrix (m, d²) from the entries of a strain to its components."""
-    strains = strain_basis(dimension)[1]
-    doubled = np.where(np.einsum("nii->n", strains) > 0, 1, 2)
-    return np.asarray(strains.reshape(len(strains), -1) * doubled[:, None])
-
-
 def dilation(dimension: int) -> Array:
     """The affine strain of dV/V = γ to first order, A = 1/d: its modulus is B_0 (`BulkModulus`)."""
     return np.eye(dimension) / dimension

@@ -9,7 +9,8 @@ modulus[D]           modulus of a deformation D, such as modulus[uniaxial]
 stiffening[D]        its derivative with respect to the strain
 length[α] area[f]    length of an edge, area of a face
 
-Extras add names, such as onset[D], by their declarations.
+Extras add names, such as onset[D], by their declarations; what they call by other words than D, EDGE and FACE in
+brackets goes to the factory as it is written.
 """
 
 from __future__ import annotations
@@ -59,13 +60,13 @@ ALIASES = {
 }
 """Long spellings of names."""
 
-_INDEXED = re.compile(r"(\w+)\[(\w+)\]")
+_INDEXED = re.compile(r"(\w+)\[([^\[\]]+)\]")
 
 
 def quantity(network: Network, name: str | Quantity) -> Quantity:
     """The quantity of a name, or the given quantity itself.
 
-    network  that it is of, or what holds one; only its dimension, edges and faces matter
+    network  of the quantity, or an object that has one; only its dimension, edges and faces matter
 
     Raises `InputError` for unknown names, with the nearest right one and the list.
 
@@ -83,12 +84,19 @@ def quantity(network: Network, name: str | Quantity) -> Quantity:
     if place is None and (match := _INDEXED.fullmatch(symbol)):
         stem, argument = match.groups()
         kind, factory = indexed.get(stem, ("", ""))
-        if (kind in ("EDGE", "FACE") and argument.isdecimal()) or (kind == "D" and argument in DEFORMATIONS):
+        if factory and _fits(kind, argument):
             place = factory
     if place is None:
         raise InputError(_unknown(network, name))
     found: Quantity = named(place)(network, argument)
     return found
+
+
+def _fits(kind: str, argument: str) -> bool:
+    """Whether the text in brackets is of a kind; that of other kinds is the business of their factories."""
+    if kind in ("EDGE", "FACE"):
+        return argument.isdecimal()
+    return kind != "D" or argument in DEFORMATIONS
 
 
 def _plain(dimension: int) -> dict[str, str]:
@@ -120,8 +128,9 @@ def _unknown(network: Network, name: str) -> str:
     hint = f"did you mean {nearest[0]!r}? " if nearest else ""
     plainest = ", ".join(name for name in listed if len(name) < 6 and name[:2] not in ("S_", "C_")) + ", C_B, C_G"
     *deformed, last = [f"{stem}[D]" for stem, (kind, _) in _indexed().items() if kind == "D"]
+    indexed = ", ".join(f"{stem}[{kind}]" for stem, (kind, _) in _indexed().items() if kind != "D")
     return (
-        f"no quantity is called {name!r:.40}: {hint}choose from {plainest}, S_xx, C_xxyy, length[EDGE], area[FACE], "
+        f"no quantity is called {name!r:.40}: {hint}choose from {plainest}, S_xx, C_xxyy, {indexed}, "
         f"and {', '.join(deformed)} or {last} of a deformation D: {', '.join(DEFORMATIONS)}"
     )
 

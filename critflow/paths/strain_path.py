@@ -161,7 +161,7 @@ def strain_path(
 
     >>> import critflow as cf
     >>> network = cf.voronoi_network(n_vertices=20, seed=1)
-    >>> path = cf.strain_path(cf.optimize(network, 'bulk_modulus'), [0.001, 0.002]).value
+    >>> path = cf.strain_path(cf.optimize(network, 'B_0'), [0.001, 0.002]).value
     >>> path.bulk_modulus.round(6)
     array([0.296637, 0.296489])
     """

@@ -85,7 +85,7 @@ def equilibrium(
 
     >>> import critflow as cf
     >>> network = cf.voronoi_network(n_vertices=20, seed=1)
-    >>> critical = cf.optimize(network, 'bulk_modulus').value
+    >>> critical = cf.optimize(network, 'B_0').value
     >>> state = cf.spring_state(network, 0.95 * critical.lengths, critical.coordinates)
     >>> cf.equilibrium(state).ok
     True

@@ -9,7 +9,6 @@ from critflow.workflow.load import load_study
 SETTINGS = {
     "boundary": {"n_vertices=7": "n_vertices"},
     "design_curves": {"n_vertices=7": "n_vertices"},
-    "design_fronts": {"fronts=colour": "colour", "least_stress=1": "least_stress", "points=1": "points"},
     "design_poisson": {"ratios=1": "between -1 and 1"},
     "design_reach": {"directions=2": "at least 3"},
     "design_stiffening": {"sources=colour": "colour"},

@@ -14,10 +14,10 @@ from itertools import product
 import numpy as np
 
 from critflow.critical.manifold import CriticalManifold
-from critflow.critical.transition import dilation, largest_value, modulus_form, pure_shear, strain_components
+from critflow.critical.transition import dilation, largest_value, modulus_form, pure_shear
 from critflow.extras.targets.problem import Target
 from critflow.extras.targets.stress_form import StressForm, stress_form
-from critflow.networks.deformation import strain_basis
+from critflow.networks.deformation import strain_basis, strain_components
 from critflow.networks.network import Array
 from critflow.optimisation.largest_modulus import largest_modulus
 from critflow.result import InputError
