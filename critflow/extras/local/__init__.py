@@ -1,0 +1,1 @@
+"""The response of one pair of vertices to another at the transition: allostery by geometry alone."""
