@@ -31,7 +31,7 @@ from critflow.paths.unknowns import unknowns_of
 from critflow.progress import counted, running
 from critflow.response.tensor import Elasticity
 from critflow.result import InputError, Record, Solution, Stats, Status
-from critflow.springs.equilibrium import relaxation_method
+from critflow.springs.equilibrium import FINEST_TOLERANCE, relaxation_method
 from critflow.springs.laws import SpringLaw
 from critflow.springs.state import SpringState
 from critflow.threads import one_blas_thread
@@ -111,7 +111,7 @@ class PathSolver:
     """
 
     method: str = "auto"
-    tolerance: float = 1e-14
+    tolerance: float = FINEST_TOLERANCE
     pattern: FixedPattern | None = None
 
 

@@ -54,6 +54,9 @@ _BLOCK = 4_000_000
 class EdgeLeverage(Record):
     """A quantity after cutting each edge with the stress of the others unchanged; NaN where the cut opens the network.
 
+    Numbers in the name are those of edges and faces of the network given; cutting an edge that it names, or one of the
+    sides of a face, leaves NaN.
+
     quantity  name
     before    value of the quantity
     after     (N_b,) values after the cut of each edge
@@ -222,6 +225,19 @@ class Part:
         return manifold
 
 
+def value_of_part(measured: Quantity, network: Network, kept: Mask, sigma: Array, L: Array) -> float:
+    """A quantity of the kept edges, with edges and faces numbered as in the network; NaN where it names a cut one."""
+    length = norms(L)
+    # Edges that hang on one vertex have no length: they are as good as cut.
+    present = kept & (length > NO_LENGTH * length[kept].mean())
+    of_part = measured.in_part(network, kept)
+    if of_part is None or measured.in_part(network, present) is None:
+        return np.nan
+    with np.errstate(all="ignore"):
+        # Edges without length have no gradient.
+        return of_part.evaluate(Part(network, kept, sigma, L))[0]
+
+
 def values_after(
     measured: Quantity,
     network: Network,
@@ -263,9 +279,7 @@ def values_after(
         length = norms(there)
         # Without stress nothing has a length: the rest collapses to a point.
         if length[rest].max(initial=0.0) > NO_LENGTH * norms(L).max():
-            with np.errstate(all="ignore"):
-                # Edges that hang on one vertex have no length, and no gradient.
-                value[n] = measured.evaluate(Part(network, rest, sigma, there))[0]
+            value[n] = value_of_part(measured, network, rest, sigma, there)
         rest[edges[n]] = kept[edges[n]]
     return value
 
