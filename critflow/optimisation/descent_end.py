@@ -13,7 +13,8 @@ In units in which Σσ² = N_b, the mean length ⟨|L|⟩ is 1 and the quantity 
     stalled        one of these where σ < FADED                                 the last configuration; O
     slack_edges    σ < FADED with ∂f/∂θ > 0: these edges fall slack             the last sound one; limit of O
     edge_collapse  |L| < COLLAPSING under tension with ∂f/∂θ < 0: they vanish   the last sound one; limit of O
-    singular       P nearly singular for TRAPPED steps (stresses of any sign)   the last regular one; the last O
+    singular       P singular, or nearly so for TRAPPED steps (stresses of      the last regular one; the last O
+                   any sign)
     any other      the last stress has no configuration, as a singular start    NaN; NaN
 
 A descent ends as slack_edges or edge_collapse only where the gradient of all other edges is small,

@@ -59,7 +59,8 @@ def optimize(
                modulus; "conic" for the length variance, exactly; "auto": the cheapest that reaches the tolerance
     signs      "positive": every edge under tension; "any": compression too, and "G_0" without penalty
     start      initial σ, (N_b,); 1 on every edge by default
-    tolerance  of the largest dO/dσ in units of O; saddles are left above 1e-12 from symmetric starts, above 1e-8 never
+    tolerance  of the largest dO/dσ in units of O; an end is tested for a saddle below 1e-12, and from symmetric starts
+               below 1e-8
     max_steps  limit of the steps from each start, in all parts of the method together
     starts     number of starts; from the second on random, |N(0, 1)|, drawn from `rng`; the best optimum is returned
     observe    called with (step, value, σ, L) at the start and after every step of a descent; when it returns a true
