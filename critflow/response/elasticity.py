@@ -26,7 +26,7 @@ from critflow.networks.network import Network
 from critflow.progress import running
 from critflow.response.at_transition import elasticity_at_transition
 from critflow.response.linear_response import linear_response
-from critflow.response.tensor import Elasticity, Errors
+from critflow.response.tensor import Elasticity, LateErrors
 from critflow.result import InputError, Solution, Stats, Status
 from critflow.springs.laws import HOOKEAN, SpringLaw
 from critflow.springs.state import SpringState
@@ -163,7 +163,7 @@ def total_response(parts: Sequence[ElasticResponse]) -> ElasticResponse:
     tensor, affine, stress = (
         np.sum([getattr(value, name) for value in values], axis=0) for name in ("tensor", "affine", "stress")
     )
-    errors, bulk = Errors.total([value.errors for value in values]), sum(value.bulk for value in values)
+    errors, bulk = LateErrors.total([value.errors for value in values]), sum(value.bulk for value in values)
     failed = [part for part in parts if not (part.ok or part.status is Status.floppy)]
     worst = (failed or [part for part in parts if part.ok] or parts)[0]
     return ElasticResponse(
