@@ -30,6 +30,7 @@ from critflow.threads import one_blas_thread
 
 _TENSORS = "critflow.critical.transition:tensor_quantity"
 _VARIANCES = "critflow.critical.variances"
+_LENGTHS = "critflow.critical.lengths_and_areas"
 _STIFFENING = "critflow.response.stiffening_quantity"
 
 FACTORIES = {
@@ -41,8 +42,8 @@ FACTORIES = {
     "V_tau": f"{_VARIANCES}:variance",
     "S_AXES": _TENSORS,
     "C_AXES": _TENSORS,
-    "length[EDGE]": f"{_VARIANCES}:edge_length",
-    "area[FACE]": f"{_VARIANCES}:face_area",
+    "length[EDGE]": f"{_LENGTHS}:edge_length",
+    "area[FACE]": f"{_LENGTHS}:face_area",
     "modulus[D]": "critflow.critical.transition:transition_modulus",
     "stiffening[D]": f"{_STIFFENING}:stiffening_along",
 }

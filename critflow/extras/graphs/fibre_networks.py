@@ -17,10 +17,10 @@ from numpy.typing import NDArray
 
 from critflow.arguments import generator, of_kind, shown
 from critflow.extras.graphs.dilution import diluted, with_coordination
-from critflow.generators.lattices import lattice, periodic_network
+from critflow.generators.lattices import lattice
 from critflow.networks.blocks import components
 from critflow.networks.checks import check_size
-from critflow.networks.network import Array, IntArray, Network
+from critflow.networks.network import Array, IntArray, Network, periodic_network
 from critflow.networks.pruning import CarryingPart, carrying_part, pruned
 from critflow.progress import running
 from critflow.result import InputError
