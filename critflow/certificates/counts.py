@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from critflow.arguments import of_kind
+from critflow.calls import running
 from critflow.certificates.prestress import stable_margin
 from critflow.certificates.spectrum import ITERATION_ERROR, Spectrum, edge_without_length, rounding_note
 from critflow.critical.backbone import Mask, backbone, taut_edges, taut_networks
@@ -24,9 +25,7 @@ from critflow.linalg.saddle import Saddle, positive
 from critflow.linalg.tolerances import LARGEST_DENSE
 from critflow.networks.checks import edge_values
 from critflow.networks.network import Array, IntArray, Network, validated_coordinates
-from critflow.progress import running
 from critflow.result import InputError, Record, Solution, Stats, Status
-from critflow.threads import one_blas_thread
 
 # Unbalanced forces below this, relative to the mean tension, are those of a self-stress: configurations from σ leave
 # 1e-15, coordinates of eight digits 1e-8.
@@ -82,7 +81,6 @@ class ZeroModes(Record):
 
 
 @running("rigidity")
-@one_blas_thread()
 def rigidity(
     network: Network,
     coordinates: ArrayLike,
@@ -185,7 +183,6 @@ def _total(network: Network, parts: Sequence[tuple[Rigidity, IntArray]]) -> Rigi
 
 
 @running("zero_modes")
-@one_blas_thread()
 def zero_modes(network: Network, coordinates: ArrayLike, tolerance: float | None = None) -> Solution[ZeroModes]:
     """All zero modes of a configuration (N_v, d), separate from the translations of a periodic network.
 
@@ -250,7 +247,6 @@ class StressSpace(Record):
 
 
 @running("self_stresses")
-@one_blas_thread()
 def self_stresses(critical: CriticalConfiguration, tolerance: float | None = None) -> Solution[StressSpace]:
     """The space of all stresses that give the same configuration as a critical one.
 
@@ -330,7 +326,6 @@ class Certificate(Record):
 
 
 @running("certify")
-@one_blas_thread()
 def certify(critical: CriticalConfiguration) -> Certificate:
     """Check a critical configuration from its coordinates and stresses alone; of slack ones the taut part.
 

@@ -19,14 +19,13 @@ import re
 from difflib import get_close_matches
 
 from critflow.arguments import of_kind
+from critflow.calls import running
 from critflow.critical.manifold import CriticalManifold
 from critflow.critical.quantity import Quantity
 from critflow.extensions import missing, named, quantities
 from critflow.networks.deformation import DEFORMATIONS, strain_basis
 from critflow.networks.network import Network
-from critflow.progress import running
 from critflow.result import InputError
-from critflow.threads import one_blas_thread
 
 _TENSORS = "critflow.critical.transition:tensor_quantity"
 _VARIANCES = "critflow.critical.variances"
@@ -137,7 +136,6 @@ def _unknown(network: Network, name: str) -> str:
 
 
 @running("upper_bound")
-@one_blas_thread()
 def upper_bound(network: Network | CriticalManifold, name: str | Quantity, signs: str = "positive") -> float:
     """The largest possible value of a quantity over all stresses of a network in closed form; infinite without one.
 
