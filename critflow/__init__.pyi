@@ -2,7 +2,7 @@
 
 from .certificates.counts import certify as certify
 from .certificates.counts import rigidity as rigidity
-from .certificates.counts import self_stresses as self_stresses
+from .certificates.spaces import self_stresses as self_stresses
 from .critical.isogonal import isogonal_modes as isogonal_modes
 from .critical.manifold import CriticalConfiguration as CriticalConfiguration
 from .critical.manifold import CriticalManifold as CriticalManifold

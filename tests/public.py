@@ -11,7 +11,7 @@ NAMES = sorted(critflow.__all__)
 """The names at the top level."""
 
 IN_MODULES = {
-    "certificates.counts": ("zero_modes",),
+    "certificates.spaces": ("zero_modes",),
     "critical.backbone": ("backbone",),
     "critical.isogonal": ("face_modes",),
     "critical.properties": ("stress_hessian", "flat_directions"),

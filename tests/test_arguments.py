@@ -14,16 +14,7 @@ from problems import square_octagon
 from public import NAMES, checked_functions
 
 import critflow
-from critflow import (
-    CritflowError,
-    CriticalManifold,
-    InputError,
-    Network,
-    lattice,
-    progress,
-    spring_state,
-    threads,
-)
+from critflow import CritflowError, CriticalManifold, InputError, Network, calls, lattice, spring_state
 from critflow.arguments import generator, of_kind
 
 NETWORK = square_octagon()
@@ -162,9 +153,9 @@ def test_a_function_that_may_take_long_shows_its_name_and_sets_the_threads(name,
         names.append("threads")
         raise Computing
 
-    monkeypatch.setattr(progress, "_visible", lambda: True)
-    monkeypatch.setattr(progress._LINE, "begin", names.append)
-    monkeypatch.setattr(threads, "_controller", controller)
+    monkeypatch.setattr(calls, "_visible", lambda: True)
+    monkeypatch.setattr(calls._LINE, "begin", names.append)
+    monkeypatch.setattr(calls, "_controller", controller)
     with pytest.raises(Computing):
         FUNCTIONS[name]()
     assert names == [name, "threads"]

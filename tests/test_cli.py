@@ -15,7 +15,7 @@ from extras_there import absent
 from critflow import extensions
 from critflow.command import subcommands
 from critflow.command.main import main
-from critflow.workflow import workers
+from critflow.workflow import distribution
 
 TINY = str(Path(__file__).parent / "workflow" / "tiny_study.py")
 
@@ -132,7 +132,8 @@ def digest(folder):
 @pytest.mark.parametrize("mistake", MISTAKES)
 def test_a_mistake_gives_its_exit_code_and_one_sentence_and_writes_nothing(here, results, capsys, monkeypatch, mistake):
     words, code, word = MISTAKES[mistake]
-    monkeypatch.setattr(workers, "Client", lambda *where, **options: Client(*where, **(options | {"timeout": 0.3})))
+    soon = {"timeout": 0.3}
+    monkeypatch.setattr(distribution, "Client", lambda *where, **options: Client(*where, **(options | soon)))
     before = digest(here)
     assert main([text.replace("RESULTS", str(results)) for text in words]) == code
     out, err = capsys.readouterr()

@@ -33,7 +33,7 @@ from random_problems import a_problem, numbers
 
 import critflow
 from critflow import CritflowError, CriticalManifold, PowerLaw, WormLike
-from critflow.certificates.counts import zero_modes
+from critflow.certificates.spaces import zero_modes
 from critflow.critical.backbone import backbone
 from critflow.critical.isogonal import face_modes
 from critflow.critical.properties import flat_directions, stress_hessian

@@ -18,7 +18,7 @@ SOURCES = {
 }
 # The scene: each layer imports only those before it.
 LAYERS = (
-    *("result", "progress", "threads", "arguments", "extensions", "networks", "generators", "linalg", "precision"),
+    *("result", "calls", "arguments", "extensions", "networks", "generators", "linalg", "precision"),
     *("critical", "certificates", "lengths", "optimisation", "springs", "response", "paths"),
     *("workflow", "figures", "extras", "command", "__main__"),
 )
@@ -37,11 +37,10 @@ ALLOWED = {
 }
 # Modules that may import a solver package, guard it from other threads or, for the C library MKL, search the disk.
 SOLVERS = {
+    "critflow.calls": {"contextlib", "sys", "threading", "threadpoolctl", "time"},
     "critflow.linalg.backends": {"qdldl"},
     "critflow.extensions": {"importlib", "pathlib", "tomllib"},
     "critflow.linalg.factor": {"threading"},
-    "critflow.progress": {"contextlib", "sys", "threading", "time"},
-    "critflow.threads": {"contextlib", "threadpoolctl"},
     "critflow.lengths.cone": {"clarabel"},
 }
 

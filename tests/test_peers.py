@@ -27,7 +27,7 @@ from critflow import (
     strain_path,
     voronoi_network,
 )
-from critflow.certificates.counts import zero_modes
+from critflow.certificates.spaces import zero_modes
 from critflow.extras.design_stiffness.stiffnesses import isotropic_targets
 from critflow.extras.tensegrity.second_order import second_order_rigidity
 from critflow.extras.weak.soft_spectrum import soft_spectrum

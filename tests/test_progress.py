@@ -10,14 +10,14 @@ import pytest
 PREPARED = """
 import sys, time
 import critflow
-from critflow import progress
-progress.PATIENCE, progress.PERIOD = 0.0, 0.02
-@progress.running("inner")
+from critflow import calls
+calls.PATIENCE, calls.PERIOD = 0.0, 0.02
+@calls.running("inner")
 def inner(step: int) -> None:
     time.sleep(0.1)
-@progress.running("outer")
+@calls.running("outer")
 def outer(n: int) -> None:
-    for step in progress.counted(range(n), "step"):
+    for step in calls.counted(range(n), "step"):
         inner(step)
 """
 IN_A_THREAD = "import threading\nt = threading.Thread(target=outer, args=(3,)); t.start(); t.join()"
@@ -50,7 +50,7 @@ def test_a_terminal_shows_the_outermost_call_and_its_part_and_erases_them():
     assert written.rstrip().endswith("0 s\r\x1b[Kdone")
 
 
-@pytest.mark.parametrize("code", [IN_A_THREAD, IN_A_WORKER, "progress.PATIENCE = 9\nouter(3)"])
+@pytest.mark.parametrize("code", [IN_A_THREAD, IN_A_WORKER, "calls.PATIENCE = 9\nouter(3)"])
 def test_threads_workers_and_short_calls_write_nothing(code):
     assert on_a_terminal(code) == ""
 

@@ -16,12 +16,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from critflow.arguments import of_kind
+from critflow.calls import running
 from critflow.critical.manifold import CriticalConfiguration, CriticalManifold, critical_configuration
 from critflow.networks.blocks import components as connected
 from critflow.networks.network import IntArray, Network
-from critflow.progress import running
 from critflow.result import InputError, Record
-from critflow.threads import one_blas_thread
 
 Mask = NDArray[np.bool_]
 
@@ -68,7 +67,6 @@ class Backbone(Record):
 
 
 @running("backbone")
-@one_blas_thread()
 def backbone(critical: CriticalConfiguration) -> Backbone:
     """The stressed edges, σ ≠ 0, of a critical configuration, as networks of their own.
 

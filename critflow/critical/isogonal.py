@@ -25,14 +25,13 @@ import scipy.sparse as sp
 from numpy.typing import ArrayLike
 
 from critflow.arguments import of_kind
+from critflow.calls import running
 from critflow.critical.manifold import CriticalConfiguration, critical_configuration
 from critflow.linalg.matrices import spread_columns
 from critflow.linalg.tolerances import LARGEST_DENSE
 from critflow.networks.checks import edge_values
 from critflow.networks.network import Array, Network
-from critflow.progress import running
 from critflow.result import InputError, Record, Solution, Stats, Status
-from critflow.threads import one_blas_thread
 
 FLAT_TRIANGLE = 1e-12  # twice the area of a degenerate force triangle, over the square of the mean tension
 
@@ -171,7 +170,6 @@ def face_modes(critical: CriticalConfiguration) -> IsogonalModes:
 
 
 @running("isogonal_modes")
-@one_blas_thread()
 def isogonal_modes(critical: CriticalConfiguration, tolerance: float = 1e-8) -> IsogonalModes:
     """The isogonal modes of any small planar configuration, orthonormal in the displacements of the free vertices.
 

@@ -18,13 +18,12 @@ import numpy as np
 from scipy.sparse.linalg import LinearOperator
 
 from critflow.arguments import of_kind
+from critflow.calls import running
 from critflow.critical.manifold import CriticalConfiguration, require_one_self_stress
 from critflow.critical.quantity import Quantity, evaluate, has_exact_hessian
 from critflow.critical.vocabulary import quantity
 from critflow.networks.network import Array
-from critflow.progress import running
 from critflow.result import InputError, Record
-from critflow.threads import one_blas_thread
 
 FLAT = 1e-9  # eigenvalues of a stress Hessian below this part of the largest are zero; rounding leaves about 1e-13
 DENSE_EDGES = 2000  # most edges for all eigenvalues of a stress Hessian: 32 MB and some seconds
@@ -48,7 +47,6 @@ class Properties(Record):
 
 
 @running("properties")
-@one_blas_thread()
 def properties(critical: CriticalConfiguration, quantities: Sequence[str | Quantity] | str | Quantity) -> Properties:
     """Quantities of a critical configuration with their errors and exact gradients by σ and by k.
 
@@ -101,7 +99,6 @@ class FlatDirections(Record):
 
 
 @running("stress_hessian")
-@one_blas_thread()
 def stress_hessian(critical: CriticalConfiguration, name: str | Quantity = "B_0") -> LinearOperator:
     """∂²O/∂σ∂σ at Σσ² = N_b, configuration following σ, as an operator (N_b, N_b) (`BulkModulusHessian`).
 
@@ -122,7 +119,6 @@ def stress_hessian(critical: CriticalConfiguration, name: str | Quantity = "B_0"
 
 
 @running("flat_directions")
-@one_blas_thread()
 def flat_directions(
     critical: CriticalConfiguration, name: str | Quantity = "B_0", tolerance: float = FLAT
 ) -> FlatDirections:

@@ -8,6 +8,18 @@ that one of them serves a network and its parts alike.
 The derivatives of the partial derivatives p along (σ̇, L̇) are Im p(σ + ihσ̇, L + ihL̇)/h: no difference is taken, so
 that h can be tiny and the result exact to rounding.  `evaluate` must be analytic: √ΣL² in place of a norm, sums of
 products in place of np.vdot, neither abs, float nor the real part of a number that depends on σ or L.
+
+Each quantity has a natural unit: absolute tolerances hold in it, so that results do not depend on the units of the
+user.  A descent minimises ±O over the unit, a target has an error relative to its size, and at least to a hundredth of
+the unit.  With the mean stiffness ⟨k⟩ and the length s = (V/N_v)^(1/d), `Network.spacing`, the units are
+
+    ⟨k⟩ s^(2 − d)   moduli: B_0, G_0, C_B, components of the tensor
+    √⟨k⟩ s          components S_xx, S_xy, ... of the stress S/√D
+    s, s²           lengths of edges, areas of faces
+    1               V_L, V_τ
+
+A stress σ has Σσ² = N_b; its scale changes no configuration.  A state of springs has the units of its energy instead,
+`SpringState.stiffness_scale` and `length_scale`: the mean stiffness as stretched, and the mean length at rest.
 """
 
 from __future__ import annotations
@@ -20,7 +32,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from critflow.critical.manifold import Balance, CriticalConfiguration, CriticalManifold
-from critflow.critical.units import modulus_unit
 from critflow.linalg.tolerances import EPS
 from critflow.linalg.vectors import quasi_random
 from critflow.networks.network import Array, Network
@@ -127,7 +138,7 @@ class Quantity(Record, ABC):
         return self
 
     def unit(self, network: Network) -> float:
-        """The natural unit of the values on a network (`critflow.critical.units`): 1 by default."""
+        """The natural unit of the values on a network (table of this module): 1 by default."""
         return 1.0
 
     def preconditioner(self, balance: Balanced) -> Array | float:
@@ -142,7 +153,8 @@ class SpringResponse(Quantity):
     elastic: ClassVar[bool] = True
 
     def unit(self, network: Network) -> float:
-        return modulus_unit(network)
+        d = network.dimension
+        return float(network.stiffness.mean()) * (1.0 if d == 2 else network.spacing ** (2 - d))
 
 
 @dataclass(frozen=True, eq=False)

@@ -20,7 +20,6 @@ import scipy.linalg
 from critflow.arguments import of_kind
 from critflow.critical.manifold import CriticalManifold
 from critflow.critical.quantity import Balanced, Partials, SpringResponse
-from critflow.critical.units import stress_unit
 from critflow.linalg.vectors import dot
 from critflow.networks.deformation import Deformable, deformation_of, strain_basis
 from critflow.networks.network import Array, Network
@@ -170,7 +169,7 @@ class StressComponent(SpringResponse):
         return (0.0 if positive and np.linalg.eigvalsh(self.strain)[0] >= 0 else -reach), reach
 
     def unit(self, network: Network) -> float:
-        return stress_unit(network)
+        return float(np.sqrt(network.stiffness.mean())) * network.spacing
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -19,17 +19,17 @@ import re
 from difflib import get_close_matches
 
 from critflow.arguments import of_kind
+from critflow.calls import running
 from critflow.critical.manifold import CriticalManifold
 from critflow.critical.quantity import Quantity
 from critflow.extensions import missing, named, quantities
 from critflow.networks.deformation import DEFORMATIONS, strain_basis
 from critflow.networks.network import Network
-from critflow.progress import running
 from critflow.result import InputError
-from critflow.threads import one_blas_thread
 
 _TENSORS = "critflow.critical.transition:tensor_quantity"
 _VARIANCES = "critflow.critical.variances"
+_LENGTHS = "critflow.critical.lengths_and_areas"
 _STIFFENING = "critflow.response.stiffening_quantity"
 
 FACTORIES = {
@@ -41,8 +41,8 @@ FACTORIES = {
     "V_tau": f"{_VARIANCES}:variance",
     "S_AXES": _TENSORS,
     "C_AXES": _TENSORS,
-    "length[EDGE]": f"{_VARIANCES}:edge_length",
-    "area[FACE]": f"{_VARIANCES}:face_area",
+    "length[EDGE]": f"{_LENGTHS}:edge_length",
+    "area[FACE]": f"{_LENGTHS}:face_area",
     "modulus[D]": "critflow.critical.transition:transition_modulus",
     "stiffening[D]": f"{_STIFFENING}:stiffening_along",
 }
@@ -136,7 +136,6 @@ def _unknown(network: Network, name: str) -> str:
 
 
 @running("upper_bound")
-@one_blas_thread()
 def upper_bound(network: Network | CriticalManifold, name: str | Quantity, signs: str = "positive") -> float:
     """The largest possible value of a quantity over all stresses of a network in closed form; infinite without one.
 

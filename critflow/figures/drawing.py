@@ -16,6 +16,7 @@ from matplotlib.figure import Figure, SubFigure
 from numpy.typing import ArrayLike
 
 from critflow.arguments import of_kind
+from critflow.calls import running
 from critflow.figures.plot import (
     COLOURS,
     TENSION_MAP,
@@ -28,9 +29,7 @@ from critflow.figures.plot import (
     shade_faces,
 )
 from critflow.networks.network import Array, Network
-from critflow.progress import running
 from critflow.result import InputError, Solution
-from critflow.threads import one_blas_thread
 from critflow.workflow.output import require_folder
 
 # Colour of edges without values.
@@ -44,7 +43,6 @@ _DISC_AREA = 0.2
 
 
 @running("draw")
-@one_blas_thread()
 def draw(
     thing: Any,
     ax: Axes | None = None,

@@ -21,8 +21,7 @@ import numpy as np
 
 from critflow.arguments import is_number, of_kind, shown
 from critflow.networks.checks import check_size
-from critflow.networks.faces import PlanarFaces
-from critflow.networks.network import Array, IntArray, Network
+from critflow.networks.network import Array, Network, periodic_network
 from critflow.result import InputError
 
 # The side 2 and height √3 of the rhombus that triangular lattices of every kind repeat.
@@ -119,11 +118,3 @@ def _repeats(name: str, cells: tuple[int, ...], dimension: int) -> tuple[int, ..
             f"{' × '.join(map(shown, numbers))}"
         )
     return tuple(map(int, numbers))
-
-
-def periodic_network(edges: IntArray, offsets: IntArray, cell: Array, positions: Array) -> Network:
-    """A periodic network of unit stiffness; in the plane with the faces of its embedding, which must not cross."""
-    if len(cell) != 2:
-        return Network(edges, offsets, cell, positions=positions)
-    bond_vectors = positions[edges[:, 1]] - positions[edges[:, 0]] + offsets @ cell
-    return Network(edges, offsets, cell, positions=positions, faces=PlanarFaces(edges, bond_vectors, len(positions)))

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from critflow.arguments import generator, of_kind
+from critflow.calls import running
 from critflow.generators.random_points import check_addition, points_in_cell, random_sequential_addition
 from critflow.generators.tessellations import (
     count_simplices,
@@ -19,9 +20,7 @@ from critflow.generators.tessellations import (
 )
 from critflow.networks.checks import check_size, checked_cell
 from critflow.networks.network import Network
-from critflow.progress import running
 from critflow.result import InputError
-from critflow.threads import one_blas_thread
 
 # Random sequential addition of discs stops near ρ = 0.834; above, the points do not fit.
 STANDARD_HARD_CORE = 0.82
@@ -32,7 +31,6 @@ _VERTICES = 1000
 
 
 @running("voronoi_network")
-@one_blas_thread()
 def voronoi_network(
     n_vertices: int | None = None,
     seed: int | np.random.Generator = 0,
@@ -90,7 +88,6 @@ def check_voronoi(n_vertices: int, hard_core: float = STANDARD_HARD_CORE) -> Non
 
 
 @running("delaunay_network")
-@one_blas_thread()
 def delaunay_network(
     n_vertices: int | None = None,
     seed: int | np.random.Generator = 0,
@@ -126,7 +123,6 @@ def delaunay_network(
 
 
 @running("foam_network")
-@one_blas_thread()
 def foam_network(
     n_vertices: int = 400, seed: int | np.random.Generator = 0, hard_core: float = FOAM_HARD_CORE
 ) -> Network:

@@ -9,12 +9,11 @@ import scipy
 from numpy.typing import NDArray
 
 from critflow.arguments import of_kind
+from critflow.calls import running
 from critflow.networks.checks import check_size
 from critflow.networks.network import Array, IntArray
 from critflow.networks.periodic_cell import near_images, short_cell
-from critflow.progress import running
 from critflow.result import InputError
-from critflow.threads import one_blas_thread
 
 # Random sequential addition saturates here, for distances ρ in units of 1/n_points^(1/d): at coverages of 0.547 in the
 # plane and 0.384 in space.
@@ -25,7 +24,6 @@ _MAX_RESTARTS = 1000
 
 
 @running("random_sequential_addition")
-@one_blas_thread()
 def random_sequential_addition(
     n_points: int, distance: float, rng: np.random.Generator, dimension: int = 2, max_restarts: int = _MAX_RESTARTS
 ) -> Array:

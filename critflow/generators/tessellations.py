@@ -9,9 +9,8 @@ import numpy as np
 import scipy
 from numpy.typing import ArrayLike, NDArray
 
-from critflow.generators.lattices import periodic_network
 from critflow.networks.checks import checked_cell
-from critflow.networks.network import Array, IntArray, Network
+from critflow.networks.network import Array, IntArray, Network, periodic_network
 from critflow.networks.periodic_cell import near_images, short_cell
 from critflow.result import InputError
 

@@ -22,6 +22,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from critflow.arguments import of_kind
+from critflow.calls import running
 from critflow.critical.edge_lengths import COLLAPSED
 from critflow.critical.manifold import CriticalConfiguration, CriticalManifold
 from critflow.lengths.boundary import Expansion
@@ -32,16 +33,13 @@ from critflow.lengths.taut_edges import OnsetState, newton_taut
 from critflow.lengths.taut_set import EXACT_CONE, polish_taut, resolved, stressed
 from critflow.networks.checks import edge_values
 from critflow.networks.network import Array, Network
-from critflow.progress import running
 from critflow.result import Solution
-from critflow.threads import one_blas_thread
 
 # Spread of log ℓ above which most networks of 1,000 vertices have slack edges (study `percolation`).
 EVEN = 0.16
 
 
 @running("critical_from_lengths")
-@one_blas_thread()
 def critical_from_lengths(
     network: Network | CriticalManifold, rest_lengths: ArrayLike, *, throw: bool = True
 ) -> FromLengths:

@@ -322,3 +322,11 @@ class Network:
 def validated_coordinates(network: Network, coordinates: ArrayLike) -> Array:
     """A copy of vertex coordinates as finite floats (N_v, d), else an `InputError`."""
     return finite_rows(floats(coordinates, "coordinates"), "coordinates", (network.n_vertices, network.dimension))
+
+
+def periodic_network(edges: IntArray, offsets: IntArray, cell: Array, positions: Array) -> Network:
+    """A periodic network of unit stiffness; in the plane with the faces of its embedding, which must not cross."""
+    if len(cell) != 2:
+        return Network(edges, offsets, cell, positions=positions)
+    bond_vectors = positions[edges[:, 1]] - positions[edges[:, 0]] + offsets @ cell
+    return Network(edges, offsets, cell, positions=positions, faces=PlanarFaces(edges, bond_vectors, len(positions)))

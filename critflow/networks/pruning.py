@@ -14,11 +14,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from critflow.arguments import of_kind
+from critflow.calls import running
 from critflow.networks.blocks import blocks, components, opened_edges
 from critflow.networks.network import Array, IntArray, Network
-from critflow.progress import running
 from critflow.result import NetworkError
-from critflow.threads import one_blas_thread
 
 Mask = NDArray[np.bool_]
 
@@ -36,7 +35,6 @@ class Pruned(NamedTuple):
 
 
 @running("pruned")
-@one_blas_thread()
 def pruned(network: Network | ArrayLike, kept: ArrayLike | None = None, **arguments: Any) -> Pruned:
     """The largest part of a network that can carry tension on every edge, with the place of its edges in the whole.
 

@@ -31,13 +31,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from critflow.calls import tell
 from critflow.critical.edge_lengths import COLLAPSED, COLLAPSING, SOUND
 from critflow.critical.manifold import CriticalConfiguration, CriticalManifold
 from critflow.linalg.vectors import dot
 from critflow.networks.network import Array
 from critflow.optimisation.minimize import Minimum, Point
 from critflow.optimisation.optimum import Optimum
-from critflow.progress import tell
 from critflow.result import Status
 
 FADED = 1e-12  # σ that tends to zero: far below the stresses of any optimum (1e-3)

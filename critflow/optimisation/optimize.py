@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from critflow.arguments import of_kind
+from critflow.calls import running
 from critflow.critical.manifold import CriticalManifold, require_one_self_stress
 from critflow.critical.quantity import Quantity, require_exact_hessian
 from critflow.critical.transition import PENALTY_THRESHOLD, PenalisedModulus, TransitionModulus
@@ -27,15 +28,12 @@ from critflow.optimisation.descent import DESCENTS, SignedStressObjective, Stres
 from critflow.optimisation.descent_end import Observer
 from critflow.optimisation.known_optima import KNOWN, KNOWN_QUANTITIES, known_optimum
 from critflow.optimisation.optimum import Optimum
-from critflow.progress import running
 from critflow.result import InputError
-from critflow.threads import one_blas_thread
 
 METHODS = (*DESCENTS, *KNOWN)
 
 
 @running("optimize")
-@one_blas_thread()
 def optimize(
     network: Network | CriticalManifold,
     objective: str | Quantity,

@@ -7,10 +7,10 @@ z(γ) of the unknowns, z = y or with further ones (`Unknowns`).  One step from �
 2. Correct it by Newton's method, H u = f, or FIRE: the forces f conjugate to all unknowns vanish.
 3. Without compressed springs the equilibrium is the global minimum and lies on the branch of taut states
    (`SpringState.unique`).  Otherwise the step is refused where the correction took many iterations, met an indefinite
-   Hessian, or ended far from the prediction (`BranchTest.expects`).
+   Hessian, or ended far from the prediction (`expects`).
 4. Compute moduli and the velocity dz/dγ from the factor of the Hessian, H u = −∂²E/∂x∂γ.
 5. Where the branch is still in doubt take the step back, by that velocity: beyond a fold it does not end at the last
-   point (`BranchTest.steps_back_to_start`).
+   point (`steps_back_to_start`).
 
 From one strain to the next (`step`, with the loop in `advance`):
 
@@ -62,7 +62,7 @@ FLOPPY = "springs keep all lengths at strain {:.3g}, so nothing resists: fix the
 # Part of the strain interval below which a step is not divided further.
 _SMALLEST_PART = 2.0**-16
 # Steps towards one strain, and iterations of Newton's method: no path within them needed more than a tenth.
-_MOST_STEPS, MOST_ITERATIONS = 400, 4000
+_MOST_STEPS, _MOST_ITERATIONS = 400, 4000
 # Stress η, in units of k, that stands for the limit of no stress: its effect is of this order, and rounding of 1e-10.
 _DEPARTING_STRESS = 1e-6
 # A step that covers this part of the remaining interval ends at the requested strain, not a rounding next to it.
@@ -137,7 +137,7 @@ class Unknowns(Protocol):
 class PathProblem:
     """What stays the same along a path: the network at γ = 0, its deformation, the unknowns and the measurements.
 
-    exact    corrections end at the equilibrium to the rounding of its numbers
+    exact    corrections, by Newton's method, end at the equilibrium to the rounding of its numbers
     measure  as of `strain_path`; without moduli those are not defined
     """
 
@@ -145,7 +145,6 @@ class PathProblem:
     deformation: Deformation
     pattern: FixedPattern
     unknowns: Unknowns
-    branch: BranchTest
     exact: bool
     measure: str
     has_moduli: bool
@@ -257,7 +256,7 @@ def advance(problem: PathProblem, point: PathPoint, strain: float) -> Interval:
         interval = step(problem, interval)
         if interval.ended:
             return interval
-        if interval.iterations > problem.branch.most_iterations:
+        if problem.exact and interval.iterations > _MOST_ITERATIONS:
             break
     return replace(interval, end=interval.end.failed(Status.step_limit, _LIMIT))
 
@@ -296,41 +295,32 @@ def attempt(problem: PathProblem, point: PathPoint, strain: float) -> Attempt:
         return end.failed(solution.status, solution.reason, retry_smaller)
     if keeps_lengths(end.state, strain):
         return end.failed(Status.floppy, FLOPPY.format(strain), retry_smaller=False)
-    if not problem.branch.expects(start, solution):
+    if not expects(problem, start, solution):
         return end.failed(Status.unstable, _JUMPED)
     end = _measured(problem, end, factor)
-    if end.ok and not problem.branch.steps_back_to_start(problem.unknowns, point, start, end):
+    if end.ok and not steps_back_to_start(problem, point, start, end):
         return end.failed(Status.unstable, _JUMPED)
     return end
 
 
-@dataclass(frozen=True)
-class BranchTest:
-    """Whether the end of a step is on the branch of its start.
+def expects(problem: PathProblem, start: SpringState, solution: Equilibrium[SpringState]) -> bool:
+    """Whether a correction is unique, or ended near its start, after few steps and no indefinite Hessian."""
+    # FIRE takes many steps everywhere.
+    few = (solution.stats.steps <= EXPECTED_STEPS or not problem.exact) and not solution.indefinite
+    return solution.value.unique or (few and distance(start, solution.value) <= EXPECTED_DISTANCE)
 
-    most_steps       of a correction that stays on its branch
-    most_iterations  of all corrections towards one strain
-    """
 
-    most_steps: float
-    most_iterations: float
-
-    def expects(self, start: SpringState, solution: Equilibrium[SpringState]) -> bool:
-        """Whether a correction is unique, or ended near its start, after few steps and no indefinite Hessian."""
-        few = solution.stats.steps <= self.most_steps and not solution.indefinite
-        return solution.value.unique or (few and distance(start, solution.value) <= EXPECTED_DISTANCE)
-
-    def steps_back_to_start(self, unknowns: Unknowns, point: PathPoint, start: SpringState, end: Attempt) -> bool:
-        """Whether the step back ends at the last state, which it does not from beyond a fold."""
-        behind = point.cell.strain - end.cell.strain
-        # No step returns to a transition, where nothing is determined.
-        away = point.stress is None and behind != 0
-        if end.state.unique or not away or distance(start, end.state) <= DOUBTED_DISTANCE:
-            return True
-        velocity = np.zeros(end.predicted.shape[1]) if end.velocity is None else end.velocity
-        back = unknowns.predicted(end.state, end.cell, point.cell.strain, behind * velocity)
-        solution = unknowns.corrected(*back).solution
-        return solution.ok and distance(solution.value, point.state) <= RETURN_DISTANCE
+def steps_back_to_start(problem: PathProblem, point: PathPoint, start: SpringState, end: Attempt) -> bool:
+    """Whether the step back ends at the last state, which it does not from beyond a fold."""
+    behind = point.cell.strain - end.cell.strain
+    # No step returns to a transition, where nothing is determined.
+    away = point.stress is None and behind != 0
+    if end.state.unique or not away or distance(start, end.state) <= DOUBTED_DISTANCE:
+        return True
+    velocity = np.zeros(end.predicted.shape[1]) if end.velocity is None else end.velocity
+    back = problem.unknowns.predicted(end.state, end.cell, point.cell.strain, behind * velocity)
+    solution = problem.unknowns.corrected(*back).solution
+    return solution.ok and distance(solution.value, point.state) <= RETURN_DISTANCE
 
 
 def _measured(problem: PathProblem, end: Attempt, factor: Factor | None) -> Attempt:

@@ -14,27 +14,18 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from critflow.arguments import of_kind, shown
+from critflow.calls import counted, running
 from critflow.linalg.factor import FixedPattern
 from critflow.networks.deformation import Deformable, Deformation, deformation_of
 from critflow.networks.network import Array
-from critflow.paths.continuation import (
-    EXPECTED_STEPS,
-    MOST_ITERATIONS,
-    Attempt,
-    BranchTest,
-    Interval,
-    PathProblem,
-    advance,
-)
+from critflow.paths.continuation import Attempt, Interval, PathProblem, advance
 from critflow.paths.start import Beginning, Start, start_of
 from critflow.paths.unknowns import unknowns_of
-from critflow.progress import counted, running
 from critflow.response.tensor import Elasticity
 from critflow.result import InputError, Record, Solution, Stats, Status
 from critflow.springs.equilibrium import FINEST_TOLERANCE, relaxation_method
 from critflow.springs.laws import SpringLaw
 from critflow.springs.state import SpringState
-from critflow.threads import one_blas_thread
 
 MEASURES = ("tensors", "moduli", "energy")  # what a path measures at each strain, in falling order of time
 
@@ -116,7 +107,6 @@ class PathSolver:
 
 
 @running("strain_path")
-@one_blas_thread()
 def strain_path(
     start: Start,
     strains: ArrayLike,
@@ -175,10 +165,8 @@ def strain_path(
     springs, network = first.springs, first.springs.network
     pattern = (None if first.part else options.pattern) or first.pattern or springs.pattern()
     unknowns = unknowns_of(springs, path, gamma, pattern, method, options.tolerance)
-    exact = method == "newton"
-    branch = BranchTest(EXPECTED_STEPS, MOST_ITERATIONS) if exact else BranchTest(np.inf, np.inf)
     has_moduli = measure != "energy" and network.has_volume and network.dimension > 1
-    problem = PathProblem(network, path, pattern, unknowns, branch, exact, measure, has_moduli)
+    problem = PathProblem(network, path, pattern, unknowns, method == "newton", measure, has_moduli)
     result = _solution(problem, method, gamma, _follow(problem, first, gamma), first.note)
     return result.or_raise("the strain path stopped") if throw else result
 

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
+IntArray = NDArray[np.int64]
 
 
 class Extended(NamedTuple):
@@ -138,3 +139,13 @@ def total(values: Extended) -> Extended:
 def part(values: Extended, index: Any) -> Extended:
     """values[index]."""
     return Extended(values.high[index], values.low[index])
+
+
+def edge_differences(tail: IntArray, head: IntArray, x: Extended, b: Array) -> Extended:
+    """L_α = x_head − x_tail + b_α, (N_b, d), of coordinates x (n, d), to 32 digits of those."""
+    ends, rest = two_sum(x.high.take(head, 0), -x.high.take(tail, 0))
+    high, low = two_sum(ends, b)
+    low += rest
+    if x.low.any():
+        low += x.low.take(head, 0) - x.low.take(tail, 0)
+    return two_sum(high, low)

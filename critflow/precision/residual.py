@@ -3,6 +3,9 @@
 Forces of springs are differences of nearly equal lengths, and past the transition the stiffness of soft modes is of the
 order of the strain: a small force is not a small error.  Forces f from bond vectors in extended precision keep their
 digits; the correction, repeated at x + δ with the same factor, shrinks by a constant, which bounds the remainder.
+
+Sums of forces consist of sparse products here, which serve any matrix; their rounding is 2⁻⁷⁷ of the largest of all
+terms, which is enough for the forces of springs.
 """
 
 from __future__ import annotations
@@ -11,13 +14,13 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
+import scipy.sparse as sp
 
 from critflow.linalg.factor import Factor
 from critflow.linalg.tolerances import EPS
 from critflow.linalg.vectors import product, quasi_random
 from critflow.networks.network import Array, Network
-from critflow.precision.double_double import Extended, two_sum
-from critflow.precision.geometry import exact_bond_vectors, exact_forces
+from critflow.precision.double_double import Extended, edge_differences, two_product, two_sum
 from critflow.precision.refinement import UNSEEN
 
 MOST_CORRECTIONS = 10  # corrections of an equilibrium after which it counts as not convergent
@@ -99,3 +102,50 @@ def inverse_norm(factor: Factor, vector: Array) -> float:
         vector = quasi_random(len(vector)) - 0.5
         size = float(np.linalg.norm(vector))
     return float(np.linalg.norm(factor.solve(vector / size)))
+
+
+def exact_bond_vectors(network: Network, coordinates: Array, displacement: Array) -> Extended:
+    """L = g (x + D) + b, (N_b, d), with displacements D (n_free, d) below the rounding of the coordinates (N_v, d)."""
+    x, D = coordinates, np.zeros_like(coordinates)
+    D[network.free_rows] = displacement
+    if network.pins:
+        # Pins are part of b; of a periodic network only differences count.
+        x = coordinates.copy()
+        x[list(network.pins)] = 0.0
+    tail, head = np.ascontiguousarray(network.edges.T)
+    return edge_differences(tail, head, Extended(x, D), network.boundary_vectors)
+
+
+def exact_forces(network: Network, sigma: Array, bond_vectors: Extended) -> Array:
+    """−gᵀ(σ ∘ L), (n_free, d), with the rounding of σ and of the result alone."""
+    # One stress for each component: NumPy is several times slower where it repeats them in every product.
+    stress = np.repeat(sigma, bond_vectors.high.shape[1]).reshape(bond_vectors.high.shape)
+    pull = two_product(stress, bond_vectors.high)
+    leading = _leading(pull.high)
+    # The incidence is of ones, on any grid.
+    small = product(network.divergence, (pull.high - leading) + (pull.low + stress * bond_vectors.low))
+    return -(product(network.divergence, leading) + small)
+
+
+def exact_sums(matrix: sp.csr_array, vectors: Extended, less: Array | float = 0.0) -> Array:
+    """A v − w for a sparse A, its terms cancelling without loss.
+
+    The leading halves of A and v lie on grids on which their products and sums are exact; the remainder is
+    smaller by 2⁻²⁵, and so is its rounding.
+    """
+    leading = _leading(vectors.high)
+    small = product(matrix, (vectors.high - leading) + vectors.low)
+    coarse = _leading(matrix.data)
+    if not np.array_equal(coarse, matrix.data):
+        small = small + sp.csr_array((matrix.data - coarse, matrix.indices, matrix.indptr), matrix.shape) @ leading
+        matrix = sp.csr_array((coarse, matrix.indices, matrix.indptr), matrix.shape)
+    return np.asarray((product(matrix, leading) - less) + small)
+
+
+def _leading(values: Array) -> Array:
+    """Values rounded to a grid common to all, 2⁻²⁶ of the largest."""
+    largest = float(np.abs(values).max(initial=0.0))
+    if not largest:
+        return values
+    grid = 1.5 * 2.0 ** (np.ceil(np.log2(largest)) + 27)
+    return np.asarray((values + grid) - grid)

@@ -21,7 +21,7 @@ from critflow.linalg.tolerances import EPS
 from critflow.linalg.vectors import dot
 from critflow.networks.deformation import strain_basis
 from critflow.networks.network import Array
-from critflow.response.tensor import Elasticity, Errors
+from critflow.response.tensor import Elasticity, Errors, LateErrors
 
 
 def elasticity_at_transition(critical: CriticalConfiguration, volume: float, roundings: int = 1) -> Elasticity:
@@ -32,8 +32,8 @@ def elasticity_at_transition(critical: CriticalConfiguration, volume: float, rou
     L = critical.bond_vectors
     flexibility = dot(L, L) / critical.network.stiffness
     error = partial(transition_modulus_error, critical=critical, volume=volume, roundings=roundings)
-    shear = partial(error, pure_shear(L.shape[1])) if L.shape[1] > 1 else np.nan
-    errors = Errors(
+    shear = partial(error, pure_shear(L.shape[1])) if L.shape[1] > 1 else partial(float, np.nan)
+    errors = LateErrors(
         partial(_tensor_errors, error, critical, volume), partial(error, dilation(L.shape[1])), shear, shear
     )
     return tensor_of_self_stress(critical.sigma, strain_rates(L), flexibility, L.shape[1], volume, errors)

@@ -18,19 +18,18 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from critflow.arguments import of_kind, of_known_kind
+from critflow.calls import running
 from critflow.certificates.uniqueness import count_self_stresses
 from critflow.critical.backbone import backbone
 from critflow.critical.manifold import CriticalConfiguration
 from critflow.extensions import extensible, provided
 from critflow.networks.network import Network
-from critflow.progress import running
 from critflow.response.at_transition import elasticity_at_transition
 from critflow.response.linear_response import linear_response
-from critflow.response.tensor import Elasticity, Errors
+from critflow.response.tensor import Elasticity, LateErrors
 from critflow.result import InputError, Solution, Stats, Status
 from critflow.springs.laws import HOOKEAN, SpringLaw
 from critflow.springs.state import SpringState
-from critflow.threads import one_blas_thread
 
 # Force left on a vertex, relative to the largest tension, below which tensions are in balance: those of rounding are
 # not, and tensions of 1e-14 near the transition are.
@@ -60,7 +59,6 @@ class Options(NamedTuple):
 
 
 @running("elasticity")
-@one_blas_thread()
 def elasticity(
     springs: Any,
     coordinates: ArrayLike | None = None,
@@ -163,7 +161,7 @@ def total_response(parts: Sequence[ElasticResponse]) -> ElasticResponse:
     tensor, affine, stress = (
         np.sum([getattr(value, name) for value in values], axis=0) for name in ("tensor", "affine", "stress")
     )
-    errors, bulk = Errors.total([value.errors for value in values]), sum(value.bulk for value in values)
+    errors, bulk = LateErrors.total([value.errors for value in values]), sum(value.bulk for value in values)
     failed = [part for part in parts if not (part.ok or part.status is Status.floppy)]
     worst = (failed or [part for part in parts if part.ok] or parts)[0]
     return ElasticResponse(

@@ -100,7 +100,7 @@ def linear_response(
     errors: Errors | None = found.elasticity.errors if found.converged else None
     if errors is not None and not exact:
         change = _change_to_equilibrium(state, factor, found, floppy, volume, strains)
-        errors = None if change is None else Errors.total([errors, change])
+        errors = change and errors.plus(change)
     number = state.largest_stiffness * inverse_norm(factor, found.last) if condition else np.nan
     stats = Stats("linear response", 1, residual=found.residual, condition=number)
     value, status, note = found.elasticity, Status.ok, ""
@@ -180,8 +180,12 @@ def _change_to_equilibrium(
     if not responses.converged:
         return None
     there = responses.elasticity
-    names = ("tensor", "bulk", "shear", "shear_stress_corrected")
-    return Errors(*(2 * np.abs(getattr(there, name) - getattr(here, name)) for name in names))
+    return Errors(
+        2 * np.abs(there.tensor - here.tensor),
+        2 * abs(there.bulk - here.bulk),
+        2 * abs(there.shear - here.shear),
+        2 * abs(there.shear_stress_corrected - here.shear_stress_corrected),
+    )
 
 
 def _responses(state: SpringState, factor: Factor, volume: float, strains: tuple[int, ...]) -> _Responses:

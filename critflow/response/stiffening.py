@@ -18,6 +18,7 @@ from typing import Any
 import numpy as np
 
 from critflow.arguments import of_kind, of_known_kind
+from critflow.calls import running
 from critflow.certificates.prestress import stabilises
 from critflow.certificates.uniqueness import require_only_self_stress
 from critflow.critical.backbone import backbone
@@ -25,16 +26,13 @@ from critflow.critical.manifold import CriticalConfiguration, CriticalManifold
 from critflow.extensions import extensible
 from critflow.networks.deformation import Deformable, Deformation, deformation_of
 from critflow.precision.residual import exact_displacement
-from critflow.progress import running
 from critflow.response.coefficients import Stiffening, StiffeningSolution, coefficients, failed, with_status
 from critflow.response.third_order import ThirdOrderEnergy
 from critflow.result import InputError, Status
 from critflow.springs.laws import HOOKEAN, SpringLaw
-from critflow.threads import one_blas_thread
 
 
 @running("stiffening")
-@one_blas_thread()
 def stiffening(
     critical: Any,
     throw: bool = True,

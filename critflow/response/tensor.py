@@ -15,10 +15,9 @@ Without stress all three are equal.  Each is relaxed (vertices follow the strain
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from functools import cache, cached_property
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -32,30 +31,14 @@ from critflow.result import InputError, Record
 TRUSTED_ERROR = 0.1
 
 
+@dataclass(frozen=True, eq=False)
 class Errors:
-    """Largest errors of both tensors and their stress corrections, (m, m), and of the moduli; NaN where unknown.
+    """Largest errors of both tensors and their stress corrections, (m, m), and of the moduli; NaN where unknown."""
 
-    Each is given as a value, or as a function of no arguments that is called where the error is asked for.
-    """
-
-    def __init__(self, tensor: Any, bulk: Any, shear: Any, shear_stress_corrected: Any):
-        self._given = tensor, bulk, shear, shear_stress_corrected
-
-    @cached_property
-    def tensor(self) -> Array:
-        return np.asarray(_value(self._given[0]))
-
-    @cached_property
-    def bulk(self) -> float:
-        return float(_value(self._given[1]))
-
-    @cached_property
-    def shear(self) -> float:
-        return float(_value(self._given[2]))
-
-    @cached_property
-    def shear_stress_corrected(self) -> float:
-        return float(_value(self._given[3]))
+    tensor: Array
+    bulk: float
+    shear: float
+    shear_stress_corrected: float
 
     @classmethod
     def of_tensor(cls, errors: Array, dimension: int) -> Errors:
@@ -63,23 +46,56 @@ class Errors:
         bulk, shear = float(errors[:dimension, :dimension].sum()) / dimension**2, float(errors[-1, -1])
         return cls(errors, bulk, shear, shear)
 
-    @classmethod
-    def total(cls, parts: Sequence[Errors]) -> Errors:
-        """Sums of errors."""
-        return cls(
-            lambda: sum(part.tensor for part in parts),
-            lambda: sum(part.bulk for part in parts),
-            lambda: sum(part.shear for part in parts),
-            lambda: sum(part.shear_stress_corrected for part in parts),
+    def plus(self, other: Errors) -> Errors:
+        """The sums of both."""
+        return Errors(
+            self.tensor + other.tensor,
+            self.bulk + other.bulk,
+            self.shear + other.shear,
+            self.shear_stress_corrected + other.shear_stress_corrected,
         )
 
     def __repr__(self) -> str:
         return f"Errors(bulk={self.bulk:.6g}, shear={self.shear:.6g})"
 
 
-def _value(given: Any) -> Any:
-    """A value, or that of a function without arguments."""
-    return given() if callable(given) else given
+class LateErrors(Errors):
+    """Errors that functions of no arguments compute at their first use: some take longer than the moduli themselves."""
+
+    def __init__(
+        self,
+        tensor: Callable[[], Array],
+        bulk: Callable[[], float],
+        shear: Callable[[], float],
+        shear_stress_corrected: Callable[[], float],
+    ):
+        self._computed = tensor, bulk, shear, shear_stress_corrected
+
+    @cached_property
+    def tensor(self) -> Array:
+        return self._computed[0]()
+
+    @cached_property
+    def bulk(self) -> float:
+        return self._computed[1]()
+
+    @cached_property
+    def shear(self) -> float:
+        return self._computed[2]()
+
+    @cached_property
+    def shear_stress_corrected(self) -> float:
+        return self._computed[3]()
+
+    @classmethod
+    def total(cls, parts: Sequence[Errors]) -> Errors:
+        """Sums of errors."""
+        return cls(
+            lambda: np.sum([part.tensor for part in parts], axis=0),
+            lambda: sum(part.bulk for part in parts),
+            lambda: sum(part.shear for part in parts),
+            lambda: sum(part.shear_stress_corrected for part in parts),
+        )
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -90,7 +106,7 @@ class Elasticity(Record):
     affine  affine C_ab, (m, m)
     stress  S, (d, d)
     volume  V, of the cell or as named for a pinned network
-    errors  of both tensors and of the moduli; at the transition they are computed when they are asked for
+    errors  of both tensors and of the moduli; at the transition they are computed at their first use
     bulk    B = V d²E/dV²; a response of its own where it is given, since the sum over the tensor may cancel
 
     Singular tensors, as at the transition, where the rank is one per self-stress, have soft directions: Young's modulus

@@ -8,18 +8,17 @@ from typing import Generic
 import numpy as np
 
 from critflow.arguments import of_kind
+from critflow.calls import running
 from critflow.linalg.factor import Factor, FixedPattern
 from critflow.linalg.tolerances import EPS
 from critflow.networks.network import Array
 from critflow.optimisation.minimize import Fire, Function, Point, minimise
 from critflow.precision.double_double import two_sum
 from critflow.precision.residual import Displacement, inverse_norm
-from critflow.progress import running
 from critflow.result import InputError, Solution, Stats, Status
 from critflow.springs.minimum import compressed_edges, minimum_factor, stability_of
 from critflow.springs.newton import FLOPPY_SHIFT, newton
 from critflow.springs.state import SpringState, State
-from critflow.threads import one_blas_thread
 
 # Newton's method never stops at a larger force: corrections by one factor then converge to the exact equilibrium, and
 # convergence is quadratic, so the last digits cost one step.
@@ -51,7 +50,6 @@ class Equilibrium(Solution[State]):
 
 
 @running("equilibrium")
-@one_blas_thread()
 def equilibrium(
     state: State,
     method: str = "auto",

@@ -16,13 +16,12 @@ import scipy.sparse as sp
 from scipy.sparse.linalg import LinearOperator
 
 from critflow.arguments import of_kind
+from critflow.calls import running
 from critflow.linalg.matrices import spread_columns
 from critflow.networks.network import Array
-from critflow.progress import running
 from critflow.result import Record, Solution, SolveError, Stats, Status
 from critflow.springs.newton import FLOPPY_SHIFT
 from critflow.springs.state import EdgeMatrix, SpringState
-from critflow.threads import one_blas_thread
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -51,7 +50,6 @@ class HessianSplit(Record):
 
 
 @running("geometric_split")
-@one_blas_thread()
 def geometric_split(state: SpringState) -> HessianSplit:
     """H = R^hᵀ K R^h + P ⊗ 1 (`GenericHessian`, `RigidityMatrix2`, `PrestressMatrix2`)."""
     state = of_kind(SpringState, state=state)
@@ -63,7 +61,6 @@ def geometric_split(state: SpringState) -> HessianSplit:
 
 
 @running("hookean_split")
-@one_blas_thread()
 def hookean_split(state: SpringState) -> HessianSplit:
     """H = R̃ᵀ k R̃ + P̃ with k = K|L|² + σ, the stiffness of any law (`HookeanPrestressMatrix`)."""
     state = of_kind(SpringState, state=state)
@@ -74,7 +71,6 @@ def hookean_split(state: SpringState) -> HessianSplit:
 
 
 @running("bond_operator")
-@one_blas_thread()
 def bond_operator(state: SpringState, max_refinements: int = 10) -> LinearOperator:
     """Ξ = R H⁻¹ Rᵀ as an operator (N_b, N_b): changes of length by unit force dipoles on the bonds (`BondOperator`).
 

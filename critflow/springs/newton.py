@@ -11,7 +11,6 @@ matrix that it selects itself, and states keep bond vectors with a relative roun
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
 from typing import Generic, Protocol, Self, TypeVar
 
 import numpy as np
@@ -92,59 +91,46 @@ def newton(state: State, tolerance: float, max_steps: int, pattern: FixedPattern
 
     The last state may be a saddle.  `Status.stalled` where no shift yields an accepted step.
     """
-    damping, here, step, status = _Damping(pattern), _Iterate.of(state), 0, Status.ok
-    while here.force > tolerance * here.force_unit:
+    damping, step, status = _Damping(pattern), 0, Status.ok
+    while (force := _force(state)) > tolerance * (unit := state.stiffness_scale * state.length_scale):
         if step == max_steps:
             status = Status.step_limit
             break
-        if damping.shift > _LARGEST_SHIFT * here.state.stiffness_scale:
+        if damping.shift > _LARGEST_SHIFT * state.stiffness_scale:
             status = Status.stalled
             break
-        displacement = damping.solve(here, step)
-        trial = _line_search(here, displacement, damping.reuses_factor)
+        trial = _line_search(state, damping.displacement(state, step), damping.reuses_factor)
         if trial is not None:
-            damping.accept(here, trial)
-            here, step = trial, step + 1
-        elif not damping.reuses_factor and here.force < ROUNDING_FORCE * here.force_unit:
-            converged = here.force <= _ROUNDING_MARGIN * (tolerance * here.force_unit)
+            damping.accept(state, trial)
+            state, step = trial, step + 1
+        elif not damping.reuses_factor and force < ROUNDING_FORCE * unit:
+            converged = force <= _ROUNDING_MARGIN * (tolerance * unit)
             status = Status.ok if converged else Status.stalled
             break
         else:
-            damping.reject(here)
+            damping.reject(state)
     # Where the path passed other branches a factor on it may be of no use.
     factor = damping.factor if damping.of_hessian and not damping.indefinite else None
-    return NewtonEnd(here.state, status, step, damping.indefinite, factor)
+    return NewtonEnd(state, status, step, damping.indefinite, factor)
 
 
-@dataclass(frozen=True, eq=False)
-class _Iterate(Generic[State]):
-    """A state with its energy and its largest force; the force is infinite where the energy is."""
-
-    state: State
-    energy: float
-    force: float
-
-    @classmethod
-    def of(cls, state: State) -> _Iterate[State]:
-        energy = state.energy
-        # Beyond the reach of a law no force is defined.
-        return cls(state, energy, state.max_force if np.isfinite(energy) else np.inf)
-
-    @cached_property
-    def force_unit(self) -> float:
-        return self.state.stiffness_scale * self.state.length_scale
-
-    def improves_on(self, other: _Iterate[State]) -> bool:
-        decreased = self.energy < other.energy * (1 - _ENERGY_ROUNDING)
-        return decreased or self.force < _FORCE_DECREASE * other.force
+def _force(state: Elastic) -> float:
+    """The largest force; infinite where the energy is, since none is defined beyond the reach of a law."""
+    return state.max_force if np.isfinite(state.energy) else np.inf
 
 
-def _line_search(here: _Iterate[State], displacement: Array, factor_is_old: bool) -> _Iterate[State] | None:
-    """The first accepted iterate among parts of a step u (n_free, d), or None."""
-    longest = _LONGEST_STEP * float(here.state.lengths.mean()) / max(float(np.abs(displacement).max()), 1e-300)
+def _line_search(here: State, displacement: Array, factor_is_old: bool) -> State | None:
+    """The first accepted state among parts of a step u (n_free, d), or None."""
+    longest = _LONGEST_STEP * float(here.lengths.mean()) / max(float(np.abs(displacement).max()), 1e-300)
     for length in _STEP_LENGTHS[:1] if factor_is_old else _STEP_LENGTHS:
-        trial = _Iterate.of(here.state.moved(min(length, longest) * displacement))
-        if trial.force < _REUSE_DECREASE * here.force if factor_is_old else trial.improves_on(here):
+        trial = here.moved(min(length, longest) * displacement)
+        force = _force(trial)
+        if factor_is_old:
+            accepted = force < _REUSE_DECREASE * _force(here)
+        else:
+            decreased = trial.energy < here.energy * (1 - _ENERGY_ROUNDING)
+            accepted = decreased or force < _FORCE_DECREASE * _force(here)
+        if accepted:
             return trial
     return None
 
@@ -170,45 +156,44 @@ class _Damping:
         """Whether the Hessian was indefinite at some step."""
         return self._convex_until > 0
 
-    def solve(self, here: _Iterate[State], step: int) -> Array:
+    def displacement(self, here: Elastic, step: int) -> Array:
         """The displacement (n_free, d) of this step, by a new factor unless the last one is used again."""
         if not self.reuses_factor:
             self._factorize(here, step)
         assert self.factor is not None
-        forces = here.state.forces
-        return self.factor.solve(forces.ravel()).reshape(forces.shape)
+        return self.factor.solve(here.forces.ravel()).reshape(here.forces.shape)
 
-    def _factorize(self, here: _Iterate[State], step: int) -> None:
-        convex = here.force >= self._convex_above and step < self._convex_until
+    def _factorize(self, here: Elastic, step: int) -> None:
+        convex = _force(here) >= self._convex_above and step < self._convex_until
         if not convex and not self._factorize_hessian(here):
             convex = True
-            self._convex_above, self._convex_until = _RETRY_FORCE * here.force, step + _RETRY_STEPS
+            self._convex_above, self._convex_until = _RETRY_FORCE * _force(here), step + _RETRY_STEPS
             self._floppy_shift = 0.0
         if convex:
-            self.shift = max(self.shift, _FIRST_SHIFT * here.state.stiffness_scale)
-            self.factor = here.state.factorize_convex(self._pattern, self.shift)
+            self.shift = max(self.shift, _FIRST_SHIFT * here.stiffness_scale)
+            self.factor = here.factorize_convex(self._pattern, self.shift)
         self.of_hessian = not convex and self.shift == 0.0
 
-    def _factorize_hessian(self, here: _Iterate[State]) -> bool:
+    def _factorize_hessian(self, here: Elastic) -> bool:
         """Factorise the Hessian; False where it is indefinite."""
-        self.factor = here.state.factorize(self._pattern, max(self.shift, self._floppy_shift))
-        if here.state.taut() or not self.factor.indefinite:
+        self.factor = here.factorize(self._pattern, max(self.shift, self._floppy_shift))
+        if here.taut() or not self.factor.indefinite:
             return True
         if self._floppy_shift == 0.0:
             # A part may be floppy only, as one of slack edges is.
-            self._floppy_shift = FLOPPY_SHIFT * here.state.stiffness_scale
-            self.factor = here.state.factorize(self._pattern, max(self.shift, self._floppy_shift))
+            self._floppy_shift = FLOPPY_SHIFT * here.stiffness_scale
+            self.factor = here.factorize(self._pattern, max(self.shift, self._floppy_shift))
         return not self.factor.indefinite
 
-    def accept(self, before: _Iterate[State], after: _Iterate[State]) -> None:
+    def accept(self, before: Elastic, after: Elastic) -> None:
         """Reduce the damping after an accepted step."""
-        self.reuses_factor = after.force < _REUSE_AFTER * before.force
-        smallest = _FIRST_SHIFT * before.state.stiffness_scale
+        self.reuses_factor = _force(after) < _REUSE_AFTER * _force(before)
+        smallest = _FIRST_SHIFT * before.stiffness_scale
         self.shift = _DECAY * self.shift if self.shift > smallest else 0.0
 
-    def reject(self, here: _Iterate[State]) -> None:
+    def reject(self, here: Elastic) -> None:
         """Increase the damping, or only discard a factor of an earlier state."""
         if self.reuses_factor:
             self.reuses_factor = False
         else:
-            self.shift = max(_GROWTH * self.shift, _FIRST_SHIFT * here.state.stiffness_scale)
+            self.shift = max(_GROWTH * self.shift, _FIRST_SHIFT * here.stiffness_scale)

@@ -1,53 +1,29 @@
 """Workers: this process, local worker processes, a dask scheduler, or jobs of a batch system.
 
-One task is the cases of one value of the first axis.  If a worker dies, its trace files name the case that ran; the
-other cases of the task are submitted again one by one, and the case itself fails after `ATTEMPTS` deaths.
-
-A local cluster listens on the loopback address with temporary TLS certificates.  The options of a batch system come
-from dask's configuration alone (`jobqueue.slurm` for `--cluster slurm`); each job has one worker process per core.
+One task is the cases of one value of the first axis.
 """
 
 from __future__ import annotations
 
-import asyncio
-import importlib
-import logging
 import math
 import os
 import signal
 import threading
-import time
-from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
-from concurrent.futures import CancelledError
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
-from multiprocessing import resource_tracker
 from pathlib import Path
 from types import FrameType
-from typing import Any
-from uuid import uuid4
 
-import dask.config
-from distributed import Client, Future, LocalCluster, as_completed
-from distributed.scheduler import KilledWorker, NoWorkerError
-from distributed.security import Security
-
-from critflow.result import EnvironmentFailure, InputError
-from critflow.workflow.folder import Folder
+from critflow.extensions import named
+from critflow.result import InputError
 from critflow.workflow.study import nearest
-from critflow.workflow.tasks import HOUR, Job, Outcome, record_failure, run_cases, take_trace
+from critflow.workflow.tasks import HOUR, Job, Outcome, run_cases
 
 Task = Sequence[Mapping[str, int | str]]  # axis values of some cases
 
-ATTEMPTS = 3
 # Modules of dask-jobqueue; the jobs of "local" are processes of this machine, for a trial without a queue.
 CLUSTERS = ("slurm", "pbs", "sge", "lsf", "oar", "moab", "htcondor", "local")
-
-_GRACE = 60.0  # seconds beyond the time limit before the scheduler restarts a silent worker
-_WORKERS_START = 60.0  # seconds: local workers that died are back earlier
-_UNEXPLAINED = 20  # deaths in a row without a running case: the workers cannot start
-_NO_DASHBOARD: dict[str, Any] = {"dashboard": False, "dashboard_address": "127.0.0.1:0"}
 
 
 @contextmanager
@@ -127,216 +103,10 @@ class Workers:
 def compute(job: Job, tasks: Sequence[Task], workers: Workers, stopped: threading.Event) -> Iterator[list[Outcome]]:
     """Outcomes of the tasks in the order in which they end, empty while none ends; a stopped run ends earlier."""
     if workers.processes or workers.remote:
-        with _client(workers, min(workers.processes, len(tasks)), Path(job.folder)) as client:
-            yield from _distributed(client, job, tasks, stopped)
+        # A run in this process needs no import of dask's scheduler.
+        yield from named("critflow.workflow.distribution:compute_in_workers")(job, tasks, workers, stopped)
         return
     for task in tasks:
         if stopped.is_set():
             return
         yield run_cases(job, task)
-
-
-def _distributed(client: Client, job: Job, tasks: Sequence[Task], stopped: threading.Event) -> Iterator[list[Outcome]]:
-    completed = as_completed([], loop=client.loop)  # `with_results` never returns a result that a death deleted
-    running: dict[Future, Task] = {}
-    deaths = _Deaths(job)
-
-    def submit(task: Task) -> None:
-        # A new key for every attempt: dask answers a known key with the stored result.
-        future = client.submit(run_cases, job, task, key=f"critflow-{uuid4().hex}", pure=False)
-        running[future] = task
-        completed.add(future)
-
-    for task in tasks:
-        submit(task)
-    cancelled = False
-    while running:
-        if stopped.is_set() and not cancelled:
-            cancelled = True
-            # Tasks that no worker has begun; those that ended meanwhile are still to be counted.
-            begun = {key for keys in client.processing().values() for key in keys}
-            begun |= {key for key, holders in client.who_has().items() if holders}
-            waiting = [future for future in running if future.key not in begun]
-            client.cancel(waiting)
-            for future in waiting:
-                del running[future]
-        ended = completed.next_batch(block=False)
-        if not ended:
-            time.sleep(0.05)
-            yield []
-        for future in ended:
-            if task := running.pop(future, ()):
-                try:
-                    outcomes, again = future.result(), list[Task]()
-                    deaths.unexplained = 0
-                except (KilledWorker, NoWorkerError, CancelledError) as error:
-                    outcomes, again = ([], []) if stopped.is_set() else deaths.explain(task, error)
-                yield outcomes
-                for part in again:
-                    submit(part)
-
-
-class _Deaths:
-    """Decides which case killed its worker."""
-
-    def __init__(self, job: Job):
-        self.job, self.study, self.folder = job, job.study(), Folder(Path(job.folder))
-        self.of_case: Counter[str] = Counter()
-        self.unexplained = 0  # in a row
-
-    def explain(self, task: Task, error: Exception) -> tuple[list[Outcome], list[Task]]:
-        """Failed cases of a task without a result, and the tasks to submit again; raises errors of the run."""
-        if not isinstance(error, KilledWorker):
-            ended = "all workers" if isinstance(error, NoWorkerError) else "the scheduler"
-            raise EnvironmentFailure(f"{ended} ended: run the same command again to resume") from error
-        failed, again, explained = list[Outcome](), list[Task](), False
-        for values in task:
-            case = self.job.case(self.study, values)
-            if trace := take_trace(self.folder, case):
-                explained = True
-                self.of_case[case.id] += 1
-                if self.of_case[case.id] == ATTEMPTS:
-                    failed.append(record_failure(self.job, self.study, case, f"{trace}, in {ATTEMPTS} attempts"))
-                    continue
-            again.append([values])
-        if explained:
-            self.unexplained = 0
-            return failed, again
-        self.unexplained += 1  # the task waited in a worker that died, or the worker cannot start
-        if self.unexplained == _UNEXPLAINED:
-            raise EnvironmentFailure("the worker processes end before they begin a case: try fewer, or --workers 0")
-        return [], [task]
-
-
-@contextmanager
-def _client(workers: Workers, processes: int, folder: Path) -> Iterator[Client]:
-    """A client of the workers; temporary credentials of jobs are stored in the folder."""
-    cluster: Any = None
-    with dask.config.set(_dask_settings(workers)):
-        try:
-            with _without_interrupts():
-                if workers.scheduler:
-                    client = _scheduler_client(workers)
-                else:
-                    cluster = _jobs_cluster(workers, folder) if workers.cluster else _local_cluster(workers, processes)
-                    client = Client(cluster, set_as_default=False)
-            with client:  # an open one delays the end of the interpreter by a minute
-                if workers.scheduler:
-                    client.wait_for_workers(1, timeout=_WORKERS_START)
-                yield client
-        except TimeoutError as error:
-            raise EnvironmentFailure(f"the scheduler at {workers.scheduler} has no worker: start some") from error
-        except BaseException:
-            if isinstance(cluster, LocalCluster):
-                # Stored cases are complete; only news of broken connections follow.
-                logging.getLogger("distributed").handlers = [logging.NullHandler()]
-                for nanny in cluster.workers.values():
-                    nanny.auto_restart = False
-                    if nanny.pid is not None:
-                        os.kill(nanny.pid, signal.SIGKILL)
-            raise
-        finally:
-            if cluster is not None:
-                cluster.close(timeout=10)
-
-
-def _dask_settings(workers: Workers) -> dict[str, object]:
-    settings: dict[str, object] = {
-        "distributed.worker.profile.enabled": False,
-        "distributed.scheduler.http.routes": [],
-        "distributed.worker.http.routes": [],
-        # A death is reported at once: trace files decide which case is tried again.
-        "distributed.scheduler.allowed-failures": 0,
-        # A worker that does not answer, for example a stopped process, is restarted.
-        "distributed.scheduler.worker-ttl": f"{workers.case_seconds + _GRACE:.3f}s",
-        # Arrays do not stay in workers: nothing to spill, and a paused worker would never continue.
-        **dict.fromkeys((f"distributed.worker.memory.{name}" for name in ("target", "spill", "pause")), False),
-        # Cases allocate the same arrays again and again: returning the memory each time costs 10 % of the time.
-        "distributed.nanny.pre-spawn-environ.MALLOC_TRIM_THRESHOLD_": str(2**28),
-        "distributed.nanny.pre-spawn-environ.MALLOC_MMAP_THRESHOLD_": str(2**28),
-    }
-    if not workers.remote:
-        settings["distributed.scheduler.no-workers-timeout"] = f"{_WORKERS_START}s"
-        # The nanny restarts a worker as often as it dies; this would dismiss a slow one.
-        settings["distributed.deploy.lost-worker-timeout"] = "365 days"
-    return settings
-
-
-def _local_cluster(workers: Workers, processes: int) -> LocalCluster:
-    try:
-        return LocalCluster(
-            n_workers=processes,
-            threads_per_worker=1,
-            processes=True,
-            memory_limit="auto" if workers.gigabytes is None else int(workers.gigabytes * 1e9),
-            host="127.0.0.1",
-            security=True,
-            scheduler_kwargs=_NO_DASHBOARD,
-            silence_logs=logging.CRITICAL,
-        )
-    except Exception as error:
-        advice = "try fewer, or --workers 0"
-        raise EnvironmentFailure(f"cannot start {processes} worker processes ({error}): {advice}") from error
-
-
-def _scheduler_client(workers: Workers) -> Client:
-    address, security = workers.scheduler, Security(require_encryption=not workers.insecure)
-    # A client that fails without certificates is closed by the garbage collector, which may block the start of another.
-    if address.startswith("tls://") and security.get_connection_args("client").get("ssl_context") is None:
-        raise InputError(f"{address} needs certificates: set distributed.comm.tls in dask's configuration")
-    try:
-        return Client(address, timeout=10, security=security, set_as_default=False)
-    except (OSError, ValueError) as error:
-        raise EnvironmentFailure(f"no scheduler answers at {address}: start one, or give another address") from error
-
-
-def _jobs_cluster(workers: Workers, folder: Path) -> Any:
-    """Jobs of a batch system, kept at their number, over TLS with temporary credentials of this run."""
-    name, settings = workers.cluster, f"jobqueue.{workers.cluster} in dask's configuration"
-    try:
-        interrupt = signal.getsignal(signal.SIGINT)
-        classes = vars(importlib.import_module(f"dask_jobqueue.{name}"))
-        kind = next(kind for word, kind in classes.items() if word.lower() == f"{name}cluster")
-        signal.signal(signal.SIGINT, interrupt)  # the import of dask-jobqueue replaces it
-        options = dask.config.get(f"jobqueue.{name}")
-        inherited = dask.config.serialize(_dask_settings(workers))
-        here = {"host": "127.0.0.1"} if name == "local" else {}
-        words = ["--no-dashboard", "--dashboard-address=127.0.0.1:0", *(f"--host={host}" for host in here.values())]
-        prologue = [f"export DASK_INTERNAL_INHERIT_CONFIG={inherited}", *(options.get("job-script-prologue") or [])]
-        cluster = kind(
-            processes=options.get("cores"),
-            protocol="tls://",
-            security=Security.temporary(),
-            shared_temp_directory=str(folder),
-            worker_extra_args=[*(options.get("worker-extra-args") or []), *words],
-            scheduler_options={**(options.get("scheduler-options") or {}), **_NO_DASHBOARD, **here},
-            silence_logs=logging.CRITICAL,
-            **({} if name == "local" else {"job_script_prologue": prologue}),
-        )
-    except ImportError as error:
-        raise EnvironmentFailure("batch systems need dask-jobqueue: pip install dask-jobqueue") from error
-    except Exception as error:
-        raise EnvironmentFailure(f"cannot prepare jobs of {name}: {error}: set {settings}") from error
-    try:
-        cluster.scale(jobs=workers.jobs)
-        cluster.sync(asyncio.wait_for, cluster, None)  # raises the errors of the submission
-        cluster.adapt(minimum_jobs=workers.jobs, maximum_jobs=workers.jobs)  # replaces jobs that end
-    except Exception as error:
-        cluster.close(timeout=10)
-        reason = f"there is no {error.filename} here" if isinstance(error, FileNotFoundError) else str(error)
-        raise EnvironmentFailure(f"cannot submit jobs of {name}: {reason}: look at {settings}") from error
-    return cluster
-
-
-@contextmanager
-def _without_interrupts() -> Iterator[None]:
-    """Delay Ctrl-C until the end of the block; processes started in it, or by its threads, never receive one.
-
-    A terminal sends Ctrl-C to every process of a command, but only the command responds.
-    """
-    resource_tracker.ensure_running()  # started inside, it would lift the mask
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
-    try:
-        yield
-    finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, before)

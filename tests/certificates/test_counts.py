@@ -20,7 +20,7 @@ from critflow import (
     three_bar_linkage,
     voronoi_network,
 )
-from critflow.certificates.counts import zero_modes
+from critflow.certificates.spaces import zero_modes
 from critflow.critical.manifold import critical_configuration
 from critflow.linalg.matrices import rigidity_matrix
 

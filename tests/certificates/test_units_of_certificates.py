@@ -7,7 +7,7 @@ from problems import NETWORKS, critical_of, stressed_lines, taut_rows, triangula
 from units import same_in_units
 
 from critflow import certify, lattice, rigidity, self_stresses, voronoi_network
-from critflow.certificates.counts import zero_modes
+from critflow.certificates.spaces import zero_modes
 from critflow.certificates.uniqueness import only_self_stress
 from critflow.critical.manifold import critical_configuration
 

@@ -9,7 +9,8 @@ from problems import NETWORKS, random_stress
 from rationals import DIGITS, exact, fractions
 
 from critflow.precision.double_double import Extended, extended, lengths, multiply, two_sum
-from critflow.precision.geometry import ExtendedGeometry, exact_bond_vectors, exact_forces, exact_sums
+from critflow.precision.geometry import ExtendedGeometry
+from critflow.precision.residual import exact_bond_vectors, exact_forces, exact_sums
 from workflows.benchmarks import reference
 
 

@@ -8,9 +8,8 @@ from units import same_in_units
 
 from critflow import CriticalManifold, equilibrium
 from critflow.precision.double_double import extended
-from critflow.precision.geometry import exact_bond_vectors, exact_forces
 from critflow.precision.refinement import Refinement
-from critflow.precision.residual import exact_displacement, inverse_norm
+from critflow.precision.residual import exact_bond_vectors, exact_displacement, exact_forces, inverse_norm
 
 
 def refined(network, units, distance, signed=False):

@@ -20,7 +20,7 @@ from critflow import (
     spring_state,
     voronoi_network,
 )
-from critflow.precision.geometry import exact_bond_vectors, exact_forces
+from critflow.precision.residual import exact_bond_vectors, exact_forces
 from workflows.benchmarks import reference
 
 

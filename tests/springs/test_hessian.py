@@ -17,7 +17,7 @@ from critflow import (
     three_bar_linkage,
     voronoi_network,
 )
-from critflow.certificates.counts import zero_modes
+from critflow.certificates.spaces import zero_modes
 from critflow.linalg.matrices import block_laplacian
 from critflow.springs.hessian import bond_operator, geometric_split, hookean_split
 

@@ -46,7 +46,7 @@ def test_a_scheduler_with_certificates_gives_the_same_bits(tmp_path, run, forked
     with LocalCluster(n_workers=1, threads_per_worker=3, **options) as cluster:
         more = ("--scheduler", cluster.scheduler_address)
         with pytest.MonkeyPatch.context() as patch:  # refused before there is a client, which nothing would close
-            patch.setattr("critflow.workflow.workers.Client", forbidden)
+            patch.setattr("critflow.workflow.distribution.Client", forbidden)
             assert run(tmp_path / "refused", workers=None, more=more, study="algebra") == 2
         with dask.config.set(tls):
             assert run(tmp_path / "out", workers=None, more=more, study="algebra") == 0
@@ -78,7 +78,7 @@ def test_a_plain_scheduler_needs_a_flag_and_equal_libraries(tmp_path, run, capsy
 
 
 def test_a_scheduler_without_workers_is_reported(tmp_path, run, capsys, monkeypatch):
-    monkeypatch.setattr("critflow.workflow.workers._WORKERS_START", 1.0)
+    monkeypatch.setattr("critflow.workflow.distribution._WORKERS_START", 1.0)
     with LocalCluster(n_workers=0, scheduler_kwargs=NO_DASHBOARD) as cluster:
         more = ("--scheduler", cluster.scheduler_address, "--insecure")
         assert run(tmp_path / "out", workers=None, more=more, study="algebra") == 6

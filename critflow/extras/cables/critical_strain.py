@@ -25,6 +25,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from critflow.arguments import of_kind
+from critflow.calls import running
 from critflow.critical.manifold import CriticalManifold
 from critflow.extras.cables.all_taut import all_taut_onset
 from critflow.extras.cables.boundary_path import BoundaryPath
@@ -37,9 +38,7 @@ from critflow.lengths.taut_set import polish_taut, resolved, settled
 from critflow.networks.checks import edge_values
 from critflow.networks.deformation import Deformable, deformation_of
 from critflow.networks.network import Array, Network
-from critflow.progress import running
 from critflow.result import InputError, Solution, Status
-from critflow.threads import one_blas_thread
 
 # det F of a cell with free sides at which an onset without bounds is that of a flat cell: the program with ROUGH_CONE
 # leaves a tilt of about its root.
@@ -47,7 +46,6 @@ NARROW = 0.02
 
 
 @running("critical_strain")
-@one_blas_thread()
 def critical_strain(
     network: Network | CriticalManifold,
     rest_lengths: ArrayLike,

@@ -12,11 +12,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from critflow.arguments import of_kind
+from critflow.calls import counted, running
 from critflow.extras.cables.critical_strain import critical_strain
 from critflow.networks.network import Array, Network
-from critflow.progress import counted, running
 from critflow.result import InputError, Record, Status
-from critflow.threads import one_blas_thread
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -50,7 +49,6 @@ class RigiditySurface(Record):
 
 
 @running("rigidity_surface")
-@one_blas_thread()
 def rigidity_surface(network: Network, rest_lengths: ArrayLike, directions: ArrayLike) -> RigiditySurface:
     """The rigidity surface of cables of rest lengths ℓ (N_b,), on rays F = 1 + γA for directions A (n, d, d).
 

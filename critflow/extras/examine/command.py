@@ -5,10 +5,10 @@ from __future__ import annotations
 import shlex
 from dataclasses import replace
 
+from critflow.calls import running
 from critflow.extras.examine.examine import examine, read_held
 from critflow.extras.examine.report import report_lines
 from critflow.extras.files.hints import FilesArgument, Hints, in_shell, read, reading
-from critflow.progress import running
 
 
 @reading

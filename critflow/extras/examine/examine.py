@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from critflow.arguments import of_kind
+from critflow.calls import running
 from critflow.certificates.counts import Rigidity, rigidity
 from critflow.certificates.spectrum import CLEAR_GAP
 from critflow.extras.cables.critical_strain import critical_strain
@@ -29,10 +30,8 @@ from critflow.linalg.vectors import norms
 from critflow.networks.checks import edge_values
 from critflow.networks.digits import Digits
 from critflow.networks.network import Array, Network, validated_coordinates
-from critflow.progress import running
 from critflow.response.elasticity import elasticity
 from critflow.result import CritflowError, InputError, NetworkError, Solution, SolveError, Status
-from critflow.threads import one_blas_thread
 
 Result = TypeVar("Result")
 
@@ -51,7 +50,6 @@ DEFORMATIONS = ("dilation", "simple_shear", "pure_shear", "uniaxial")
 
 
 @running("examine")
-@one_blas_thread()
 def examine(
     network: Network | ImportedNetwork | str | PathLike,
     coordinates: ArrayLike | None = None,

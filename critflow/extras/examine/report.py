@@ -7,7 +7,8 @@ from functools import cached_property
 
 import numpy as np
 
-from critflow.certificates.counts import Rigidity, zero_modes
+from critflow.certificates.counts import Rigidity
+from critflow.certificates.spaces import zero_modes
 from critflow.critical.manifold import CriticalConfiguration
 from critflow.extras.cables.onset_end import CriticalStrain
 from critflow.extras.files.data import counted

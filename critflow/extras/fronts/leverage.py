@@ -21,6 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from critflow.arguments import of_kind
+from critflow.calls import running
 from critflow.critical.edge_lengths import NO_LENGTH
 from critflow.critical.manifold import CriticalConfiguration, CriticalManifold
 from critflow.critical.quantity import Quantity
@@ -30,10 +31,8 @@ from critflow.linalg.factor import Factor
 from critflow.linalg.tolerances import EPS
 from critflow.linalg.vectors import dot, norms
 from critflow.networks.network import Array, IntArray, Network
-from critflow.progress import running
 from critflow.response.tensor import TRUSTED_ERROR
 from critflow.result import InputError, Record, Solution, Stats, Status
-from critflow.threads import one_blas_thread
 
 # Rounding of columns that were updated, and of refined ones, relative to r: 1 − σ_α r below its square times Σ|σ|/|σ_α|
 # is that of a bridge, and Σσ²|L|²/k below it times the terms of the sum that of a network that collapses.
@@ -79,7 +78,6 @@ class EdgeLeverage(Record):
 
 
 @running("edge_leverage")
-@one_blas_thread()
 def edge_leverage(critical: CriticalConfiguration, name: str | Quantity = "B_0") -> Solution[EdgeLeverage]:
     """The exact change of a quantity by cutting each edge, all at once, without a new factorisation.
 

@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from critflow.arguments import of_kind
+from critflow.calls import counted, running
 from critflow.critical.edge_lengths import COLLAPSING, SOUND
 from critflow.critical.manifold import Balance, CriticalConfiguration, CriticalManifold, require_one_self_stress
 from critflow.critical.vocabulary import quantity
@@ -28,9 +29,7 @@ from critflow.extras.targets.stresses import Stresses
 from critflow.linalg.vectors import norms
 from critflow.networks.network import Array, Network
 from critflow.optimisation.descent_end import FADED
-from critflow.progress import counted, running
 from critflow.result import InputError, Solution, Stats, Status
-from critflow.threads import one_blas_thread
 
 FRONT_OPTIMAL = 2e-9  # gradient at which the search for a point ends, in units of the ends of the front
 FRONT_CERTIFIED = 1e-5  # largest relative residual of the first-order conditions of a certified point
@@ -83,7 +82,6 @@ class Front(Solution[tuple[CriticalConfiguration, ...]]):
 
 
 @running("pareto")
-@one_blas_thread()
 def pareto(
     network: Network | CriticalManifold,
     objectives: Mapping[Any, str] | Sequence[Any],

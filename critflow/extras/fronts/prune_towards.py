@@ -21,6 +21,7 @@ import numpy as np
 from scipy.linalg.blas import dger
 
 from critflow.arguments import generator, of_kind
+from critflow.calls import running, tell
 from critflow.critical.edge_lengths import NO_LENGTH
 from critflow.critical.manifold import CriticalConfiguration, CriticalManifold
 from critflow.extras.fronts.leverage import Mask, value_of_part, values_after
@@ -30,9 +31,7 @@ from critflow.linalg.tolerances import LARGEST_DENSE
 from critflow.linalg.vectors import norms
 from critflow.networks.network import Array, IntArray, Network
 from critflow.networks.pruning import pruned
-from critflow.progress import running, tell
 from critflow.result import InputError, Solution, Stats, Status
-from critflow.threads import one_blas_thread
 
 PRUNING_DRIFT = 1e-10  # error of rank-one updates from which P is factorised again: far below the digits of a design
 PRUNING_REACHED = 1e-3  # distance from a target that counts as reached, relative to it: cuts are discrete
@@ -63,7 +62,6 @@ class PrunedDesign(Solution[CriticalConfiguration]):
 
 
 @running("prune_towards")
-@one_blas_thread()
 def prune_towards(
     critical: CriticalConfiguration | Network,
     targets: Mapping[Any, Any],

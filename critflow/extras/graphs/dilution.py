@@ -8,15 +8,13 @@ from typing import NamedTuple
 import numpy as np
 
 from critflow.arguments import generator, of_kind
+from critflow.calls import running
 from critflow.networks.network import Network
 from critflow.networks.pruning import CarryingPart, carrying_part, part_of
-from critflow.progress import running
 from critflow.result import InputError
-from critflow.threads import one_blas_thread
 
 
 @running("diluted")
-@one_blas_thread()
 def diluted(network: Network, z: float, seed: int | np.random.Generator = 0) -> Network:
     """The network with edges removed in random order and then pruned, to the mean coordination z = 2 N_b/N_v.
 

@@ -16,19 +16,17 @@ import scipy
 from numpy.typing import NDArray
 
 from critflow.arguments import generator, of_kind, shown
+from critflow.calls import running
 from critflow.extras.graphs.dilution import diluted, with_coordination
-from critflow.generators.lattices import lattice, periodic_network
+from critflow.generators.lattices import lattice
 from critflow.networks.blocks import components
 from critflow.networks.checks import check_size
-from critflow.networks.network import Array, IntArray, Network
+from critflow.networks.network import Array, IntArray, Network, periodic_network
 from critflow.networks.pruning import CarryingPart, carrying_part, pruned
-from critflow.progress import running
 from critflow.result import InputError
-from critflow.threads import one_blas_thread
 
 
 @running("fibre_network")
-@one_blas_thread()
 def fibre_network(kind: str, *size: int, z: float | None = None, seed: int | np.random.Generator = 0) -> Network:
     """Straight fibres that are linked where they cross, to the mean coordination z = 2 N_b/N_v.
 

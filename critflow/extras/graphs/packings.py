@@ -8,14 +8,13 @@ import numpy as np
 import scipy
 
 from critflow.arguments import generator, of_kind
+from critflow.calls import running
 from critflow.extras.graphs.dilution import diluted
 from critflow.generators.random_points import points_in_cell
 from critflow.networks.checks import check_size
 from critflow.networks.network import Array, IntArray, Network
 from critflow.networks.pruning import pruned
-from critflow.progress import running
 from critflow.result import InputError
-from critflow.threads import one_blas_thread
 
 # Ratio of the two radii, at which neither discs nor spheres crystallise (O'Hern et al. 2003).
 _RATIO = 1.4
@@ -31,7 +30,6 @@ _FEWEST = {2: 20, 3: 60}
 
 
 @running("packing_network")
-@one_blas_thread()
 def packing_network(
     n_vertices: int = 200,
     z: float = 4.5,

@@ -6,13 +6,12 @@ import numpy as np
 import scipy
 
 from critflow.arguments import generator, of_kind
+from critflow.calls import running
 from critflow.generators.random_points import points_in_cell
 from critflow.networks.network import Array, IntArray, Network
 from critflow.networks.periodic_cell import near_images
 from critflow.networks.pruning import carrying_part
-from critflow.progress import running
 from critflow.result import InputError
-from critflow.threads import one_blas_thread
 
 # Least distance of two vertices, in units of their mean spacing.
 _HARD_CORE = 0.7
@@ -24,7 +23,6 @@ _MOST_MOVES = 2000
 
 
 @running("regular_network")
-@one_blas_thread()
 def regular_network(
     n_vertices: int = 1000, z: float = 3.0, seed: int | np.random.Generator = 0, dimension: int = 2
 ) -> Network:

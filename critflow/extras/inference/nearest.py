@@ -25,6 +25,7 @@ from scipy.linalg.lapack import dpotri
 from scipy.sparse.linalg import ArpackNoConvergence, LinearOperator, eigsh, splu
 
 from critflow.arguments import of_kind
+from critflow.calls import running
 from critflow.critical.manifold import Balance, CriticalManifold
 from critflow.extensions import provided
 from critflow.linalg.factor import Entries, FixedPattern
@@ -32,9 +33,7 @@ from critflow.linalg.matrices import end_pairs, free_ends, spread_columns
 from critflow.linalg.tolerances import LARGEST_DENSE
 from critflow.networks.checks import edge_values
 from critflow.networks.network import Array, Network, validated_coordinates
-from critflow.progress import running
 from critflow.result import InputError, Solution, Stats, Status
-from critflow.threads import one_blas_thread
 
 NEAREST_CONVERGED = 1e-9  # change of log σ in a step of Gauss and Newton below which it has converged
 NEAREST_ROUGH = 1e-3  # the same with a regularisation that is then left out
@@ -105,7 +104,6 @@ class _Iterate(NamedTuple):
 
 
 @running("nearest_critical")
-@one_blas_thread()
 def nearest_critical(
     network: Network | CriticalManifold,
     coordinates: ArrayLike,

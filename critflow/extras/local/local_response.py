@@ -19,6 +19,7 @@ from typing import Any
 import numpy as np
 
 from critflow.arguments import is_number, of_kind, of_known_kind, shown
+from critflow.calls import running
 from critflow.certificates.uniqueness import require_only_self_stress
 from critflow.critical.manifold import CriticalConfiguration
 from critflow.extensions import extensible
@@ -28,12 +29,10 @@ from critflow.extras.local.pairs import Pair, check_distinct, pair_of
 from critflow.linalg.saddle import Saddle
 from critflow.linalg.tolerances import EPS
 from critflow.networks.network import Array
-from critflow.progress import running
 from critflow.response.elasticity import under_stress
 from critflow.response.linear_response import accumulated_rounding
 from critflow.result import InputError, Record, Solution, Stats, Status
 from critflow.springs.state import SpringState
-from critflow.threads import one_blas_thread
 
 # Part by which a response may deviate at the stress `limit`; error beyond which responses are not trusted, as a part of
 # the largest of them or of the strain of the source.
@@ -72,7 +71,6 @@ class LocalResponse(Record):
 
 
 @running("local_response")
-@one_blas_thread()
 def local_response(springs: Any, source: Any, targets: Any, throw: bool = True) -> Solution[LocalResponse]:
     """How far target pairs of vertices are stretched by a stretched source pair.
 

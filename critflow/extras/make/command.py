@@ -9,6 +9,7 @@ from typing import Annotated, Any
 import numpy as np
 import typer
 
+from critflow.calls import running
 from critflow.critical.manifold import CriticalConfiguration
 from critflow.extras.files.convert import write_network
 from critflow.extras.files.formats import writable_format
@@ -18,7 +19,6 @@ from critflow.extras.inference.nearest import nearest_critical
 from critflow.extras.targets.targets import Design, design
 from critflow.networks.network import Network
 from critflow.optimisation.optimize import optimize
-from critflow.progress import running
 from critflow.response.certificate import certificate_text
 from critflow.result import InputError, Solution
 

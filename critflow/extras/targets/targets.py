@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from critflow.arguments import of_kind
+from critflow.calls import running
 from critflow.critical.manifold import Balance, CriticalConfiguration, CriticalManifold
 from critflow.critical.quantity import Quantity
 from critflow.critical.variances import LengthVariance, TensionVariance
@@ -31,10 +32,8 @@ from critflow.extras.targets.problem import (
 )
 from critflow.extras.targets.stresses import Stresses
 from critflow.networks.network import Array, Network, validated_coordinates
-from critflow.progress import running
 from critflow.result import InputError, Record, Solution, Stats, Status
 from critflow.springs.state import SpringState
-from critflow.threads import one_blas_thread
 
 # Least eigenvalue of the cosines of the gradients of targets that can be changed independently.
 INDEPENDENT_TARGETS = 1e-6
@@ -96,7 +95,6 @@ class Design(Solution[Value]):
 
 
 @running("design")
-@one_blas_thread()
 def design(
     start: Any,
     targets: Mapping[Any, Any],

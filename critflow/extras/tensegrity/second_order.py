@@ -20,16 +20,16 @@ import scipy.sparse as sp
 from numpy.typing import ArrayLike
 
 from critflow.arguments import of_kind
-from critflow.certificates.counts import Rigidity, rigidity, zero_modes
+from critflow.calls import running
+from critflow.certificates.counts import Rigidity, rigidity
 from critflow.certificates.prestress import forms_on_modes, stable_margin, stiffness_error
+from critflow.certificates.spaces import zero_modes
 from critflow.certificates.spectrum import ITERATION_ERROR
 from critflow.extras.tensegrity.semidefinite import fourth_order_bound, second_order_relaxation
 from critflow.linalg.saddle import Saddle
 from critflow.linalg.tolerances import EPS, LARGEST_DENSE
 from critflow.networks.network import Array, Network
-from critflow.progress import running
 from critflow.result import Record, Solution, Stats, Status
-from critflow.threads import one_blas_thread
 
 POSITIVE = 1e-7  # an eigenvalue above this is positive: below, the solutions of semidefinite programs are not accurate
 ZERO = 1e-10  # an eigenvalue or form below this is zero to rounding
@@ -80,7 +80,6 @@ class SecondOrderRigidity(Record):
 
 
 @running("second_order_rigidity")
-@one_blas_thread()
 def second_order_rigidity(
     network: Network, coordinates: ArrayLike, tolerance: float | None = None
 ) -> Solution[SecondOrderRigidity]:

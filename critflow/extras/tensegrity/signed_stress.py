@@ -20,13 +20,12 @@ import scipy.sparse as sp
 from numpy.typing import ArrayLike, NDArray
 
 from critflow.arguments import of_kind
+from critflow.calls import running
 from critflow.certificates.prestress import stabilises
 from critflow.critical.manifold import CriticalConfiguration, critical_configuration
 from critflow.linalg.matrices import balanced_part, block_laplacian, laplacian, spread_columns
 from critflow.networks.network import Array, Network, validated_coordinates
-from critflow.progress import running
 from critflow.result import InputError, Record, Solution, Stats, Status
-from critflow.threads import one_blas_thread
 
 # Largest least |σ| of a linear program without solution, and the accuracy to which linear programs are solved.
 NO_SIGNED_STRESS, ACCURACY = 1e-7, 1e-9
@@ -58,7 +57,6 @@ class SignedStress(Record):
 
 
 @running("signed_stress")
-@one_blas_thread()
 def signed_stress(
     network: Network, coordinates: ArrayLike, signs: ArrayLike, throw: bool = True
 ) -> Solution[SignedStress]:
@@ -161,7 +159,6 @@ class Stability(Solution[CriticalConfiguration]):
 
 
 @running("stability")
-@one_blas_thread()
 def stability(critical: CriticalConfiguration, margin: float = 1e-8) -> Stability:
     """Stability of a configuration under its stress, from the inertia of P(σ) and of P on the first-order flexes.
 

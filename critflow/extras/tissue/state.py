@@ -17,7 +17,7 @@ from critflow.linalg.factor import FixedPattern
 from critflow.linalg.tolerances import EPS
 from critflow.networks.network import Array
 from critflow.precision.double_double import Extended, lengths
-from critflow.precision.geometry import exact_sums
+from critflow.precision.residual import exact_sums
 from critflow.springs.state import TAUT, SpringState
 
 COLLAPSING_LENGTH = 1e-3  # in a failed relaxation an edge below this part of the mean length is reported as collapsing

@@ -15,17 +15,16 @@ import scipy.sparse as sp
 from numpy.typing import ArrayLike, NDArray
 
 from critflow.arguments import of_kind
+from critflow.calls import running
 from critflow.critical.manifold import CriticalConfiguration, critical_configuration
 from critflow.extras.tissue.face_springs import FaceSprings
 from critflow.extras.tissue.perimeter_program import fit_perimeters
 from critflow.extras.tissue.state import TissueState
 from critflow.linalg.tolerances import EPS
 from critflow.networks.network import Array, Network
-from critflow.progress import running
 from critflow.result import InputError, Record, Solution, Stats, Status
 from critflow.springs.equilibrium import equilibrium
 from critflow.springs.state import edge_directions
-from critflow.threads import one_blas_thread
 
 # Edges below this part of the mean length are collapsed: ten times the accuracy of the cone program, about 1e-6.
 COLLAPSED_EDGE = 1e-5
@@ -119,7 +118,6 @@ class PerimeterFit(Solution[CriticalTissue]):
 
 
 @running("critical_from_perimeters")
-@one_blas_thread()
 def critical_from_perimeters(
     network: Network,
     perimeters: ArrayLike,

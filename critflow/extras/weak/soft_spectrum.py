@@ -20,6 +20,7 @@ import scipy.sparse as sp
 from scipy.sparse.linalg import LinearOperator, eigsh
 
 from critflow.arguments import of_kind
+from critflow.calls import running
 from critflow.certificates.uniqueness import require_only_self_stress
 from critflow.critical.manifold import CriticalConfiguration
 from critflow.extras.weak.weak_system import WeakSystem
@@ -27,9 +28,7 @@ from critflow.linalg.matrices import spread_columns
 from critflow.linalg.tolerances import LARGEST_DENSE
 from critflow.linalg.vectors import quasi_random
 from critflow.networks.network import Array
-from critflow.progress import running
 from critflow.result import InputError, Record
-from critflow.threads import one_blas_thread
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -59,7 +58,6 @@ class SoftSpectrum(Record):
 
 
 @running("soft_spectrum")
-@one_blas_thread()
 def soft_spectrum(critical: CriticalConfiguration) -> SoftSpectrum:
     """Both bands, their coupling and ½ ln det with its gradient, from dense matrices.
 

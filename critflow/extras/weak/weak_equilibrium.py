@@ -15,6 +15,7 @@ import scipy.sparse as sp
 from numpy.typing import ArrayLike, NDArray
 
 from critflow.arguments import of_kind
+from critflow.calls import running
 from critflow.critical.manifold import CriticalConfiguration
 from critflow.extras.weak.weak_energies import ENERGIES, WeakEnergy, WeakFunction, weak_function
 from critflow.linalg.factor import Entries, Factor, FixedPattern
@@ -22,12 +23,10 @@ from critflow.linalg.matrices import block_entries, n_block_values
 from critflow.networks.checks import floats
 from critflow.networks.deformation import Deformable, Deformation, deformation_of
 from critflow.networks.network import Array, Network
-from critflow.progress import running
 from critflow.result import InputError, Record, Solution, Stats, Status
 from critflow.springs.laws import HOOKEAN, Cable, SpringLaw, checked_law
 from critflow.springs.newton import newton
 from critflow.springs.state import TAUT, SpringState
-from critflow.threads import one_blas_thread
 
 TOLERANCE = 1e-13  # of forces, in units of stiffness times length: ten roundings
 _MOST_STEPS = 300
@@ -108,7 +107,6 @@ class WeakEquilibria(Record):
 
 
 @running("weak_equilibrium")
-@one_blas_thread()
 def weak_equilibrium(
     critical: CriticalConfiguration,
     energy: WeakEnergy,

@@ -26,6 +26,7 @@ import scipy.sparse as sp
 from numpy.typing import ArrayLike, NDArray
 
 from critflow.arguments import of_kind, shown
+from critflow.calls import running
 from critflow.certificates.prestress import stabilises
 from critflow.critical.manifold import CriticalConfiguration
 from critflow.extras.weak.soft_spectrum import require_floppy_motions, soft_eigenvalues
@@ -37,9 +38,7 @@ from critflow.extras.weak.weak_system import WeakStrain, WeakSystem
 from critflow.networks.checks import floats
 from critflow.networks.deformation import Deformable, Deformation
 from critflow.networks.network import Array
-from critflow.progress import running
 from critflow.result import InputError, Record, Solution, Stats, Status
-from critflow.threads import one_blas_thread
 
 LARGEST_ERROR = 0.1  # of the tension above the end of the branch, beyond which values are NaN
 NO_WORK = 1e-9  # part of Σσ|L||AL| below which a strain does no work on the self-stress
@@ -262,7 +261,6 @@ class WeakForces(Record):
 
 
 @running("weak_forces")
-@one_blas_thread()
 def weak_forces(
     critical: CriticalConfiguration,
     energy: WeakEnergy,

@@ -3,7 +3,7 @@
 import numpy as np
 from extras.tissue_patches import tissue
 
-from critflow import lattice, nearest_critical, network_from, progress, write_network
+from critflow import calls, lattice, nearest_critical, network_from, write_network
 from critflow.command.main import main
 
 
@@ -46,7 +46,7 @@ def test_the_next_command_has_the_options_of_the_report(tmp_path, capsys):
 
 def test_the_parts_of_an_examination_are_told_in_the_words_of_the_shell(monkeypatch, tmp_path):
     told = []
-    monkeypatch.setattr(progress, "tell", told.append)
+    monkeypatch.setattr(calls, "tell", told.append)
     (tmp_path / "t_edges.csv").write_text("tail,head\nA,D\nB,D\nC,D\n")
     (tmp_path / "t_vertices.csv").write_text("id,x,y\nA,0,0\nB,4,0\nC,0,3\nD,1,1\n")
     assert main(["examine", str(tmp_path / "t.csv")]) == 2

@@ -1,6 +1,7 @@
-"""One line on a terminal about a call that takes more than two seconds: its name, how far it is, and its time.
+"""How a public call runs: BLAS has one thread, and a line on a terminal has its name, how far it is, and its time.
 
-Nothing is written where standard error is no terminal or is redirected, in worker processes and in other threads.
+The line appears after two seconds.  Nothing is written where standard error is no terminal or is redirected, in worker
+processes and in other threads.
 """
 
 from __future__ import annotations
@@ -9,8 +10,11 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Collection, Iterator
-from contextlib import contextmanager
-from typing import TypeVar
+from contextlib import AbstractContextManager, contextmanager, nullcontext
+from functools import cache
+from typing import Any, TypeVar
+
+from threadpoolctl import ThreadpoolController
 
 # Seconds before the line appears, and between its changes.
 PATIENCE, PERIOD = 2.0, 0.5
@@ -63,15 +67,33 @@ def _visible() -> bool:
 
 @contextmanager
 def running(what: str) -> Iterator[Callable[[str], None]]:
-    """Show what is computed, unless a call around it is shown; the function that it yields names a part."""
-    if _LINE.what or not _visible():
-        yield tell
-        return
-    _LINE.begin(what)
+    """Run a call, or a block, on one thread, and show its name unless a call around it is shown; yields `tell`."""
+    shown = not _LINE.what and _visible()
+    if shown:
+        _LINE.begin(what)
     try:
-        yield tell
+        with _one_blas_thread():
+            yield tell
     finally:
-        _LINE.end()
+        if shown:
+            _LINE.end()
+
+
+def _one_blas_thread() -> AbstractContextManager[Any]:
+    """A context in which BLAS uses one thread; calls inside it set nothing.
+
+    Digits and times then do not depend on other processes: threads that wait for each other while processes are busy
+    take seconds for the small dense matrices of this library.
+    """
+    controller = _controller()
+    blas = (library.num_threads for library in controller.lib_controllers if library.user_api == "blas")
+    return nullcontext() if all(n == 1 for n in blas) else controller.limit(limits=1, user_api="blas")
+
+
+@cache
+def _controller() -> ThreadpoolController:
+    # To find the libraries takes milliseconds, to set their threads microseconds.
+    return ThreadpoolController()
 
 
 def tell(part: str) -> None:
