@@ -8,6 +8,9 @@ import xarray as xr
 from critflow.command.main import main
 
 SETTINGS = {
+    "allostery": (
+        *("seeds=0:1", "n_vertices=40", "loads=0.1,1.0", "sizes=24,40", "fractions=0.2,0.6", "starts=1", "steps=100"),
+    ),
     "boundary": ("seeds=0:3", "n_vertices=40"),
     "design_curves": ("seeds=0:1", "n_vertices=24"),
     "design_fronts": ("seeds=0:1", "fronts=stiff_stiffening", "sizes=8", "points=2", "samples=3"),
