@@ -10,14 +10,17 @@ can command has a sharp limit which grows more slowly than the number of vertice
 """
 
 import numpy as np
+from matplotlib.collections import LineCollection
 
 import critflow as cf
 from critflow.extras.local.diagonals import face_diagonals, response_name
+from critflow.extras.local.drawing import add_response, response_legend
+from critflow.figures.plot import periodic_segments
 from critflow.result import StudyError
 from critflow.workflow import Claim, Coordinate, Study, stable_rng
 
 from .shared.checks import check_network, check_voronoi, voronoi_check
-from .shared.figures import draw_in_cell, legend_below, lettered, panels
+from .shared.figures import legend_below, lettered, panels
 from .shared.populations import LABELS, NAMES, PAPER_POPULATIONS, configuration
 from .shared.reports import PAPER, finite, parameters, series
 from .shared.tables import networks, numbers, outcomes, stacked
@@ -31,6 +34,7 @@ NETWORK = {"threshold": 0.1, "spread": 0.1}
 KINDS = ("signs", "amplitudes")  # of the goals: ±1, and uniform between −1 and 1
 N_SOURCES = 3  # of the conditions of a capacity
 BINS = np.arange(0.5, 6.0, 1.0)  # distances of the centres of source and target, in units of √(V/N_v)
+FAR = 3  # the bin around four spacings, which every network has
 UNTRAINED = 6  # sources of the untrained responses
 # Stresses t in tσ, in units of k, and relative errors of the rest lengths at t = 1e-3.
 STRESSES, NOISES, NOISY_STRESS = np.array([1e-6, 1e-5, 1e-4, 1e-3, 1e-2]), np.array([1e-5, 1e-4, 1e-3]), 1e-3
@@ -63,7 +67,7 @@ def untrained(manifold, pairs, seed):
             eta = responses(solution.value, pairs[:UNTRAINED], pairs)
             size = np.abs(eta)
             row["typical"] = np.array([median(size[places == n]) for n in range(len(BINS) - 1)])
-            row["largest"] = size[places >= 2].max(initial=np.nan)
+            row["largest"] = size[places >= 2].max(initial=0.0)
             between = eta[:, :UNTRAINED] * eta[:, :UNTRAINED].T
             row["reciprocity"] = between[~np.eye(len(between), dtype=bool)].max()
         rows.append(row)
@@ -238,7 +242,7 @@ def thresholds(ds):
 
 def capacity_figure(ds):
     """Success against the number of conditions, and the threshold against size."""
-    figure, (left, right) = panels(2, f"Conditions that designs meet, {ds.sizes['seed']} networks, {N_SOURCES} sources")
+    figure, (left, right) = panels(2, f"Conditions that designs of {N_SOURCES} sources meet")
     fractions, sizes = np.array(parameters(ds)["fractions"]), np.array(parameters(ds)["sizes"])
     part, threshold = success(ds), thresholds(ds)
     for s, size in enumerate(sizes):
@@ -281,7 +285,7 @@ def response_figure(ds):
     for axes in (middle, right):
         axes.axhline(LOST, color="0.7", lw=0.8)
     middle.set(xlabel="stress t  [k]", ylabel="largest deviation from ±1", title="trained, under stress")
-    right.set(xlabel="relative errors of rest lengths, t = 1e-3", title="trained, imprecise")
+    right.set(xlabel="errors of rest lengths, t = 1e-3", title="trained, imprecise")
     legend_below(figure, middle, ncols=3)
     lettered(left, middle, right)
     return figure
@@ -289,41 +293,30 @@ def response_figure(ds):
 
 def network_figure(ds):
     """One network before and after training: widths by tension, displacements, source and targets."""
-    figure, axes = panels(2, "Eight targets that answer to one source: blue grow with it, red shrink", height=5.0)
+    figure, axes = panels(2, "Eight targets of one source before and after training", height=5.0)
     one = ds.isel(seed=0)
     for n, (ax, title) in enumerate(zip(axes, ("stiffest network", "trained"), strict=True)):
-        draw_response(ax, one, n)
+        draw_stage(ax, one, n)
         ax.set_title(title)
     lettered(*axes)
-    for ax in axes:
-        ax.set_axis_off()
+    figure.legend(handles=response_legend(), frameon=False, ncols=3, fontsize=8.5, loc="outside lower center")
     return figure
 
 
-def draw_response(axes, one, n):
-    """The network, arrows of the motion, the source in black, and targets coloured by their response."""
-    x, u, L, cell = one.places.values[n], one.moves.values[n], one.bonds.values[n], one.cell.values
-    edges = one.edges.values
-
-    def inside(points):
-        return (points @ np.linalg.inv(cell) % 1.0) @ cell
-
-    tail = inside(x[edges[:, 0]])
+def draw_stage(axes, one, n):
+    """The network before (0) or after training (1), its source, targets and motion."""
+    x, u, L = one.places.values[n], one.moves.values[n], one.bonds.values[n]
+    cell, edges = one.cell.values, one.edges.values
+    offsets = np.round((L - x[edges[:, 1]] + x[edges[:, 0]]) @ np.linalg.inv(cell)).astype(int)
+    lines, owner = periodic_segments(edges, offsets, cell, x)
     tension = one.stress.values[n] * np.linalg.norm(L, axis=1)
-    lines = np.stack([tail, tail + L], axis=1)
-    draw_in_cell(axes, lines, 0.4 + 1.2 * tension / tension.mean(), len(x), color="0.6")
-    at, scale = inside(x), 0.5 * np.sqrt(abs(np.linalg.det(cell)) / len(x)) / np.abs(u).max()
-    axes.quiver(*at.T, *(scale * u).T, angles="xy", scale_units="xy", scale=1, width=0.004, color="0.2")
-    for m, (i, j, *image) in enumerate(one.shown.values.astype(int)):
-        if i < 0:
-            continue
-        r = x[j] + image @ cell - x[i]
-        start = inside(x[i])
-        strain = (u[j] - u[i]) @ r / (r @ r)
-        colour = "k" if m == 0 else "#0072b2" if strain > 0 else "#d55e00"
-        for shift in np.ndindex(3, 3):
-            ends = np.array([start, start + r]) + (np.array(shift) - 1) @ cell
-            axes.plot(*ends.T, color=colour, lw=2.5 if m == 0 else 1 + 2 * min(1, abs(strain)), alpha=0.85)
+    axes.add_collection(LineCollection(list(lines), linewidths=(0.4 + tension / tension.mean())[owner], colors="0.7"))
+    shown = one.shown.values.astype(int)
+    shown = shown[shown[:, 0] >= 0]
+    ends, images = shown[:, :2], shown[:, 2:]
+    r = x[ends[:, 1]] - x[ends[:, 0]] + images @ cell
+    strains = np.sum((u[ends[:, 1]] - u[ends[:, 0]]) * r, axis=1) / np.sum(r**2, axis=1)
+    add_response(axes, cell, x, u, ends, images, strains)
 
 
 # Claims
@@ -339,7 +332,7 @@ def _of_training(ds):
     every = int(np.argmax(loads))
     errors = ds.trained_error[:, STYLES.index("free"), every].values
     best = ds.largest.mean("seed").values
-    far = ds.typical.mean("seed").values[:, -1]
+    far = ds.typical.mean("seed").values[:, FAR]
     return [
         Claim.tested(
             "allostery-faces", f"one source commands {loads[every]:.0%} of the other faces, +1 or −1 at random", "",
@@ -347,7 +340,7 @@ def _of_training(ds):
             (errors < REACHED).all(), "a search that fails is no proof", criterion="1e-6 in every network",
         ),
         Claim(
-            "allostery-untrained", "population with the largest median response at the largest distance", "",
+            "allostery-untrained", "median response of untrained populations at four spacings", "",
             ", ".join(f"{NAMES[p]} {a:.2g} (largest {b:.2g})" for p, a, b
                       in zip(PAPER_POPULATIONS, far, best, strict=True)), "measured",
         ),

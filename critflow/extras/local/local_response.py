@@ -126,7 +126,7 @@ def _at_transition(critical: CriticalConfiguration, source: Pair, targets: tuple
     found = compliances(critical)
     require_only_self_stress(critical, "follow strain_path() and give one of its states")
     if found.held(source):
-        note = f"a rigid part of the network holds the source {source}, so that its distance cannot change"
+        note = f"the edges hold the source {source}, so that no motion changes its distance: name another pair"
         return _failed(critical, source, targets, Status.rigid, note)
     errors = np.array([strain_error(found, critical, source, target) for target in targets])
     own = found.compliance(source, source)
