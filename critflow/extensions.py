@@ -1,6 +1,7 @@
 """How extras join the scene: each is a folder of `critflow/extras`, and its file `extra.toml` declares what it adds.
 
     needs       other extras that it imports
+    numeric     false where nothing of it decides the numbers of a study
     kinds       classes of the scene that its package teaches to functions which are `extensible`
     quantities  name, such as "onset[D]" -> "module:factory" within its folder, as in `critical.vocabulary`
     commands    name -> "module:function" within its folder
@@ -43,6 +44,7 @@ class Extra:
 
     name: str
     needs: list[str] = field(default_factory=list)
+    numeric: bool = True
     kinds: list[str] = field(default_factory=list)
     quantities: dict[str, str] = field(default_factory=dict)
     commands: dict[str, Command] = field(default_factory=dict)
@@ -55,7 +57,12 @@ class Extra:
         return f"{__package__}.{_FOLDER.name}.{self.name}"
 
     def named(self, place: str) -> Any:
-        """The object at "module:name" within the folder."""
+        """The object at "module:name" within the folder; `InputError` where the extra needs one that is not there."""
+        if absent := sorted(with_needs(set(self.needs)) - extras().keys()):
+            raise InputError(
+                f"the extra {self.name!r} of critflow needs the extra {absent[0]!r}, which is not installed: install "
+                "critflow again"
+            )
         return named(f"{self.package}.{place}")
 
 
@@ -73,10 +80,21 @@ def extras() -> dict[str, Extra]:
     return {name: _extra(name, **entries) for name, entries in declared.items()}
 
 
+def with_needs(names: set[str]) -> set[str]:
+    """Extras and all that they import, installed or not."""
+    needed, waiting = set[str](), set(names)
+    while waiting:
+        name = waiting.pop()
+        needed.add(name)
+        waiting |= set(extras()[name].needs) - needed if name in extras() else set()
+    return needed
+
+
 def _extra(name: str, commands: dict[str, dict[str, str]] | None = None, **entries: Any) -> Extra:
     return Extra(name, commands={one: Command(**entry) for one, entry in (commands or {}).items()}, **entries)
 
 
+@cache
 def quantities() -> dict[str, str]:
     """Quantities of all extras: "module:factory" by name."""
     return {name: f"{one.package}.{place}" for one in extras().values() for name, place in one.quantities.items()}

@@ -15,8 +15,10 @@ for name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
 
 import matplotlib.pyplot as plt
 import pytest
+from extras_there import absent, used_by_file
 from hypothesis import settings
 from matplotlib.figure import Figure
+from units import INVERSE, PLAIN, SCALED
 
 
 def pytest_configure(config):
@@ -33,6 +35,13 @@ def everything(config):
 _MADE_HERE, _RUN_BY_USERS = ("studies", "benchmarks", "pages"), ("test_ensemble.py", "test_own_network.py")
 
 
+def pytest_ignore_collect(collection_path):
+    """Tests of the whole repository are left out where an extra that they use is not there."""
+    of_all = collection_path.parent.name in _MADE_HERE or collection_path.name == "test_peers.py"
+    file = collection_path.suffix == ".py" and of_all
+    return bool(file and absent(used_by_file(collection_path))) or None
+
+
 @pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(items):
     for item in items:
@@ -41,6 +50,12 @@ def pytest_collection_modifyitems(items):
             item.add_marker(pytest.mark.sweep)
     # Files that wait for other processes begin, so that no process is alone with them at the end.
     items.sort(key=lambda item: item.path.parent.name != "workflow")
+
+
+@pytest.fixture(params=[PLAIN, SCALED, INVERSE], ids=str)
+def units(request):
+    """A test runs with lengths near one and stiffnesses of one, and with both far from it."""
+    return request.param
 
 
 @pytest.fixture(autouse=True)

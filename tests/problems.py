@@ -18,9 +18,9 @@ from critflow import (
     Network,
     Status,
     critical_from_lengths,
-    diluted,
     equilibrium,
     lattice,
+    pruned,
     spring_state,
     voronoi_network,
 )
@@ -60,10 +60,17 @@ def with_random_stiffness(network: Network, seed: int) -> Network:
     return network.with_stiffness(0.5 + 1.5 * np.random.default_rng(seed).random(network.n_edges))
 
 
-def slack_lattice(seed: int = 1) -> tuple[Network, np.ndarray, CriticalConfiguration]:
-    """A diluted triangular lattice of which many edges are slack at the transition, with ℓ and its configuration."""
-    network = diluted(lattice("triangular", 7, 7), 3.6, seed=seed)
-    lengths = 1 + 0.05 * np.random.default_rng(seed).standard_normal(network.n_edges)
+def thinned(network: Network, n_removed: int, seed: int = 1) -> Network:
+    """The network without this number of random edges, and without those that carry no tension without them."""
+    left = np.ones(network.n_edges, bool)
+    left[np.random.default_rng(seed).permutation(network.n_edges)[:n_removed]] = False
+    return pruned(network, left).network
+
+
+def slack_lattice() -> tuple[Network, np.ndarray, CriticalConfiguration]:
+    """A lattice of z = 3.6 of which many edges are slack at the transition, with ℓ and its configuration."""
+    network = thinned(lattice("triangular", 7, 7), 64)
+    lengths = 1 + 0.05 * np.random.default_rng(1).standard_normal(network.n_edges)
     return network, lengths, critical_from_lengths(network, lengths, throw=False).value
 
 

@@ -9,16 +9,16 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from extras_there import missing
 from problems import square_octagon
 from public import NAMES, checked_functions
 
+import critflow
 from critflow import (
-    AngleSprings,
     CritflowError,
     CriticalManifold,
     InputError,
     Network,
-    examine,
     lattice,
     progress,
     spring_state,
@@ -43,7 +43,6 @@ RIGHT = {
     "strains": [0.001, 0.002],
     "start": CRITICAL,
     "strain": np.eye(2),
-    "energy": AngleSprings(2.0),
     "kappa": 0.001,
     "objective": "B_0",
     "state": spring_state(NETWORK, CRITICAL.lengths, CRITICAL.coordinates),
@@ -72,9 +71,15 @@ RIGHT = {
     "s": np.zeros(5),
     "deformation": "dilation",
     "thing": CRITICAL,
-    "examination": examine(NETWORK, CRITICAL.coordinates, deformations=()),
     "path": Path(tempfile.mkdtemp()) / "page.md",
 }
+# Arguments that an extra makes.
+OF_EXTRAS = {
+    "weak": lambda: {"energy": critflow.AngleSprings(2.0)},
+    "examine": lambda: {"examination": critflow.examine(NETWORK, CRITICAL.coordinates, deformations=())},
+}
+for extra, made in OF_EXTRAS.items():
+    RIGHT |= {} if missing("", extra) else made()
 OF_FUNCTION = {
     "tissue": {"network": HEXAGONS, "coordinates": HEXAGONS.positions},
     "critical_from_perimeters": {"network": HEXAGONS},

@@ -1,6 +1,7 @@
 """How extras join the scene: their declarations, and what is said of one that is not installed."""
 
 import tomllib
+from dataclasses import replace
 
 import pytest
 from known_extras import LIST, declared
@@ -15,8 +16,10 @@ def without(monkeypatch):
     def remove(extra):
         rest = {name: one for name, one in extensions.extras().items() if name != extra}
         monkeypatch.setattr(extensions, "extras", lambda: rest)
+        extensions.quantities.cache_clear()
 
-    return remove
+    yield remove
+    extensions.quantities.cache_clear()
 
 
 def test_the_list_of_names_is_that_of_the_declarations():
@@ -53,6 +56,12 @@ def test_a_quantity_of_an_extra_that_is_not_installed(without):
     with pytest.raises(InputError, match=r"and modulus\[D\] or stiffening\[D\] of a deformation D: ") as error:
         quantity(network, "nonsense")
     assert "onset" not in str(error.value)
+
+
+def test_a_service_of_an_extra_that_needs_one_that_is_not_installed():
+    extra = next(one for one in extensions.extras().values() if one.functions)
+    with pytest.raises(InputError, match=f"'{extra.name}' of critflow needs the extra 'nonsense', which is not"):
+        replace(extra, needs=["nonsense"]).named(next(iter(extra.functions.values())))
 
 
 def test_what_an_extra_writes_in_brackets_goes_to_its_factory(monkeypatch):

@@ -10,9 +10,9 @@ import sys
 from pathlib import Path
 
 import pytest
-from extras_there import PACKAGE, PUBLIC, used, with_needs
+from extras_there import PACKAGE, PUBLIC, absent, used_by_file
 
-from critflow.extensions import extras
+from critflow.extensions import extras, with_needs
 
 ROOT = PACKAGE.parent
 TESTS = Path(__file__).parent
@@ -67,9 +67,9 @@ def test_the_ensemble_loads_no_extra(tmp_path):
 
 def test_every_folder_declares_itself_and_has_tests():
     folders = {path.name for path in (PACKAGE / "extras").iterdir() if path.is_dir() and path.name != "__pycache__"}
-    assert folders == set(extras()) and set(PUBLIC.values()) <= folders
+    assert folders == set(extras())
     for name, extra in extras().items():
-        assert set(extra.needs) <= folders - {name}
+        assert name not in extra.needs
         assert list((TESTS / "extras" / name).glob("test_*.py")), name
 
 
@@ -78,32 +78,19 @@ def test_extras_do_not_need_each_other_in_a_circle():
         assert name not in with_needs(set(extra.needs)), name
 
 
-# Tests of the scene that still use an extra.  This list may only become shorter.
-MIXED = {
-    "critical/test_properties.py",
-    "figures/test_plot.py",
-    "lengths/test_cone.py",
-    "optimisation/test_largest_modulus.py",
-    "precision/test_refinement.py",
-    "problems.py",
-    "test_arguments.py",
-    "test_input.py",
-}
 # Whose subject is the whole repository: these leave out what is not there.
 OF_ALL = ("studies", "benchmarks", "pages", "extras")
 
-
-# Tables of which a row for an extra is left out with it.
-WITH_TABLES = {"test_imports.py", "test_mistakes.py", "test_peers.py"}
+# Tables of which a row for an extra is left out with it, and comparisons, which are left out as a whole.
+WITH_TABLES = {"test_arguments.py", "test_imports.py", "test_mistakes.py", "test_peers.py"}
 
 
 def test_tests_of_the_scene_use_no_extra():
     files = [path for path in TESTS.rglob("*.py") if path.relative_to(TESTS).parts[0] not in OF_ALL]
-    found = {str(path.relative_to(TESTS)) for path in files if used(path.read_text(encoding="utf-8"))}
-    assert found - WITH_TABLES <= MIXED
+    assert {str(path.relative_to(TESTS)) for path in files if used_by_file(path)} <= WITH_TABLES
 
 
 def test_every_public_name_of_an_extra_is_tested_in_its_folder():
-    for name, extra in PUBLIC.items():
+    for name, extra in ((name, extra) for name, extra in PUBLIC.items() if not absent([extra])):
         files = (TESTS / "extras" / extra).glob("test_*.py")
         assert any(re.search(rf"\b{name}\b", path.read_text(encoding="utf-8")) for path in files), f"{extra}: {name}"

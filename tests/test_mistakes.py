@@ -9,12 +9,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 import xarray as xr
+from extras_there import skip_without
 
 import critflow as cf
 from critflow import CritflowError, InputError, SolveError
 from critflow.command.main import main
 
-EXTRAS = Path(cf.__file__).parent / "extras"
 TINY = str(Path(__file__).parent / "workflow" / "tiny_study.py")
 
 NETWORK = cf.voronoi_network(n_vertices=60, seed=1)
@@ -296,11 +296,13 @@ CALLS = {
             lambda: cf.design(NETWORK, {"nu": -0.5}),
             *(InputError, "no quantity is called 'nu'", "choose from B_0, G_0", "modulus[D]"),
         ),
+        "targets as a set": (lambda: cf.design(NETWORK, {"B_0"}), InputError, "targets must be a Mapping", "not a set"),
+    },
+    "design_stiffness": {
         "no such quantity of stiffnesses": (
             lambda: cf.design(NETWORK, {"poisson": -0.5}, change="stiffness"),
             *(InputError, "no quantity is called 'poisson'", "choose from B_0, G_0", "modulus[D]"),
         ),
-        "targets as a set": (lambda: cf.design(NETWORK, {"B_0"}), InputError, "targets must be a Mapping", "not a set"),
         "limits of an unknown quantity": (
             lambda: cf.design(STATE, {"B_0": 0.2}, change="stiffness", within={"stiffness": (0.1, 10)}),
             *(InputError, "edges have no quantity 'stiffness'", "choose from stiffnesses"),
@@ -552,15 +554,9 @@ def rows(table):
     return [pytest.param(extras, name, id=f"{extras} {name}".strip()) for extras in table for name in table[extras]]
 
 
-def skip_deleted(extras):
-    deleted = [extra for extra in extras.split() if not (EXTRAS / extra / "__init__.py").exists()]
-    if deleted and EXTRAS.exists():
-        pytest.skip(f"deleted: {', '.join(deleted)}")
-
-
 @pytest.mark.parametrize("extras, name", rows(CALLS))
 def test_a_wrong_call_gives_its_kind_of_error_and_its_sentence(extras, name, monkeypatch, tmp_path):
-    skip_deleted(extras)
+    skip_without(extras.split())
     monkeypatch.chdir(tmp_path)
     call, kind, *words = CALLS[extras][name]
     with pytest.raises(kind) as caught:
@@ -574,7 +570,7 @@ def test_a_wrong_call_gives_its_kind_of_error_and_its_sentence(extras, name, mon
 
 @pytest.mark.parametrize("extras, name", rows(ACCEPTED))
 def test_a_call_that_is_no_mistake_returns(extras, name, monkeypatch, tmp_path):
-    skip_deleted(extras)
+    skip_without(extras.split())
     monkeypatch.chdir(tmp_path)
     call, expected = ACCEPTED[extras][name]
     assert call() == expected
@@ -616,7 +612,7 @@ def here(tmp_path, monkeypatch):
 
 @pytest.mark.parametrize("extras, name", rows(COMMANDS))
 def test_a_wrong_command_gives_its_exit_code_and_its_sentence(extras, name, here, results, capsys):
-    skip_deleted(extras)
+    skip_without(extras.split())
     words, code, *decisive = COMMANDS[extras][name]
     files = sorted(here.rglob("*"))
     capsys.readouterr()

@@ -7,9 +7,6 @@ import sys
 
 import pytest
 
-from critflow import progress
-from critflow.command.main import main
-
 PREPARED = """
 import sys, time
 import critflow
@@ -61,12 +58,3 @@ def test_threads_workers_and_short_calls_write_nothing(code):
 def test_nothing_is_written_without_a_terminal():
     found = subprocess.run([sys.executable, "-c", PREPARED + "outer(3)"], capture_output=True, text=True, timeout=60)
     assert (found.returncode, found.stdout, found.stderr) == (0, "", "")
-
-
-def test_the_parts_of_an_examination_are_told_in_the_words_of_the_shell(monkeypatch, tmp_path):
-    told = []
-    monkeypatch.setattr(progress, "tell", told.append)
-    (tmp_path / "t_edges.csv").write_text("tail,head\nA,D\nB,D\nC,D\n")
-    (tmp_path / "t_vertices.csv").write_text("id,x,y\nA,0,0\nB,4,0\nC,0,3\nD,1,1\n")
-    assert main(["examine", str(tmp_path / "t.csv")]) == 2
-    assert "--pins hull" in told

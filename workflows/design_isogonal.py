@@ -5,6 +5,7 @@ from matplotlib.figure import Figure
 
 import critflow as cf
 from critflow.workflow import Claim, Coordinate
+from critflow.workflow.study import plural
 
 from .shared.checks import voronoi_check
 from .shared.figures import draw_in_cell, heading, lettered, segments, signed
@@ -102,7 +103,7 @@ def claims(ds):
             "all", f"largest error {error:.1g}, outcomes {counts}, median {time:.2g} s each", error < 1e-9 and every,
             "some are missed", f"{int((~met & (ds.target <= ds.least + 0.005)).sum())} targets are below the least one "
             "that a descent finds, or less than 0.005 k above it", criterion="1e-9, every target that is 0.005 k above "
-            "the least one", sample=f"{ds.target_error.size} targets", kind="check",
+            "the least one", sample=plural(ds.target_error.size, "target"), kind="check",
         ),
     ]  # fmt: skip
 

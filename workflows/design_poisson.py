@@ -11,6 +11,7 @@ from critflow.extras.design_stiffness.stiffnesses import isotropic_targets
 from critflow.networks.deformation import strain_basis
 from critflow.result import StudyError
 from critflow.workflow import Claim, Coordinate
+from critflow.workflow.study import plural
 
 from .shared.checks import check_network
 from .shared.figures import panels
@@ -90,7 +91,8 @@ def claims(ds):
             reached == ds.error.size and max(np.median(error), np.median(checked)) <= BOUND_OF_ERROR,
             "some ratio was not reached",
             f"{float(ds.design_seconds.sum()):.0f} s of processor time; status {outcomes}",
-            criterion=f"median {BOUND_OF_ERROR:g}, every design within {WITHIN:g}", sample=f"{ds.error.size} designs",
+            criterion=f"median {BOUND_OF_ERROR:g}, every design within {WITHIN:g}",
+            sample=plural(ds.error.size, "design"),
         ),
     ]  # fmt: skip
 

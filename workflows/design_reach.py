@@ -4,7 +4,7 @@ C = S⊗S/(V D) at one self-stress.  For stresses of any sign the reach is the e
 function is `upper_bound`: (s:A)² ≤ V μ_A.  Configurations that attain it are known in closed form.  For positive
 stresses the support is found by ascents of the modulus μ_A with the penalty that keeps every stress above about r.
 
-A stretch along y with free sides has Poisson's ratio ν = S_xx/S_yy, which is positive for σ > 0.
+A stretch along x with free sides has Poisson's ratio ν = S_xx/S_yy, which is positive for σ > 0.
 """
 
 import numpy as np

@@ -13,6 +13,7 @@ import critflow as cf
 from critflow.critical.backbone import backbone
 from critflow.result import NetworkError, StudyError
 from critflow.workflow import Claim
+from critflow.workflow.study import plural
 
 from .shared.checks import voronoi_check
 from .shared.figures import draw_in_cell, heading, segments
@@ -233,13 +234,13 @@ def claims(ds):
             "DesignAlignment", "shear to the onset aligns the taut edges of remodelled networks", "increase",
             f"{spread(first)} before the first cut, {spread(aligned)} after {few} cuts; increases in {n_aligned} of "
             f"{len(first)} networks", 0 < len(first) == n_aligned, "the alignment decreases in some",
-            criterion="every network", sample=f"{len(aligned)} networks",
+            criterion="every network", sample=plural(len(aligned), "network"),
         ),
         Claim.tested(
             "DesignFractureBounds",
             "every onset after a cut is certified by bounds within 1e-9, or the network has come apart", "all",
             f"{certified} of {tried}: {counts}", certified == tried, "some bounds are estimates or further apart",
-            criterion="every onset", sample=f"{tried} onsets", kind="check",
+            criterion="every onset", sample=plural(tried, "onset"), kind="check",
         ),
     ]  # fmt: skip
 

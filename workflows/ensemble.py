@@ -18,6 +18,7 @@ from critflow.generators.random_networks import check_voronoi
 from critflow.paths.strain_path import check_strains
 from critflow.result import StudyError
 from critflow.workflow import Axis, Claim, Coordinate, Study, decimals
+from critflow.workflow.study import plural
 
 from .shared.checks import check_deformation, check_network, check_positive
 from .shared.figures import violins
@@ -218,7 +219,7 @@ def _thin(ds):
     return Claim.tested(
         "StructuralMetrics-force", "⟨κ_force⟩ of max G_0 is close to its maximum of 1", "close to 1", described(kappa),
         np.median(kappa) >= NEAREST_TO_ONE, "at the threshold r of the paper the force triangles are thin, not flat",
-        criterion=f"median ≥ {NEAREST_TO_ONE}, which rounds to 1.0", sample=f"{len(kappa)} networks", kind="paper",
+        criterion=f"median ≥ {NEAREST_TO_ONE}, which rounds to 1.0", sample=plural(len(kappa), "network"), kind="paper",
     )  # fmt: skip
 
 
@@ -252,7 +253,7 @@ study = Study(
     title="Populations of critical configurations, strained past the rigidity transition",
     references=PAPER,
     axes=(
-        Axis("seed", range(100), "seed of the network", noun="networks"),
+        Axis("seed", range(100), "seed of the network", noun="network"),
         Axis("population", POPULATIONS, MEANING),
     ),
     parameters={

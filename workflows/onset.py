@@ -16,6 +16,7 @@ from critflow.figures.plot import COLOURS
 from critflow.networks.deformation import DEFORMATIONS
 from critflow.result import StudyError
 from critflow.workflow import Axis, Claim, Coordinate, Study, Variable
+from critflow.workflow.study import plural
 
 from .shared.checks import check_network, check_positive
 from .shared.figures import lettered
@@ -244,7 +245,7 @@ def _bounds(ds):
         "OnsetBounds", "bounds on the critical strain differ by less than 1e-9", "< 1e-9 (1 + γ_c)",
         f"largest difference {gap:.1g}; outcomes {counts}", gap < 1e-9 and not stalled,
         f"{stalled} searches stalled before their bounds met",
-        criterion="1e-9 (1 + γ_c) in every search", sample=f"{found} onsets", kind="check",
+        criterion="1e-9 (1 + γ_c) in every search", sample=plural(found, "onset"), kind="check",
     )  # fmt: skip
 
 
@@ -272,7 +273,7 @@ study = Study(
     title="The onset of rigidity under any deformation",
     references="Merkel, Baumgarten, Tighe and Manning, PNAS 116, 6560 (2019); Gandikota et al. (2022)",
     axes=(
-        Axis("seed", range(4), "seed of the network", noun="networks"),
+        Axis("seed", range(4), "seed of the network", noun="network"),
         Axis("family", FAMILIES, "family of networks", key="families"),
     ),
     parameters={

@@ -11,6 +11,7 @@ from matplotlib.figure import Figure
 from critflow import CriticalManifold, Status, critical_from_lengths, upper_bound, voronoi_network
 from critflow.generators.random_networks import check_voronoi
 from critflow.workflow import Axis, Claim, Coordinate, Study, Variable, stable_rng
+from critflow.workflow.study import plural
 
 from .shared.checks import check_network
 from .shared.figures import legend_below, lettered, panels
@@ -191,7 +192,7 @@ def claims(ds):
         "percolation-size", "how full percolation depends on size", "not stated",
         "the spread at which half of the networks lose it changes as N_v^p, p = "
         + shown((threshold_power(sizes, halves), *threshold_interval(ds))), "measured",
-        sample=f"{ds.sizes['seed']} networks a size",
+        sample=f"{plural(ds.sizes['seed'], 'network')} a size",
     )  # fmt: skip
 
 
@@ -205,7 +206,7 @@ def printed_claims(ds):
     at = int(np.argmin(np.abs(spreads - PRINTED_SPREAD)))
     below = found["bulk"] < PRINTED_BULK - BULK_TOLERANCE
     agreeing = (spreads[: int(np.argmax(below))] if below.any() else spreads).max(initial=0.0)
-    networks = f"{sample} networks, N_v = {size}"
+    networks = f"{plural(sample, 'network')}, N_v = {size}"
     yield Claim.tested(
         "percolation-bulk", "at a spread of 0.3 B_0 is about 10 % below its largest value", f"{PRINTED_BULK}",
         f"cone program {found['bulk'][at]:.2f}, strain protocol {found['strained_bulk'][at]:.2f}; within "
@@ -228,7 +229,7 @@ study = Study(
     title="Percolation of stress against the spread of the rest lengths and the size of the network",
     references=PAPER,
     axes=(
-        Axis("seed", range(80), "seed of the network", noun="networks"),
+        Axis("seed", range(80), "seed of the network", noun="network"),
         Axis("n_vertices", (50, 100, 200, 400, 1000), "number of vertices", key="n_vertices"),
     ),
     parameters={

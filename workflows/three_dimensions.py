@@ -121,7 +121,7 @@ study = Study(
     title="Populations of critical configurations in three dimensions, strained past the rigidity transition",
     references=f"{PAPER}, whose networks are planar",
     axes=(
-        Axis("seed", range(20), "seed of the network", noun="networks"),
+        Axis("seed", range(20), "seed of the network", noun="network"),
         Axis("population", PAPER_POPULATIONS, MEANING),
     ),
     parameters={

@@ -15,6 +15,7 @@ from critflow.extras.weak.weak_equilibrium import weak_equilibrium
 from critflow.extras.weak.weak_modulus import WeakModulus
 from critflow.springs.hessian import geometric_split
 from critflow.workflow import Claim, Coordinate, Study
+from critflow.workflow.study import plural
 
 from .shared.checks import voronoi_check
 from .shared.figures import legend_below, lettered, panels
@@ -211,7 +212,7 @@ def _of_equations(ds):
             f"largest {float(ratio.max()):.2f}, median {float(ratio.median()):.2f}",
             ratio.max() <= 2,
             "the estimate has the first terms that are left out alone",
-            criterion="twice the error, every tension", sample=f"{int(ok.sum())} tensions", kind="check",
+            criterion="twice the error, every tension", sample=plural(int(ok.sum()), "tension"), kind="check",
         ),
         Claim.tested(
             "weak-onset", "the full equation has the tension at the transition to 1 %", "1 %",
@@ -248,7 +249,7 @@ def _exponents(ds):
             abs(float(np.nanmean(below[:, -1])) - MODULUS_EXPONENT) <= 0.005,
             "the weak Hessian stiffens floppy motions at all κ",
             criterion="mean of the last window within 0.005, half of the last digit of 1.50",
-            sample=f"{n_below} networks",
+            sample=plural(n_below, "network"),
         ),
     ]  # fmt: skip
 

@@ -260,7 +260,7 @@ def self_stresses(critical: CriticalConfiguration, tolerance: float | None = Non
 
     >>> import critflow as cf
     >>> network = cf.voronoi_network(n_vertices=20, seed=1)
-    >>> cf.self_stresses(cf.optimize(network, 'bulk_modulus')).ok
+    >>> cf.self_stresses(cf.optimize(network, 'B_0')).ok
     True
     """
     critical = of_kind(CriticalConfiguration, critical=critical)
@@ -338,7 +338,7 @@ def certify(critical: CriticalConfiguration) -> Certificate:
 
     >>> import critflow as cf
     >>> network = cf.voronoi_network(n_vertices=20, seed=1)
-    >>> certificate = cf.certify(cf.optimize(network, 'bulk_modulus'))
+    >>> certificate = cf.certify(cf.optimize(network, 'B_0'))
     >>> certificate.n_self_stresses, certificate.rigid
     (1, True)
     """

@@ -24,7 +24,7 @@ from critflow.workflow.folder import DONE, FAILED, MISSING, Folder, LockedError,
 from critflow.workflow.load import StudyFile, load_study, named_studies
 from critflow.workflow.plan import Selection, select, spelled
 from critflow.workflow.provenance import code_version, timestamp
-from critflow.workflow.study import KINDS, agreed, tally
+from critflow.workflow.study import KINDS, plural, tally
 from critflow.workflow.tasks import HOUR, Interrupted
 
 if TYPE_CHECKING:
@@ -195,7 +195,7 @@ def _print_result(requested: Selection, folder: Folder, result: RunResult) -> in
         return 0
     for case_id, reason in list(result.failed.items())[:_MOST_FAILURES]:
         print(f"  {case_id}: {reason}", file=sys.stderr)
-    count = agreed(f"{len(result.failed)} cases")
+    count = plural(len(result.failed), "case")
     return _fail(f"{count} failed, see {folder.failed}: correct the cause and add --retry-failed", FAILED_CASES)
 
 
@@ -281,7 +281,7 @@ def verify(folder: FolderArgument) -> int:
     for problem in problems:
         _warn(problem)
     if problems:
-        count = agreed(f"{len(problems)} problems")
+        count = plural(len(problems), "problem")
         return _fail(f"{count} in {results.path}: run the study again to correct them", INTEGRITY)
     physics = ", and their physics was recomputed" if recomputed else "; the study recomputes no physics"
     print(f"{results.path}: {stored} stored cases agree with the dataset to the last byte{physics}")

@@ -140,7 +140,7 @@ def face_modes(critical: CriticalConfiguration) -> IsogonalModes:
 
     >>> import critflow as cf
     >>> from critflow.critical.isogonal import face_modes
-    >>> face_modes(cf.optimize(cf.lattice("honeycomb", 2, 2), 'bulk_modulus')).n_independent
+    >>> face_modes(cf.optimize(cf.lattice("honeycomb", 2, 2), 'B_0')).n_independent
     3
     """
     critical = of_kind(CriticalConfiguration, critical=critical)
@@ -180,7 +180,7 @@ def isogonal_modes(critical: CriticalConfiguration, tolerance: float = 1e-8) -> 
 
     >>> import critflow as cf
     >>> network = cf.voronoi_network(n_vertices=20, seed=1)
-    >>> cf.isogonal_modes(cf.optimize(network, 'bulk_modulus')).n_independent
+    >>> cf.isogonal_modes(cf.optimize(network, 'B_0')).n_independent
     9
     """
     critical = of_kind(CriticalConfiguration, critical=critical)

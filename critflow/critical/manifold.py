@@ -25,9 +25,8 @@ from critflow.critical.edge_lengths import COLLAPSED
 from critflow.extensions import provided
 from critflow.linalg.factor import Factor, FixedPattern
 from critflow.linalg.matrices import block_laplacian, laplacian
-from critflow.linalg.products import product
 from critflow.linalg.saddle import CondensedSaddle, Saddle, positive
-from critflow.linalg.vectors import dot, norms
+from critflow.linalg.vectors import dot, norms, product
 from critflow.networks.blocks import check_opened, components
 from critflow.networks.checks import edge_values
 from critflow.networks.network import Array, Network

@@ -33,6 +33,7 @@ IMAGINARY = 1e-100
 # function itself below which a derivative is rounding.
 DISAGREEMENT, NEGLIGIBLE = 1e-4, 1e-8
 
+Mask = NDArray[np.bool_]
 Partials = tuple[Array, Array]
 """∂O/∂σ (N_b,) and ∂O/∂L (N_b, d)."""
 
@@ -116,6 +117,14 @@ class Quantity(Record, ABC):
         positive  whether every stress is positive
         """
         return -np.inf, np.inf
+
+    def in_part(self, network: Network, kept: Mask) -> Quantity | None:
+        """The same quantity of the part of a network with the kept edges (N_b,), which has numbers of its own.
+
+        None where the part has lost an edge or a face that the quantity names by its number.  A quantity that names
+        none, as by default, is itself.
+        """
+        return self
 
     def unit(self, network: Network) -> float:
         """The natural unit of the values on a network (`critflow.critical.units`): 1 by default."""

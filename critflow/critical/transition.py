@@ -13,7 +13,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cache, cached_property
-from typing import ClassVar
 
 import numpy as np
 import scipy.linalg
@@ -28,6 +27,8 @@ from critflow.networks.network import Array, Network
 from critflow.result import InputError
 
 ISOTROPIC = 1e-14  # anisotropy of a strain that is a dilation up to rounding
+PENALTY_EXPONENT = 10  # of r/s in the penalty of small stresses, even (`ShearMod+Constraint`)
+PENALTY_THRESHOLD = 0.1  # r of that penalty unless another one is given
 
 
 class _WorkAndCost:
@@ -97,10 +98,9 @@ class PenalisedModulus(SpringResponse):
     """
 
     modulus: TransitionModulus
-    threshold: float = 0.1
+    threshold: float = PENALTY_THRESHOLD
 
     maximise = True
-    exponent: ClassVar[int] = 10
 
     def __post_init__(self) -> None:
         if not 0 < self.threshold < np.inf:
@@ -116,7 +116,7 @@ class PenalisedModulus(SpringResponse):
         power, square = self._powers(balance)
         penalty = power.mean().item()
         # s scales as σ/|σ|, so the derivative in the direction of σ cancels.
-        derivative = self.exponent * (power / sigma - power.sum() * sigma / square) / len(sigma)
+        derivative = PENALTY_EXPONENT * (power / sigma - power.sum() * sigma / square) / len(sigma)
         return value - penalty, (dO_dsigma + derivative, dO_dL)
 
     def by_stiffness(self, balance: Balanced) -> Array:
@@ -127,16 +127,22 @@ class PenalisedModulus(SpringResponse):
         return -np.inf, self.modulus.extreme(manifold)[1]
 
     def preconditioner(self, balance: Balanced) -> Array | float:
-        return self.exponent**2 / len(balance.sigma) * self._powers(balance)[0]
+        return PENALTY_EXPONENT**2 / len(balance.sigma) * self._powers(balance)[0]
 
     def _powers(self, balance: Balanced) -> tuple[Array, float]:
         """u (s/r)^(−10), (N_b,), and Σσ²."""
         sigma = balance.sigma
         square = (sigma @ sigma).item()
         scale = np.sqrt(len(sigma) / square) / self.threshold
-        # By squares only: a general power is ten times slower.
-        tenth = 1.0 / (scale * sigma) ** 2
-        return self.unit(balance.network) * (tenth * (tenth**2) ** 2), square
+        return self.unit(balance.network) * _power(1.0 / (scale * sigma) ** 2, PENALTY_EXPONENT // 2), square
+
+
+def _power(x: Array, n: int) -> Array:
+    """xⁿ of an integer n ≥ 1 by squares, since a general power is ten times slower."""
+    if n == 1:
+        return x
+    half = _power(x, n // 2) ** 2
+    return x * half if n % 2 else half
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -235,19 +241,6 @@ def modulus_form(manifold: CriticalManifold, strains: Array) -> Array:
 def vanishes(F: Array, moment: Array, A: Array) -> bool:
     """Whether the bound Σk|FL*|² is zero up to rounding: the strain A (d, d) changes no length to first order."""
     return bool(np.trace(F @ moment @ F.T) <= ISOTROPIC**2 * np.sum(A**2) * np.trace(moment))
-
-
-def strain_components(A: Array) -> Array:
-    """The components (m,) of a symmetric strain A (d, d) in `strain_basis`: engineering shears are doubled."""
-    return np.asarray(_component_weights(len(A)) @ A.ravel())
-
-
-@cache
-def _component_weights(dimension: int) -> Array:
-    """The matrix (m, d²) from the entries of a strain to its components."""
-    strains = strain_basis(dimension)[1]
-    doubled = np.where(np.einsum("nii->n", strains) > 0, 1, 2)
-    return np.asarray(strains.reshape(len(strains), -1) * doubled[:, None])
 
 
 def dilation(dimension: int) -> Array:

@@ -8,9 +8,9 @@ from typing import ClassVar
 import numpy as np
 
 from critflow.critical.manifold import CriticalManifold
-from critflow.critical.quantity import Balanced, Partials, Quantity
+from critflow.critical.quantity import Balanced, Mask, Partials, Quantity
 from critflow.linalg.vectors import norms
-from critflow.networks.network import Array, Network
+from critflow.networks.network import Array, IntArray, Network
 from critflow.result import InputError
 
 
@@ -73,6 +73,9 @@ class EdgeLength(_OfLengths):
         by_L[self.edge] = L / _divisors(length)
         return length.item(), (np.zeros_like(balance.sigma), by_L)
 
+    def in_part(self, network: Network, kept: Mask) -> EdgeLength | None:
+        return EdgeLength(int(np.count_nonzero(kept[: self.edge]))) if kept[self.edge] else None
+
 
 @dataclass(frozen=True, repr=False)
 class FaceArea(_OfLengths):
@@ -95,13 +98,23 @@ class FaceArea(_OfLengths):
     def extreme(self, manifold: CriticalManifold, positive: bool = True) -> tuple[float, float]:
         return -np.inf, np.inf
 
-    def _gradient(self, balance: Balanced, vectors: Array) -> tuple[Array, Array, Array]:
-        """The sides, the sums of those before each, and ∂/∂L (N_b, 2) of the area with edges of these vectors."""
-        faces = balance.network.faces
+    def in_part(self, network: Network, kept: Mask) -> FaceArea | None:
+        edges, signs = self.walk(network)
+        number = np.cumsum(kept) - 1
+        return _WalkedArea(self.face, number[edges], signs) if kept[edges].all() else None
+
+    def walk(self, network: Network) -> tuple[IntArray, IntArray]:
+        """The edges of the face in turn, and +1 where one is walked from tail to head, else −1."""
+        faces = network.faces
         if faces is None or not self.face < faces.n_faces:
             raise InputError(f"{self.name} needs a planar network with known faces: this one has no such face")
         walk = slice(faces.starts[self.face], faces.starts[self.face + 1])
-        edges, signs = faces.edges[walk], faces.signs[walk, None]
+        return faces.edges[walk], faces.signs[walk]
+
+    def _gradient(self, balance: Balanced, vectors: Array) -> tuple[Array, Array, Array]:
+        """The sides, the sums of those before each, and ∂/∂L (N_b, 2) of the area with edges of these vectors."""
+        edges, directions = self.walk(balance.network)
+        signs = directions[:, None]
         sides = signs * vectors[edges]
         before = np.cumsum(sides, axis=0) - sides
         # v × s = (J v)·s
@@ -109,6 +122,17 @@ class FaceArea(_OfLengths):
         by_L = np.zeros_like(vectors)
         np.add.at(by_L, edges, 0.5 * signs * np.stack([-y, x], axis=1))
         return sides, before, by_L
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class _WalkedArea(FaceArea):
+    """The area of a face of a whole network, by the edges of a part and their directions along its walk."""
+
+    edges: IntArray
+    directions: IntArray
+
+    def walk(self, network: Network) -> tuple[IntArray, IntArray]:
+        return self.edges, self.directions
 
 
 def variance(network: Network, name: str) -> Quantity:

@@ -66,7 +66,7 @@ _INDEXED = re.compile(r"(\w+)\[([^\[\]]+)\]")
 def quantity(network: Network, name: str | Quantity) -> Quantity:
     """The quantity of a name, or the given quantity itself.
 
-    network  that it is of, or what holds one; only its dimension, edges and faces matter
+    network  of the quantity, or an object that has one; only its dimension, edges and faces matter
 
     Raises `InputError` for unknown names, with the nearest right one and the list.
 

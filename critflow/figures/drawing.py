@@ -67,7 +67,7 @@ def draw(
     Raises `InputError` for a network without positions.
 
     >>> import critflow as cf
-    >>> axes = cf.draw(cf.optimize(cf.lattice("honeycomb", 2, 2), 'bulk_modulus'))
+    >>> axes = cf.draw(cf.optimize(cf.lattice("honeycomb", 2, 2), 'B_0'))
     >>> axes.figure.clear()
     """
     ax = of_kind(Axes, None, ax=ax)

@@ -1,1 +1,1 @@
-"""Generators of networks: lattices, random points, fibres, packings, dilution."""
+"""Generators of networks: lattices, and tessellations of random points."""

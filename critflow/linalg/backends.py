@@ -23,7 +23,7 @@ from scipy.sparse.csgraph import depth_first_order
 from scipy.sparse.linalg import SuperLU, splu
 
 from critflow.extensions import extras
-from critflow.linalg.products import product
+from critflow.linalg.vectors import product
 from critflow.result import InputError
 
 Array = NDArray[np.float64]

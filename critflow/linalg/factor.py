@@ -30,8 +30,8 @@ from critflow.linalg.backends import (
     iterative_factor,
     multiply,
 )
-from critflow.linalg.products import product
 from critflow.linalg.tolerances import EPS
+from critflow.linalg.vectors import product
 
 # Shift δ in units of the mean value.  A matrix with the same inertia at ±δ counts as regular; the shift is far above
 # the rounding of pivots.

@@ -1,1 +1,1 @@
-"""Networks: edges, image offsets, cell and pins; regular lattices and random networks."""
+"""Networks: edges, image offsets, cell and pins; deformations, faces and checks."""

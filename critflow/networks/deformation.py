@@ -250,6 +250,19 @@ def strain_basis(dimension: int) -> tuple[tuple[str, ...], Array]:
     return names, strains
 
 
+def strain_components(A: Array) -> Array:
+    """The components (m,) of a symmetric strain A (d, d) in `strain_basis`: engineering shears are doubled."""
+    return np.asarray(_component_weights(len(A)) @ A.ravel())
+
+
+@cache
+def _component_weights(dimension: int) -> Array:
+    """The matrix (m, d²) from the entries of a strain to its components."""
+    strains = strain_basis(dimension)[1]
+    doubled = np.where(np.einsum("nii->n", strains) > 0, 1, 2)
+    return np.asarray(strains.reshape(len(strains), -1) * doubled[:, None])
+
+
 def _square(strain: ArrayLike) -> Array:
     A = floats(strain, "an affine strain")
     if A.ndim != 2 or A.shape[0] != A.shape[1] or not 1 <= len(A) <= 3 or not np.isfinite(A).all():

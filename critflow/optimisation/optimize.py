@@ -19,7 +19,7 @@ from numpy.typing import ArrayLike
 from critflow.arguments import of_kind
 from critflow.critical.manifold import CriticalManifold, require_one_self_stress
 from critflow.critical.quantity import Quantity, require_exact_hessian
-from critflow.critical.transition import PenalisedModulus, TransitionModulus
+from critflow.critical.transition import PENALTY_THRESHOLD, PenalisedModulus, TransitionModulus
 from critflow.critical.vocabulary import only_positive, quantity
 from critflow.networks.checks import edge_values
 from critflow.networks.network import Array, Network
@@ -45,7 +45,7 @@ def optimize(
     start: ArrayLike | None = None,
     starts: int = 1,
     rng: np.random.Generator | None = None,
-    threshold: float = 0.1,
+    threshold: float = PENALTY_THRESHOLD,
     tolerance: float = 1e-12,
     max_steps: int | None = None,
     observe: Observer | None = None,
@@ -117,7 +117,7 @@ def _check_options(
         raise InputError(f"max_steps must be a whole number of at least 0, or None, not {max_steps!r}")
 
 
-def objective_of(network: Network, objective: str | Quantity, threshold: float | None = 0.1) -> Quantity:
+def objective_of(network: Network, objective: str | Quantity, threshold: float | None = PENALTY_THRESHOLD) -> Quantity:
     """What `optimize` minimises or maximises: the quantity, and for the name G_0 the modulus with its penalty.
 
     threshold  r of the penalty; None without it

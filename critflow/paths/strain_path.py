@@ -31,7 +31,7 @@ from critflow.paths.unknowns import unknowns_of
 from critflow.progress import counted, running
 from critflow.response.tensor import Elasticity
 from critflow.result import InputError, Record, Solution, Stats, Status
-from critflow.springs.equilibrium import relaxation_method
+from critflow.springs.equilibrium import FINEST_TOLERANCE, relaxation_method
 from critflow.springs.laws import SpringLaw
 from critflow.springs.state import SpringState
 from critflow.threads import one_blas_thread
@@ -111,7 +111,7 @@ class PathSolver:
     """
 
     method: str = "auto"
-    tolerance: float = 1e-14
+    tolerance: float = FINEST_TOLERANCE
     pattern: FixedPattern | None = None
 
 
@@ -161,7 +161,7 @@ def strain_path(
 
     >>> import critflow as cf
     >>> network = cf.voronoi_network(n_vertices=20, seed=1)
-    >>> path = cf.strain_path(cf.optimize(network, 'bulk_modulus'), [0.001, 0.002]).value
+    >>> path = cf.strain_path(cf.optimize(network, 'B_0'), [0.001, 0.002]).value
     >>> path.bulk_modulus.round(6)
     array([0.296637, 0.296489])
     """

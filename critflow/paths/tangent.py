@@ -15,10 +15,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from critflow.critical.transition import strain_components
 from critflow.linalg.factor import Factor, FixedPattern
 from critflow.linalg.tolerances import EPS
 from critflow.linalg.vectors import dot, norms
+from critflow.networks.deformation import strain_components
 from critflow.networks.network import Array
 from critflow.response.linear_response import LinearResponse, accumulated_rounding
 from critflow.springs.newton import FLOPPY_SHIFT

@@ -14,7 +14,7 @@ import scipy.sparse as sp
 from numpy.typing import NDArray
 
 from critflow.linalg.matrices import free_ends
-from critflow.linalg.products import product
+from critflow.linalg.vectors import product
 from critflow.networks.network import Array, IntArray, Network
 from critflow.precision.double_double import Extended, multiply, part, two_product, two_sum
 

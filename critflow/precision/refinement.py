@@ -20,9 +20,8 @@ import numpy as np
 import scipy.sparse as sp
 
 from critflow.linalg.factor import REDUCED, Factor
-from critflow.linalg.products import product
 from critflow.linalg.tolerances import EPS
-from critflow.linalg.vectors import dot, quasi_random
+from critflow.linalg.vectors import dot, product, quasi_random
 from critflow.networks.network import Array, Network
 from critflow.precision.double_double import Extended, add, extended, part, two_sum
 from critflow.precision.geometry import ExtendedGeometry, blocks

@@ -13,9 +13,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from critflow.linalg.factor import Factor
-from critflow.linalg.products import product
 from critflow.linalg.tolerances import EPS
-from critflow.linalg.vectors import quasi_random
+from critflow.linalg.vectors import product, quasi_random
 from critflow.networks.network import Array, Network
 from critflow.precision.double_double import Extended, two_sum
 from critflow.precision.geometry import exact_bond_vectors, exact_forces

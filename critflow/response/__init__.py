@@ -1,1 +1,1 @@
-"""Linear and nonlinear response: elasticity at rest, under stress and at the transition; stiffening."""
+"""Linear and nonlinear response: elasticity at the transition and under stress, stiffening."""

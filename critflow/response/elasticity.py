@@ -89,7 +89,7 @@ def elasticity(
     Raises `InputError` for a pinned network without a volume and where the forces do not balance.
 
     >>> import critflow as cf
-    >>> moduli = cf.elasticity(cf.optimize(cf.lattice("honeycomb", 2, 2), 'bulk_modulus')).value
+    >>> moduli = cf.elasticity(cf.optimize(cf.lattice("honeycomb", 2, 2), 'B_0')).value
     >>> round(moduli.bulk, 6), bool(moduli.errors.bulk < 1e-15)
     (0.288675, True)
     >>> network = cf.lattice("triangular", 3, 3)

@@ -16,11 +16,10 @@ from typing import Any
 
 import numpy as np
 
-from critflow.critical.transition import strain_components
 from critflow.linalg.factor import Factor, FixedPattern
-from critflow.linalg.products import product
 from critflow.linalg.tolerances import EPS
-from critflow.networks.deformation import strain_basis
+from critflow.linalg.vectors import product
+from critflow.networks.deformation import strain_basis, strain_components
 from critflow.networks.network import Array
 from critflow.precision.residual import inverse_norm
 from critflow.response.tensor import TRUSTED_ERROR, Elasticity, Errors, no_elasticity

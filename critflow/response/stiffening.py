@@ -71,7 +71,7 @@ def stiffening(
 
     >>> import critflow as cf
     >>> network = cf.voronoi_network(n_vertices=20, seed=1)
-    >>> found = cf.stiffening(cf.optimize(network, 'bulk_modulus')).value
+    >>> found = cf.stiffening(cf.optimize(network, 'B_0')).value
     >>> round(found.C_B / found.bulk_0, 6)  # −1/2 of springs as stiff as their stress
     -0.5
     """

@@ -23,9 +23,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from critflow.critical.transition import strain_components
 from critflow.linalg.tolerances import EPS
-from critflow.networks.deformation import Deformable, deformation_of, strain_basis
+from critflow.networks.deformation import Deformable, deformation_of, strain_basis, strain_components
 from critflow.networks.network import Array
 from critflow.result import InputError, Record
 

@@ -18,10 +18,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from critflow.linalg.products import product
 from critflow.linalg.saddle import CondensedFactor, CondensedSaddle, Saddle, SaddleFactor
 from critflow.linalg.tolerances import EPS
-from critflow.linalg.vectors import dot, norms
+from critflow.linalg.vectors import dot, norms, product
 from critflow.networks.network import Array, Network
 from critflow.response.linear_response import accumulated_rounding
 from critflow.springs.laws import SpringLaw, checked_law

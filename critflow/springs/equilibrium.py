@@ -55,7 +55,7 @@ class Equilibrium(Solution[State]):
 def equilibrium(
     state: State,
     method: str = "auto",
-    tolerance: float = 1e-14,
+    tolerance: float = FINEST_TOLERANCE,
     max_steps: int | None = None,
     pattern: FixedPattern | None = None,
     throw: bool = True,
@@ -85,7 +85,7 @@ def equilibrium(
 
     >>> import critflow as cf
     >>> network = cf.voronoi_network(n_vertices=20, seed=1)
-    >>> critical = cf.optimize(network, 'bulk_modulus').value
+    >>> critical = cf.optimize(network, 'B_0').value
     >>> state = cf.spring_state(network, 0.95 * critical.lengths, critical.coordinates)
     >>> cf.equilibrium(state).ok
     True
@@ -121,7 +121,7 @@ def relaxed(
     """
     method = relaxation_method(method)
     if not tolerance > 0:
-        raise InputError(f"the tolerance must be positive, not {tolerance}: 1e-14 is rounding")
+        raise InputError(f"the tolerance must be positive, not {tolerance}: {FINEST_TOLERANCE:g} is rounding")
     if not np.isfinite(state.energy):
         note = "an edge is longer than its law allows: take smaller strain steps"
         return Equilibrium(state, Status.stalled, Stats(method), note), None

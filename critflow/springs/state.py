@@ -19,9 +19,8 @@ from numpy.typing import ArrayLike
 from critflow.arguments import of_kind
 from critflow.linalg.factor import Factor, FixedPattern
 from critflow.linalg.matrices import block_laplacian, edge_blocks
-from critflow.linalg.products import product
 from critflow.linalg.tolerances import EPS
-from critflow.linalg.vectors import dot, norms
+from critflow.linalg.vectors import dot, norms, product
 from critflow.networks.checks import edge_values
 from critflow.networks.network import Array, Network, validated_coordinates
 from critflow.precision.double_double import Extended, less_squares, two_square

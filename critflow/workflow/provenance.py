@@ -21,6 +21,7 @@ from pathlib import Path
 import netCDF4
 import numpy as np
 
+from critflow.extensions import extras
 from critflow.result import InputError
 from critflow.workflow.study import Study
 
@@ -28,7 +29,7 @@ STUDY_MODULE = "critflow_study_"  # prefix of the modules of loaded study files
 
 _PACKAGE = Path(__file__).parents[1]
 _NUMERIC = ("workflow/plan.py", "workflow/study.py")  # the parts of the engine that decide numbers
-_NOT_NUMERIC = ("command", "examination", "explore", "figures", "workflow", "studies")
+_NOT_NUMERIC = ("command", "figures", "workflow", "studies")
 _ENVIRONMENT = ("numpy", "scipy", "qdldl", "clarabel", "pypardiso", "pyamg")  # packages that numbers may depend on
 
 
@@ -44,7 +45,8 @@ def code_version(study: Study) -> str:
 def libraries() -> Mapping[str, str]:
     """Versions that must be equal in every process of a run, with a digest of the modules that decide numbers."""
     names = [path.relative_to(_PACKAGE).as_posix() for path in sorted(_PACKAGE.rglob("[!_]*.py"))]
-    names = [name for name in names if name.split("/")[0] not in _NOT_NUMERIC]
+    apart = {*_NOT_NUMERIC, *(name for name, extra in extras().items() if not extra.numeric)}
+    names = [name for name in names if name.removeprefix("extras/").split("/")[0] not in apart]
     digest = _digest({name: _PACKAGE / name for name in (*names, *_NUMERIC)})
     return {"critflow": f"{version('critflow')} {digest}"} | _versions()
 

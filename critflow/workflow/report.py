@@ -22,7 +22,7 @@ from critflow.result import CritflowError, StudyError
 from critflow.workflow.dataset import opened_dataset
 from critflow.workflow.folder import Folder
 from critflow.workflow.store import replacing
-from critflow.workflow.study import KINDS, Claim, Study, agreed, tally
+from critflow.workflow.study import KINDS, Claim, Study, tally
 
 FORMATS = ("png", "pdf", "svg")
 
@@ -126,8 +126,8 @@ def _animation(frames: Callable[[xr.Dataset], Iterable[Figure]], dataset: xr.Dat
 def _claims_files(study: Study, dataset: xr.Dataset, claims: Iterable[Claim]) -> list[bytes]:
     """The claims as JSON, and as Markdown: a table for each kind, followed by the reasons."""
     axis = study.axes[0]
-    whole = f"{dataset.sizes[axis.name]} {axis.noun}"
-    stated = [replace(claim, sample=agreed(claim.sample or whole)) for claim in claims]
+    whole = axis.counted(dataset.sizes[axis.name])
+    stated = [replace(claim, sample=claim.sample or whole) for claim in claims]
     lines, counts = [f"# {study.title}"], tally(stated)
     for kind, title in KINDS.items():
         if of_kind := [claim for claim in stated if claim.kind == kind]:

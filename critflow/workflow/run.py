@@ -32,7 +32,7 @@ from critflow.workflow.plan import LONGEST, Case, Selection, spelled
 from critflow.workflow.provenance import code_version, environment, timestamp
 from critflow.workflow.report import Report, ReportError, write_report
 from critflow.workflow.store import delete_failure
-from critflow.workflow.study import agreed
+from critflow.workflow.study import plural
 from critflow.workflow.tasks import Interrupted, Job
 from critflow.workflow.workers import Task, Workers, compute, interruption
 
@@ -120,7 +120,7 @@ def write_partial_dataset(folder: Folder, origin: Mapping[str, str]) -> str:
         axis, states = selection.study.axes[0], folder.states(selection)
         open_values = {state.case.values[axis.name] for state in states if state.state != DONE}
         complete = tuple(value for value in selection.axes[axis.name] if value not in open_values)
-        sizes = f"{len(complete)} of {len(selection.axes[axis.name])} {axis.noun}"
+        sizes = f"{len(complete)} of {axis.counted(len(selection.axes[axis.name]))}"
         if not complete:
             raise StudyError(f"no dataset and {sizes} complete in {folder.path}: {_RESUME}")
         partial = replace(selection, axes={**selection.axes, axis.name: complete})
@@ -187,14 +187,14 @@ def _compute(loaded: StudyFile, plan: RunPlan, folder: Folder, workers: Workers,
     groups = groupby(plan.todo, lambda case: case.values[first])
     tasks: list[Task] = [[case.values for case in group] for _, group in groups]
     stored = 0
-    cases = f"{len(plan.todo)} cases in {workers.place}"
+    cases = f"{plural(len(plan.todo), 'case')} in {workers.place}"
     bar = nullcontext() if progress.bar.disable else progress.bar  # rich 13 and 14 end one that is off by a line
     with bar, open(folder.log, "a", encoding="utf-8") as log, interruption(folder.stop) as stopped:
         log.write(f"# {timestamp()} {code_version(study)}; {environment()}; {cases}\n")
         for line in [*plan.messages, *reason_lines([s for s in plan.states if s.state in (DAMAGED, CHANGED)])]:
             progress.say(f"critflow: {line}")
         if tasks:
-            progress.say(agreed(f"{study.name}: {len(tasks)} {study.axes[0].noun}, {cases}"))
+            progress.say(f"{study.name}: {study.axes[0].counted(len(tasks))}, {cases}")
         try:
             for outcomes in compute(job, tasks, workers, stopped) if tasks else ():
                 stored += len(outcomes)
@@ -213,7 +213,7 @@ def _finish(plan: RunPlan, folder: Folder, origin: Mapping[str, str], progress: 
     study, states = plan.selection.study, folder.states(plan.selection)
     path = folder.dataset(study.name)
     failed = [(case, reason) for case, state, reason in states if state == FAILED]
-    progress.say(agreed(f"{study.name}: writing the dataset of {len(states)} cases"))
+    progress.say(f"{study.name}: writing the dataset of {plural(len(states), 'case')}")
     attributes = write_dataset(Assembly(plan.selection, folder.shards, [case.id for case, _ in failed]), path, origin)
     requested = {case.id: reason for case, reason in failed if _selects(plan.requested, case)}
     code, codes = code_version(study), attributes.get("cases_code", "").split("; ")

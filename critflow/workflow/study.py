@@ -37,7 +37,6 @@ if TYPE_CHECKING:  # a case function needs neither library
 LONGEST = 1_000_000  # values of one setting, and cases of one run: a larger number is a typing error
 
 _NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*")
-_ONE_OF_MANY = re.compile(r"(?<![\w.,])1 (\w+?)(ies|(?<=ss)es|(?<![su])s)\b")  # a plural after the number one
 _DTYPES = ("f4", "f8", "i1", "i2", "i4", "i8", "u1", "u2", "u4")
 
 
@@ -47,9 +46,9 @@ def nearest(word: str, known: Sequence[str], noun: str) -> str:
     return f"did you mean {close[0]!r}?" if close else f"the {noun} are {', '.join(known)}"
 
 
-def agreed(text: str) -> str:
-    """A text of numbers and plural nouns with the singular after each number one, as in "1 network each"."""
-    return _ONE_OF_MANY.sub(lambda match: f"1 {match[1]}" + "y" * (match[2] == "ies"), text)
+def plural(number: int, noun: str) -> str:
+    """A number with its noun, which is given for one: "1 network", "3 networks", "2 stresses"."""
+    return f"{number} {noun}" + ("" if number == 1 else "es" if noun.endswith("s") else "s")
 
 
 def require(condition: bool, message: str) -> None:
@@ -68,7 +67,7 @@ class Axis:
     values: Sequence[int] | Sequence[str]  # default values
     long_name: str
     key: str = ""  # word of `--set`; the name with an s by default
-    noun: str = ""  # counted by the progress line, on the first axis; the key by default
+    noun: str = ""  # for one value, where they are counted; the name and the key by default
 
     def __post_init__(self) -> None:
         _identifier(self.name, "axis")
@@ -82,11 +81,14 @@ class Axis:
         require(not negative, f"{name} needs whole numbers from zero")
         object.__setattr__(self, "values", values)
         object.__setattr__(self, "key", self.key or f"{self.name}s")
-        object.__setattr__(self, "noun", self.noun or self.key)
 
     @property
     def is_words(self) -> bool:
         return isinstance(self.values[0], str)
+
+    def counted(self, number: int) -> str:
+        """A number of values with their noun, as in "3 networks"."""
+        return plural(number, self.noun) if self.noun else f"{number} {self.name if number == 1 else self.key}"
 
     def ordered(self, values: Iterable[Any]) -> tuple:
         """Values of this axis in the order of every dataset: numbers increase, words are in the declared order."""

@@ -1,8 +1,8 @@
-"""The API reference: the directive `layer` documents the public names of one layer of the package.
+"""The API reference: the directive `layer` documents the public names of one folder of the scene, or of one extra.
 
 Docstrings are plain text.  Tables of two columns become definition lists, indented lines displayed equations, lines
 after `>>>` code, and `names` links: to a public name, or to the page that explains the equation of the paper with this
-label.  In the tables of the theory `layer: NAME` links to its entry.
+label.  In the pages of the theory `folder: NAME` links to its entry; a folder is one of critflow or critflow/extras.
 """
 
 import inspect
@@ -30,6 +30,21 @@ CLASS = "   :members:\n   :member-order: bysource\n   :exclude-members: __init__
 
 
 PUBLIC = critflow.__all__
+PACKAGE = Path(critflow.__file__).parent
+
+
+def package_of(layer: str) -> str:
+    """The package of a folder of the scene, a module at the top of it, or an extra."""
+    return f"critflow.extras.{layer}" if (PACKAGE / "extras" / layer).is_dir() else f"critflow.{layer}"
+
+
+def folder_of(layer: str) -> Path:
+    return PACKAGE.parent.joinpath(*package_of(layer).split("."))
+
+
+def within(module: str, layer: str) -> bool:
+    """Whether a module is of a layer."""
+    return f"{module}.".startswith(f"{package_of(layer)}.")
 
 
 def public_names(layer: str) -> list[str]:
@@ -37,8 +52,7 @@ def public_names(layer: str) -> list[str]:
     found = []
     for name in PUBLIC:
         thing = inspect.unwrap(getattr(critflow, name))
-        module = thing.__module__.split(".")
-        if module[1] == layer:
+        if within(thing.__module__, layer):
             found.append((thing.__module__, inspect.getsourcelines(thing)[1], name))
     return [name for *_, name in sorted(found)]
 
@@ -59,17 +73,19 @@ def results_of(names: list[str]) -> list[str]:
 def path_of(layer: str, name: str) -> str:
     """Where the reference documents a name of a layer: `critflow.NAME` if it is public, else in its module."""
     head, _, member = name.partition(".")
-    if head not in PUBLIC:
-        folder = Path(critflow.__file__).parent / layer
+    if head in PUBLIC:
+        owner_path = f"critflow.{head}"
+    else:
         defined = re.compile(rf"^(?:def|class) {head}\b", flags=re.M)
-        module = next((f for f in sorted(folder.glob("*.py")) if defined.search(f.read_text(encoding="utf-8"))), None)
+        files = sorted(folder_of(layer).glob("*.py"))
+        module = next((file for file in files if defined.search(file.read_text(encoding="utf-8"))), None)
         if module is None:  # MODULE.NAME
-            return f"critflow.{layer}.{name}"
-        head = f"{layer}.{module.stem}.{head}"
-    owners = getattr(thing_at(f"critflow.{head}"), "__mro__", ())
+            return f"{package_of(layer)}.{name}"
+        owner_path = f"{package_of(layer)}.{module.stem}.{head}"
+    owners = getattr(thing_at(owner_path), "__mro__", ())
     owner = next((kind for kind in owners if member and member in vars(kind)), None)
     if owner is None or owner is owners[0]:
-        return f"critflow.{head}.{member}".rstrip(".")
+        return f"{owner_path}.{member}".rstrip(".")
     return f"{owner.__module__}.{owner.__name__}.{member}"
 
 
@@ -78,7 +94,8 @@ def in_theory(layer: str) -> list[str]:
     text = "".join(page.read_text(encoding="utf-8") for page in sorted(THEORY.glob("*.md")))
     found = re.findall(rf"`{layer}: (\w+(?:\.[a-z]\w*)*)", text)
     paths = [path_of(layer, name).split(".") for name in found]
-    return [".".join(path[:4]) for path in paths if path[1] == layer and len(path) > 3]
+    depth = package_of(layer).count(".") + 3  # the module, and the name in it
+    return [".".join(path[:depth]) for path in paths if within(".".join(path[:-1]), layer) and len(path) >= depth]
 
 
 def autodoc(path: str) -> str:
@@ -105,7 +122,7 @@ def summary(paths: list[str]) -> str:
 
 
 class Layer(Directive):
-    """`layer NAME`: a table of the public names of the layer, then each of them, those of the option `first` before.
+    """`layer NAME`: a table of the public names of the folder, then each of them, those of the option `first` before.
 
     After the public names stand the classes that they return, the names of modules that the content lists as
     MODULE.NAME, and those that the theory names.
@@ -120,8 +137,8 @@ class Layer(Directive):
         public = public_names(layer)
         names = [*first, *(name for name in public if name not in first)]
         paths = [f"critflow.{name}" for name in names]
-        paths += [path for path in results_of(public) if path.split(".")[1] == layer]
-        paths += [f"critflow.{layer}.{name}" for name in " ".join(self.content).split()]
+        paths += [path for path in results_of(public) if within(path.rpartition(".")[0], layer)]
+        paths += [f"{package_of(layer)}.{name}" for name in " ".join(self.content).split()]
         paths = list(dict.fromkeys([*paths, *in_theory(layer)]))
         text = "\n".join(["````{eval-rst}", summary(paths), *map(autodoc, paths), "````"])
         container = nodes.container()
@@ -130,7 +147,7 @@ class Layer(Directive):
 
 
 class FunctionLinks(SphinxTransform):
-    """In the theory `layer: NAME` links to the entry of the reference."""
+    """In the theory `folder: NAME` links to the entry of the reference."""
 
     default_priority = 850
 
@@ -139,7 +156,7 @@ class FunctionLinks(SphinxTransform):
             return
         for literal in list(self.document.findall(nodes.literal)):
             found = FUNCTION.fullmatch(literal.astext())
-            if found and (Path(critflow.__file__).parent / found[1]).is_dir():
+            if found and folder_of(found[1]).is_dir():
                 target = path_of(*found.groups())
                 link = addnodes.pending_xref("", refdomain="py", reftype="obj", reftarget=target, refwarn=True)
                 link += nodes.literal("", found[2])

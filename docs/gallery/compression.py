@@ -7,7 +7,7 @@ import critflow as cf
 from critflow.critical.transition import transition_modulus
 
 network = cf.voronoi_network(n_vertices=100, seed=7)
-stiffest = cf.optimize(network, "shear_modulus", signs="any")
+stiffest = cf.optimize(network, "G_0", signs="any")
 bound = cf.upper_bound(
     network, transition_modulus(network, [[0.0, 0.5], [0.5, 0.0]])
 )

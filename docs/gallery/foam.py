@@ -6,7 +6,7 @@ Four edges meet at each vertex; far edges fade.
 import critflow as cf
 
 foam = cf.foam_network(n_vertices=60, seed=1)
-best = cf.optimize(foam, "bulk_modulus")
+best = cf.optimize(foam, "B_0")
 axes = cf.draw(
     best, title=f"{foam.n_vertices} vertices, $B_0$ = {best.objective:.4f}"
 )

@@ -11,7 +11,7 @@ import critflow as cf
 from critflow.critical.isogonal import face_modes
 
 network = cf.voronoi_network(n_vertices=60, seed=3)
-modes = face_modes(cf.optimize(network, "bulk_modulus").value)
+modes = face_modes(cf.optimize(network, "B_0").value)
 direction = np.random.default_rng(0).standard_normal(network.faces.n_faces)
 figure, row = plt.subplots(1, 2, figsize=(5.6, 3), layout="constrained")
 for axes, fraction in zip(row, (0.0, 0.9), strict=True):

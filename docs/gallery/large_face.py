@@ -9,7 +9,7 @@ import critflow as cf
 from critflow.critical.isogonal import face_modes
 
 network = cf.voronoi_network(n_vertices=100, seed=6)
-modes = face_modes(cf.optimize(network, "bulk_modulus").value)
+modes = face_modes(cf.optimize(network, "B_0").value)
 faces = network.faces
 chosen = int(faces.sizes.argmax())
 sides = faces.edges[faces.starts[chosen] : faces.starts[chosen + 1]]

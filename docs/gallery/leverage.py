@@ -8,8 +8,8 @@ import numpy as np
 import critflow as cf
 
 network = cf.voronoi_network(n_vertices=150, seed=5)
-critical = cf.optimize(network, "length_variance").value
-leverage = cf.edge_leverage(critical, "bulk_modulus")
+critical = cf.optimize(network, "V_L").value
+leverage = cf.edge_leverage(critical, "B_0")
 axes = cf.draw(
     critical, color=np.abs(leverage.value.change), cmap="viridis", width=2.5
 )

@@ -10,7 +10,7 @@ import numpy as np
 import critflow as cf
 
 network = cf.voronoi_network(n_vertices=100, seed=1)
-critical = cf.optimize(network, "bulk_modulus").value
+critical = cf.optimize(network, "B_0").value
 strains = np.geomspace(0.001, 0.1, 9)
 figure, axes = plt.subplots(figsize=(5, 3.6), layout="constrained")
 for deformation, marker, colour in (

@@ -12,9 +12,9 @@ import critflow as cf
 network = cf.voronoi_network(n_vertices=100, seed=3)
 stress = np.abs(np.random.default_rng(0).standard_normal(network.n_edges))
 found = {
-    "largest bulk modulus": cf.optimize(network, "bulk_modulus").value,
-    "equal lengths": cf.optimize(network, "length_variance").value,
-    "equal tensions": cf.optimize(network, "tension_variance").value,
+    "largest bulk modulus": cf.optimize(network, "B_0").value,
+    "equal lengths": cf.optimize(network, "V_L").value,
+    "equal tensions": cf.optimize(network, "V_tau").value,
     "random stress": cf.CriticalManifold(network).configuration(stress),
 }
 figure, grid = plt.subplots(2, 2, figsize=(4.6, 4.6), layout="constrained")

@@ -9,7 +9,7 @@ import matplotlib.pyplot as plt
 import critflow as cf
 
 network = cf.voronoi_network(n_vertices=100, seed=4)
-sigma = cf.optimize(network, "bulk_modulus").value.sigma
+sigma = cf.optimize(network, "B_0").value.sigma
 figure, row = plt.subplots(
     1, 2, figsize=(5.8, 2.7), layout="constrained", width_ratios=[1, 1.7]
 )

@@ -9,7 +9,7 @@ import numpy as np
 import critflow as cf
 
 network = cf.voronoi_network(n_vertices=60, seed=2)
-critical = cf.optimize(network, "bulk_modulus").value
+critical = cf.optimize(network, "B_0").value
 strains = np.linspace(0.005, 0.1, 8)
 laws = {
     "Hookean": cf.Hookean(),

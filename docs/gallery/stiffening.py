@@ -12,8 +12,8 @@ import critflow as cf
 network = cf.voronoi_network(n_vertices=100, seed=1)
 stress = np.abs(np.random.default_rng(0).standard_normal(network.n_edges))
 found = {
-    "largest $B_0$": cf.optimize(network, "bulk_modulus").value,
-    "equal lengths": cf.optimize(network, "length_variance").value,
+    "largest $B_0$": cf.optimize(network, "B_0").value,
+    "equal lengths": cf.optimize(network, "V_L").value,
     "random stress": cf.CriticalManifold(network).configuration(stress),
 }
 strains = np.linspace(0.001, 0.02, 8)

@@ -7,7 +7,7 @@ stresses.
 import critflow as cf
 
 network = cf.voronoi_network(n_vertices=200, seed=7)
-best = cf.optimize(network, "bulk_modulus")
+best = cf.optimize(network, "B_0")
 axes = cf.draw(
     best, title=f"$B_0$ = {best.objective:.4f} k, bound {best.bound:.4f} k"
 )

@@ -14,7 +14,7 @@ stress = np.abs(np.random.default_rng(0).standard_normal(network.n_edges))
 figure, axes = plt.subplots(figsize=(5, 3.6), layout="constrained")
 axes.set_prop_cycle(color=["#0072B2", "#D55E00"])
 for name, critical in {
-    "largest $B_0$": cf.optimize(network, "bulk_modulus").value,
+    "largest $B_0$": cf.optimize(network, "B_0").value,
     "random stress": cf.CriticalManifold(network).configuration(stress),
 }.items():
     tensions = critical.tensions / critical.tensions.mean()

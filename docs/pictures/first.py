@@ -6,5 +6,5 @@ from pathlib import Path
 from critflow import draw, optimize, voronoi_network
 
 network = voronoi_network(n_vertices=200, seed=7)
-best = optimize(network, "bulk_modulus")
+best = optimize(network, "B_0")
 draw(best).figure.savefig(sys.argv[1] if len(sys.argv) > 1 else Path(__file__).with_suffix(".png"), dpi=50)

@@ -47,20 +47,15 @@ def slow(level):
     return 0.1
 
 
-def test_who_raises_has_failed_and_who_is_slow_stops():
+def test_a_method_that_raises_has_failed_and_a_slow_one_stops():
     runs = []
 
     def steady(level):
         runs.append(level)
         return 10.0**-level
 
-    selected = [
-        fake("steady", steady),
-        fake("broken", broken),
-        fake("slow", slow),
-        fake("gone", broken, package="no-x"),
-    ]
-    timings = {(t.method.name, t.level): t for t in benchmark(selected, repeats=4, patience=0.01)}
+    methods = [fake("steady", steady), fake("broken", broken), fake("slow", slow), fake("gone", broken, package="no-x")]
+    timings = {(t.method.name, t.level): t for t in benchmark(methods, repeats=4, patience=0.01)}
     assert len(timings) == 12
     for level in range(3):
         timing = timings["steady", level]
@@ -78,29 +73,29 @@ def test_who_raises_has_failed_and_who_is_slow_stops():
     assert [timings["slow", level].status for level in (1, 2)] == [Status.missing] * 2
 
 
+def timing_of(run, **options):
+    """The timing of one method with one level."""
+    (timing,) = benchmark([fake("any", run, (0.0,))], **options)
+    return timing
+
+
 def test_no_round_begins_after_the_budget():
-    (timing,) = benchmark([fake("slow", slow, (0.0,))], repeats=9, patience=9.0, budget=0.0)
-    assert len(timing.seconds) == 1
-
-
-def test_a_slow_first_round_leaves_the_budget_to_the_others():
-    """One repeat each says nothing of the noise between two methods."""
+    assert len(timing_of(slow, repeats=9, patience=9.0, budget=0.0).seconds) == 1
+    # A slow first round leaves the budget to the rounds after it.
     pauses = iter([0.2])
-    method = fake("slow at first", lambda level: time.sleep(next(pauses, 0.0)) or 0.0, (0.0,))
-    (timing,) = benchmark([method], repeats=4, budget=0.15)
-    assert len(timing.seconds) == 4
+    assert len(timing_of(lambda level: time.sleep(next(pauses, 0.0)) or 0.0, repeats=4, budget=0.15).seconds) == 4
 
 
 @pytest.mark.skipif(not CORES, reason="only Linux keeps a process on a core")
-def test_all_runs_are_on_one_core_and_none_is_taken_away():
+def test_all_runs_are_on_one_core_and_the_others_return():
     within = []
-    benchmark([fake("any", lambda level: within.append(len(os.sched_getaffinity(0))) or 0.0, (0.0,))], repeats=1)
+    timing_of(lambda level: within.append(len(os.sched_getaffinity(0))) or 0.0, repeats=1)
     assert within == [1, 1]
     assert os.sched_getaffinity(0) == CORES
 
 
 def test_times_are_of_the_processor():
-    (timing,) = benchmark([fake("waits", lambda level: time.sleep(0.03) or 0.0, (0.0,))], repeats=1)
+    timing = timing_of(lambda level: time.sleep(0.03) or 0.0, repeats=1)
     assert 0 <= timing.quartiles[0] < 0.01 < timing.wall[0]
 
 
@@ -142,7 +137,7 @@ def test_how_far_one_is_behind_another(own, rival, ratios):
     np.testing.assert_allclose(found, ratios, rtol=1e-12)
 
 
-def test_who_was_not_asked_for_more_is_not_behind():
+def test_a_method_whose_finer_levels_were_cut_is_not_behind():
     rival = curve("rival", [(3, 1e-5), (4, 1e-15)], own=False)
     for cut, ratios in ((False, [1 / 3, np.inf]), (True, [1 / 3])):
         found, points = curves.behind([curve("own", [(1, 1e-9)], cut=cut)], [rival], 1e-2)
@@ -154,7 +149,7 @@ def test_a_choice_is_measured_at_every_accuracy_that_it_reaches():
     chosen, other = curve("auto", [(4, 1e-12)]), curve("lbfgs", [(1, 1e-4), (3, 1e-7), (9, 1e-15)])
     assert curves.detour(chosen, [chosen, other], 1e-2) == 4.0
     assert curves.detour(other, [chosen, other], 1e-2) == pytest.approx(9 / 4)
-    # What is of no use is not waited for.
+    # Errors above the useful one do not count.
     assert curves.detour(chosen, [chosen, other], 1e-6) == pytest.approx(4 / 3)
     assert curves.gain(chosen, other) == 0.0
     assert curves.fastest([chosen, other], 1e-5) == (3, 1) and curves.fastest([other], 1e-20) == (np.inf, 0)
@@ -175,7 +170,7 @@ def test_stresses_of_rest_lengths_are_compared_without_their_scale():
 
 # The study
 
-ASKED = (
+METHODS = (
     *("auto", "newton", "lbfgs", "cone", "solve", "dense Cholesky", "SciPy L-BFGS-B", "pyamg CG", "jax_fdm"),
     *("exact", "line through 16", "closed form", "linear response at γ → 0"),
 )
@@ -200,7 +195,7 @@ def small(tmp_path_factory):
     words = [
         "tasks=configuration,gradient,length_variance,tension_variance,bulk_modulus,rest_lengths,length_variance_pinned,"
         "coefficients,transition_moduli,stages",
-        "n_vertices=40,2000000", f"contestants={','.join((*ASKED, *STAGES))}", "levels=0,10,20,28", "repeats=1",
+        "n_vertices=40,2000000", f"contestants={','.join((*METHODS, *STAGES))}", "levels=0,10,20,28", "repeats=1",
         "budget=0.01", "least_time=0.01",
     ]  # fmt: skip
     settings = [part for word in words for part in ("--set", word)]

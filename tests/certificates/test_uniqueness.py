@@ -35,6 +35,8 @@ def test_disjoint_self_stresses_are_two():
     network = Network([[0, 1], [1, 2], [3, 4], [4, 5]], pins=pins)
     critical = CriticalManifold(network).configuration(np.ones(4))
     assert not only_self_stress(critical)
+    between = Network([[0, 1], [1, 2], [0, 2]], pins={0: [0, 0], 2: [2, 0]})
+    assert not only_self_stress(CriticalManifold(between).configuration(np.ones(3)))
     one = Network([[0, 1], [1, 2]], pins={0: [0, 0], 2: [2, 0]})
     assert only_self_stress(CriticalManifold(one).configuration([1.0, 2.0]))
 

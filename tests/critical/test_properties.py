@@ -81,6 +81,16 @@ def test_errors_are_those_of_sixty_digits_or_larger():
             assert error <= found.errors[name] < 1e4 * np.finfo(float).eps * max(1.0, abs(float(value))), name
 
 
+def test_the_error_of_a_small_variance_counts_the_rounding_of_lengths():
+    # V_L = Σ(l − ⟨l⟩)²/N⟨l⟩² is about 1e-8, and changes by 2(l − ⟨l⟩)/N⟨l⟩² with a length: more than its own rounding.
+    network = voronoi_network(n_vertices=40, seed=1)
+    lengths = 1 + 1e-4 * np.random.default_rng(0).standard_normal(network.n_edges)
+    critical = critical_from_lengths(network, lengths).value
+    found, length = properties(critical, "V_L"), critical.lengths
+    change = 2 * np.abs(length - length.mean()) / (len(length) * length.mean() ** 2)
+    assert 3.9 < found.errors["V_L"] / (np.finfo(float).eps * change @ length) < 6
+
+
 def test_slack_edges_have_no_gradient():
     # The value is that of the taut part; P is singular, and its solutions are no gradients.
     network = voronoi_network(100, seed=1)

@@ -26,7 +26,7 @@ from critflow import (
     upper_bound,
     voronoi_network,
 )
-from critflow.critical.quantity import evaluate, has_exact_hessian
+from critflow.critical.quantity import evaluate, has_exact_hessian, require_exact_hessian
 from critflow.critical.transition import PenalisedModulus, TransitionModulus, pure_shear, transition_modulus
 from critflow.critical.vocabulary import ALIASES, names
 from critflow.extensions import quantities
@@ -72,6 +72,8 @@ def test_gradients_and_hessian_products(kind, name, sign):
     if goal.analytic:
         assert has_exact_hessian(manifold, goal)
         gradient = lambda s: evaluate(manifold, goal, s).gradient  # noqa: E731
+        product = here.hessian_product(directions[0])
+        np.testing.assert_allclose(1e-100 * here.hessian_product(1e100 * directions[0]), product, rtol=1e-9, atol=size)
         assert_derivative(gradient, here.hessian_product, sigma, directions, 1e-3, 1e-6, 1e-6 * scale)
     else:
         u, v = directions
@@ -181,8 +183,8 @@ UNKNOWN = {
     "B_1": "B_0",
     "b_0": "did you mean 'B_0'",
     "colour": "V_tau",
-    "length[60]": "counted from 0",
-    "area[30]": "faces",
+    "length[30]": "counted from 0",
+    "area[10]": "faces",
     "modulus[twist]": "modulus",
     "modulus[uniaxial_free]": "free",
     "stiffening[uniaxial_free]": "free components",
@@ -194,6 +196,9 @@ test_unknown_names_are_one_sentence = refused(
 
 def test_bad_quantities_are_refused():
     network = lattice("honeycomb", 2, 2)
+    require_exact_hessian(CriticalManifold(network), quantity(network, "B_0"))
+    with pytest.raises(InputError, match="C_B has none"):
+        require_exact_hessian(CriticalManifold(network), quantity(network, "C_B"))
     with pytest.raises(InputError, match="dimensions"):
         transition_modulus(network, np.eye(3))
 

@@ -1,22 +1,95 @@
-"""Values of quantities in other units of stiffness and length."""
+"""Configurations, quantities, errors and modes in other units of stiffness and length: the same digits."""
+
+from functools import partial
 
 import numpy as np
-import pytest
-from units import in_units
+from problems import NETWORKS, critical_of, random_stress, slack_lattice, voronoi_3d, with_random_stiffness
+from units import SCALED, same_in_units
 
-from critflow import CriticalManifold, foam_network, voronoi_network
+from critflow import CriticalManifold, isogonal_modes, properties
+from critflow.critical.backbone import backbone
+from critflow.critical.isogonal import affine_bulk_modulus, face_modes
+from critflow.critical.manifold import critical_configuration
+from critflow.critical.modulus_error import transition_modulus_error
+from critflow.critical.properties import flat_directions
+from critflow.critical.transition import PenalisedModulus, TransitionModulus, pure_shear
 from critflow.critical.vocabulary import quantity
 
-PLANAR = voronoi_network(40, seed=3)
+# Quantities of a network, and the power of the unit of stiffness and of length that they have in d dimensions.
+POWERS = {
+    **dict.fromkeys(("B_0", "G_0", "C_B", "C_G", "modulus[uniaxial]", "C_xxyy", "C_xyxy"), lambda d: (1, 2 - d)),
+    **dict.fromkeys(("S_xx", "S_xy"), lambda d: (0.5, 1)),
+    **dict.fromkeys(("V_L", "V_tau"), lambda d: (0, 0)),
+    "length[3]": lambda d: (0, 1),
+    "area[2]": lambda d: (0, 2),
+}
 
 
-@pytest.mark.parametrize("name", ["B_0", "C_B", "S_xy", "C_xxyy", "length[0]", "area[1]", "V_L", "modulus[uniaxial]"])
-@pytest.mark.parametrize("network", [PLANAR, foam_network(60, seed=1)], ids=["plane", "space"])
-def test_values_scale_as_their_units(network, name):
-    if name.startswith("area") and network.dimension == 3:
-        name = "V_tau"
-    scaled, sigma = in_units(network, 0.3, 7.0), np.linspace(1, 2, network.n_edges)
-    there, here = (CriticalManifold(one).configuration(sigma) for one in (scaled, network))
-    goal = quantity(network, name)
-    ratio = goal.unit(scaled) / goal.unit(network)
-    assert goal.evaluate(there)[0] == pytest.approx(ratio * goal.evaluate(here)[0], rel=1e-9)
+def configuration(network, units, signed=False):
+    sigma = random_stress(network.n_edges, 1)
+    sigma[::6] *= -0.3 if signed else 1
+    found = CriticalManifold(network).solve(sigma)
+    critical = found.value
+    return {
+        "number": (found.status, found.negative_pivots, found.stats.condition, critical.sigma, critical.residual),
+        "length": (critical.coordinates, critical.bond_vectors, critical.error_bound, critical.bond_errors),
+    }
+
+
+def quantities(network, units, signed=False):
+    d, manifold = network.dimension, CriticalManifold(network)
+    sigma = random_stress(network.n_edges, 1)
+    sigma[::6] *= -0.3 if signed else 1
+    critical = manifold.configuration(sigma)
+    names = [name for name in POWERS if name != "area[2]" or network.faces is not None]
+    found = properties(critical, names)
+    one = {}
+    for name in names:
+        k, length = POWERS[name](d)
+        unit, goal = units.stiffness**k * units.length**length, quantity(network, name)
+        numbers = (found.values[name], found.errors[name], found.by_stress[name], goal.unit(network))
+        one[name] = np.concatenate([np.ravel(value) / unit for value in (*numbers, goal.extreme(manifold, not signed))])
+        one[f"{name} by stiffness"] = found.by_stiffness[name] * (units.stiffness / unit)
+    penalised = PenalisedModulus(TransitionModulus(pure_shear(d), "G_0"), 0.2).evaluate(critical)[0]
+    modulus = "stiffness" if d == 2 else "pressure"
+    error = transition_modulus_error(pure_shear(d), critical)
+    return {"number": [*one.values()], modulus: (penalised, error, affine_bulk_modulus(critical))}
+
+
+def modes(network, units):
+    critical = critical_of(network)
+    every, local = isogonal_modes(critical), face_modes(critical)
+    step, flat = np.arange(1.0, 1 + every.n_independent), flat_directions(critical_of(network), "B_0")
+    walked, far = every.walk(0.01 * units.length * step), every.towards(step)
+    return {
+        "number": (every.n_independent, local.n_independent, *every.gap, flat.n_flat, every.elongations, *flat.gap),
+        "length": (walked.coordinates, far.coordinates, every.limit(step)),
+        "stiffness": (flat.eigenvalues,),
+    }
+
+
+def largest(network, units):
+    found = face_modes(critical_of(network)).largest(np.arange(network.n_edges), 0.05 * units.length)
+    return {"length": (found.value.lengths, found.amplitudes)}
+
+
+def of_a_backbone(network, units):
+    critical = slack_lattice()[2]
+    bone = backbone(critical_configuration(network, critical.sigma, units.length * critical.coordinates))
+    part = bone.configuration
+    return {
+        "number": (bone.taut, part.sigma, bone.floppy_vertices, part.residual),
+        "length": (part.coordinates, part.bond_vectors, part.bond_errors),
+    }
+
+
+NETWORK, SPACE = NETWORKS["voronoi, random stiffness"], lambda: with_random_stiffness(voronoi_3d(), 4)
+test_the_transition_in_other_units = same_in_units(
+    {name: (configuration, NETWORKS[name]) for name in ("oblique", "pinned grid", "own images")}
+    | {"configuration, signed": (partial(configuration, signed=True), NETWORK)}
+    | {"quantities": (quantities, NETWORK), "quantities, signed": (partial(quantities, signed=True), NETWORK)}
+    | {"quantities in space": (quantities, SPACE), "modes": (modes, NETWORK)}
+    | {"backbone": (of_a_backbone, lambda: slack_lattice()[0])},
+    rtol=1e-14,
+)
+test_programs_in_larger_units = same_in_units({"largest": (largest, NETWORK)}, 1e-6, others=[SCALED])

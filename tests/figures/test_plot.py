@@ -1,15 +1,14 @@
 """Figures: every edge is drawn once, whole and in its cell."""
 
 import matplotlib
-import matplotlib.pyplot as plt
 import numpy as np
 import pytest
-from matplotlib.collections import PolyCollection
+from matplotlib.collections import PathCollection
 from matplotlib.figure import Figure
-from problems import oblique, random_stress, sheared, slack_lattice
+from problems import critical_of, oblique, pinned_grid, random_stress, sheared, slack_lattice
 from scipy.spatial import cKDTree
 
-from critflow import CriticalManifold, critical_from_perimeters, draw, foam_network, lattice, voronoi_network
+from critflow import CriticalManifold, draw, foam_network, lattice, voronoi_network
 from critflow.figures.plot import (
     draw_in_depth,
     draw_network,
@@ -163,32 +162,6 @@ def test_shaded_faces_cover_the_cell():
     assert shading.get_clip_path() is not None
 
 
-def _centre(corners):
-    return corners.mean(axis=0)
-
-
-def test_faces_have_the_colours_of_their_pressures_and_tensions():
-    network = voronoi_network(20, seed=1)
-    p = np.linspace(-0.1, 0.1, network.faces.n_faces)
-    pressed = CriticalManifold(network).configuration(np.ones(network.n_edges), p)
-    tissue = critical_from_perimeters(network, np.ones(network.faces.n_faces))
-    for thing, values in ((pressed, p), (tissue, tissue.value.face_tensions), (tissue.value.at_rest(), 0 * p)):
-        critical = pressed if thing is pressed else tissue.value.configuration
-        shading = next(each for each in draw(thing).collections if isinstance(each, PolyCollection))
-        polygons = face_polygons(network.faces, network.edges, critical.coordinates, critical.bond_vectors)
-        inside = [np.mod(place @ np.linalg.inv(network.cell), 1.0) % 1.0 for place in map(_centre, polygons)]
-        paths = [
-            np.mod(_centre(path.vertices[:-1]) @ np.linalg.inv(network.cell), 1.0) % 1.0 for path in shading.get_paths()
-        ]
-        distance, face = cKDTree(inside, boxsize=1.0).query(paths)
-        colours = shading.get_facecolors()
-        redness, expected = colours[:, 0] - colours[:, 2], values[face]
-        assert distance.max() < 1e-9 and len(colours) == len(paths)
-        assert (redness[expected > 0.02] > 0.05).all() and (redness[expected < -0.02] < -0.05).all()
-        assert (np.diff(redness[np.argsort(expected)]) > -0.01).all()
-        plt.close("all")
-
-
 def test_slack_edges_are_drawn_grey_below_the_taut_part():
     network, _, critical = slack_lattice()
     axes = Figure().add_subplot()
@@ -199,3 +172,35 @@ def test_slack_edges_are_drawn_grey_below_the_taut_part():
     assert (np.asarray(taut.get_array()) > 0).all()
     assert slack.get_zorder() < taut.get_zorder()
     assert max(slack.get_linewidths()) < min(taut.get_linewidths()) + 0.1
+
+
+def test_pinned_networks_are_drawn_with_a_margin_and_their_pins(units):
+    critical = critical_of(units.network(pinned_grid()))
+    network, x = critical.network, critical.coordinates
+    for thing in (critical, network):
+        axes = draw(thing)
+        x = critical.coordinates if thing is critical else network.positions
+        margin = 0.03 * np.ptp(x, axis=0).max()
+        for limits, along in ((axes.get_xlim(), x[:, 0]), (axes.get_ylim(), x[:, 1])):
+            np.testing.assert_allclose(limits, (along.min() - margin, along.max() + margin), rtol=1e-12)
+        drawn = np.concatenate([each.get_segments() for each in axes.collections if len(each.get_segments())])
+        at = np.sort(x[network.edges].reshape(network.n_edges, -1), axis=0)
+        np.testing.assert_allclose(np.sort(drawn.reshape(network.n_edges, -1), axis=0), at, rtol=1e-12)
+        np.testing.assert_array_equal(axes.lines[0].get_xydata(), x[list(network.pins)])
+
+
+@pytest.mark.parametrize("make", [pinned_grid, lambda: voronoi_network(20, seed=1)], ids=["pins", "cell"])
+def test_values_of_vertices_are_areas_of_discs(make):
+    network = make()
+    values = np.linspace(-1.0, 2.0, network.n_vertices)
+    axes = draw(network, vertices=values)
+    discs = next(each for each in axes.collections if isinstance(each, PathCollection))
+    sizes, fraction = discs.get_sizes(), np.clip(values, 0, None) / 2
+    np.testing.assert_allclose(sizes, sizes.max() * fraction, rtol=1e-12)
+    assert 10 < sizes.max() <= 90
+    places = (
+        network.positions
+        if network.cell is None
+        else network.positions @ np.linalg.inv(network.cell) % 1 @ network.cell
+    )
+    np.testing.assert_allclose(discs.get_offsets(), places, rtol=0, atol=1e-12)

@@ -8,18 +8,24 @@ from critflow import foam_network, voronoi_network
 from critflow.generators.random_networks import check_foam, check_voronoi
 from critflow.generators.random_points import random_sequential_addition
 
+# Dimension and size, and limits of the mean edge length: 6 edges a face of area 2 give (2/√3)^(1/2)·... ≈ 0.88 for
+# hexagons, and 0.79 for truncated octahedra, with one vertex per unit of volume.
+SIZES = [(2, 12), (2, 40), (2, 100), (2, 1000), (3, 52), (3, 100), (3, 200)]
+LENGTHS = {2: (0.6, 1.0), 3: (0.7, 0.9)}
 
-@pytest.mark.parametrize("n_vertices, seed", [(12, 1), (40, 2), (100, 3), (1000, 4)])
-def test_standard_network(n_vertices, seed):
-    network = voronoi_network(n_vertices, seed=seed)
-    assert (network.n_vertices, network.n_edges) == (n_vertices, 3 * n_vertices // 2)
-    np.testing.assert_array_equal(np.bincount(network.edges.ravel()), np.full(n_vertices, 3))
-    assert network.volume == pytest.approx(n_vertices, rel=1e-14)
-    assert network.faces.n_faces == n_vertices // 2
+
+@pytest.mark.parametrize("d, n_vertices", SIZES)
+def test_standard_networks(d, n_vertices):
+    network = (voronoi_network, foam_network)[d - 2](n_vertices, seed=n_vertices % 7)
+    degree = d + 1
+    assert (network.n_vertices, network.n_edges, network.dimension) == (n_vertices, degree * n_vertices // 2, d)
+    np.testing.assert_array_equal(np.bincount(network.edges.ravel()), np.full(n_vertices, degree))
+    np.testing.assert_allclose(network.cell, n_vertices ** (1 / d) * np.eye(d), rtol=1e-14)
     fraction = network.positions @ np.linalg.inv(network.cell)
     assert fraction.min() >= 0 and fraction.max() < 1
-    # Mean edge length O(1): 6 edges a face of area 2 give (2/√3)^(1/2)·... ≈ 0.88 for hexagons.
-    assert 0.6 < np.linalg.norm(network.bond_vectors(network.positions), axis=1).mean() < 1.0
+    assert d == 3 or network.faces.n_faces == n_vertices // 2
+    low, high = LENGTHS[d]
+    assert low < np.linalg.norm(network.bond_vectors(network.positions), axis=1).mean() < high
 
 
 @pytest.mark.parametrize(("dimension", "n_cells"), [(2, 30), (3, 20)])
@@ -48,38 +54,22 @@ def test_generator_is_advanced():
 
 
 @pytest.mark.parametrize(
-    "n_vertices, seed, graph, faces, total",
+    "make, n_vertices, seed, graph, faces, total",
     [
-        (100, 8, "8e9e6f7fc0567d70", "226a9f23c93d50a5", 1011.4394327245155),
-        (40, 1, "9a76d55c25d53adf", None, 255.9282192141523),
-        (3162, 1, "4f797870627a0bb7", "dc29408ea6b673c0", 177326.29975171637),
+        (foam_network, 60, 1, "ce4b7c1fd54add8a", None, None),
+        (voronoi_network, 100, 8, "8e9e6f7fc0567d70", "226a9f23c93d50a5", 1011.4394327245155),
+        (voronoi_network, 40, 1, "9a76d55c25d53adf", None, 255.9282192141523),
+        (voronoi_network, 3162, 1, "4f797870627a0bb7", "dc29408ea6b673c0", 177326.29975171637),
     ],
 )
-def test_graphs_and_faces_are_frozen(n_vertices, seed, graph, faces, total):
-    network = voronoi_network(n_vertices, seed)
+def test_graphs_and_faces_are_frozen(make, n_vertices, seed, graph, faces, total):
+    network, again = (make(n_vertices, seed) for _ in range(2))
+    np.testing.assert_array_equal(again.positions, network.positions)
+    assert not np.array_equal(make(n_vertices, seed + 1).edges, network.edges)
     assert digest(network.edges, network.offsets) == graph
-    assert faces in (None, digest(network.faces.edges, network.faces.signs, network.faces.starts))
-    assert network.positions.sum() == pytest.approx(total, rel=1e-12)
-
-
-@pytest.mark.parametrize("n_vertices, seed", [(52, 1), (100, 2), (200, 3)])
-def test_foam(n_vertices, seed):
-    network = foam_network(n_vertices, seed)
-    assert (network.n_vertices, network.n_edges, network.dimension) == (n_vertices, 2 * n_vertices, 3)
-    np.testing.assert_array_equal(np.bincount(network.edges.ravel()), np.full(n_vertices, 4))
-    np.testing.assert_allclose(network.cell, n_vertices ** (1 / 3) * np.eye(3), rtol=1e-14)
-    fraction = network.positions @ np.linalg.inv(network.cell)
-    assert fraction.min() >= 0 and fraction.max() < 1
-    # Space-filling truncated octahedra with one vertex per unit of volume have edges of length 0.79.
-    assert 0.7 < np.linalg.norm(network.bond_vectors(network.positions), axis=1).mean() < 0.9
+    assert faces is None or faces == digest(network.faces.edges, network.faces.signs, network.faces.starts)
+    assert total is None or network.positions.sum() == pytest.approx(total, rel=1e-12)
 
 
 def test_arguments_of_large_networks_are_checked_without_making_one():
     check_voronoi(10**7, 0.82), check_foam(10**7, 0.87)
-
-
-def test_foam_of_seed_one_is_frozen():
-    network = foam_network(60, seed=1)
-    assert digest(network.edges, network.offsets) == "ce4b7c1fd54add8a"
-    np.testing.assert_array_equal(foam_network(60, seed=1).positions, network.positions)
-    assert not np.array_equal(foam_network(60, seed=2).edges, network.edges)

@@ -6,7 +6,7 @@ from problems import digest
 
 from critflow.generators import random_points
 from critflow.generators.random_networks import STANDARD_HARD_CORE
-from critflow.generators.random_points import random_sequential_addition
+from critflow.generators.random_points import points_in_cell, random_sequential_addition
 
 
 def periodic_distances(points: np.ndarray) -> np.ndarray:
@@ -42,6 +42,13 @@ def test_points_are_frozen(n_points, hard_core, dimension, bits):
     rng = np.random.default_rng(7)
     points = random_sequential_addition(n_points, hard_core / n_points ** (1 / dimension), rng, dimension)
     assert digest(points, rng.random(3)) == bits
+
+
+@pytest.mark.parametrize("dimension, total", [(2, 2464.2206000330084), (3, 6003.70028738539)])
+def test_points_of_a_cell_are_frozen(dimension, total):
+    cell = np.array([[1.0, 0.1, 0.0], [0.7, 1.0, 0.2], [0.0, 0.3, 1.0]])[:dimension, :dimension]
+    points = points_in_cell(60, 0.7, np.random.default_rng(4), cell)
+    assert points @ np.arange(1.0, 1 + dimension) @ np.arange(60.0) == pytest.approx(total, rel=1e-12)
 
 
 @pytest.mark.parametrize("dimension", [2, 3])

@@ -1,9 +1,12 @@
 """Tessellations in cells of any shape, against the definition and against other cells of the same lattice."""
 
+from functools import partial
+
 import numpy as np
 import pytest
+from units import same_in_units
 
-from critflow import delaunay_network, voronoi_network
+from critflow import Network, delaunay_network, lattice, voronoi_network
 from critflow.generators.random_points import points_in_cell, random_sequential_addition
 from critflow.networks.periodic_cell import near_images, short_cell
 
@@ -75,6 +78,7 @@ def test_short_vectors_span_the_same_lattice():
     for cell in (
         [[1.0, 0.0], [1e6 + 0.3, 1.0]],
         [[5.0, 3.0], [8.0, 5.0]],
+        [[1.0, 0.0], [0.5, 1.0]],  # short already, since half a vector leaves its length
         [[1, 0.4, 0.3], [7.1, 1, 3.3], [2.2, 9.4, 1]],
     ):
         short, rows = short_cell(np.array(cell))
@@ -103,3 +107,31 @@ def test_points_of_a_square_are_those_of_no_cell():
     points = points_in_cell(40, 0.8, rng(7), 3.0 * np.eye(2))
     np.testing.assert_array_equal(points, random_sequential_addition(40, 0.8 / np.sqrt(40), rng(7)))
     assert points_in_cell(40, 0.0, rng(1), np.eye(3)).shape == (40, 3)
+
+
+def square(cell=CELLS["rectangular"]):
+    return Network([[0, 1], [1, 0], [0, 1]], [[0, 0], [1, 0], [0, 1]], np.array(cell))
+
+
+def shape(network):
+    x = network.positions
+    return {"number": (network.edges, network.offsets), "length": (network.cell, x, network.bond_vectors(x))}
+
+
+POINTS = np.random.default_rng(1).random((30, 2))
+LATTICES = {"honeycomb": (3, 2), "kagome": (2, 2), "diamond": (2, 2, 2)}
+test_networks_in_cells_of_other_units = same_in_units(
+    {
+        f"{make.__name__}, {name}": (
+            lambda cell, _, make=make: shape(make(points=POINTS, cell=cell.cell)),
+            partial(square, cell),
+        )
+        for make in (voronoi_network, delaunay_network)
+        for name, cell in CELLS.items()
+    }
+    | {
+        name: (lambda _, units, name=name: shape(lattice(name, *LATTICES[name], edge_length=units.length)), square)
+        for name in LATTICES
+    },
+    rtol=1e-12,
+)

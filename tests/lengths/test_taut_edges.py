@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+import scipy.sparse as sp
 from problems import dense_free, random_stress
 
 from critflow import CriticalManifold, Network, critical_from_lengths, voronoi_network
@@ -9,7 +10,7 @@ from critflow.lengths.boundary import Expansion
 from critflow.lengths.cone import fit_lengths
 from critflow.lengths.lengths_end import newton_error
 from critflow.lengths.taut_edges import OnsetState, newton_taut
-from critflow.lengths.taut_set import polish_taut
+from critflow.lengths.taut_set import _shortening, placed, polish_taut
 from critflow.linalg.matrices import balanced_part
 from critflow.linalg.saddle import Saddle
 
@@ -80,6 +81,25 @@ def test_the_balanced_part_of_a_stress_is_the_self_stress():
     found = balanced_part(NETWORK, L, sigma, CriticalManifold(NETWORK).hessian)
     np.testing.assert_allclose(found, (sigma @ null) * null, rtol=0, atol=1e-9)
     assert np.abs(g.T @ (found[:, None] * L)).max() < 1e-12
+
+
+def test_slack_vertices_are_placed_where_no_edge_is_long(units):
+    # A slack chain of three edges beside a taut one between pins: straight, all edges have 4/9 of their lengths.
+    chain = Network([[0, 1], [0, 2], [2, 3], [3, 1]], pins={0: [0, 0], 1: [4 * units.length, 0]})
+    lengths, taut = units.length * np.array([4.0, 2, 3, 4]), np.array([True, False, False, False])
+    x = units.length * np.array([[0, 10.0], [4, 10]])
+    found = placed(chain, taut, lengths, chain.bond_vectors(chain.all_coordinates(x)), x, 1e-9)
+    ratios = np.linalg.norm(chain.bond_vectors(chain.all_coordinates(found)), axis=1) / lengths
+    assert (ratios[1:] <= 0.5 * (1 + 4 / 9) * (1 + 1e-9)).all()
+
+
+@pytest.mark.parametrize("ratio, length", [(1.5, 1.5), (0.5, 0.75)])
+def test_edges_that_are_too_long_are_shortened_by_the_least_motion(ratio, length):
+    # The end of an edge moves along it, half the way to a ratio of one, or to a ratio above; short edges do not count.
+    one = _shortening(sp.csr_array([[1.0]]), np.array([[3.0, 0]]), np.ones(1), ratio)
+    np.testing.assert_allclose(one, [[length - 3, 0]], rtol=1e-12, atol=1e-15)
+    two = _shortening(sp.csr_array([[1.0], [1.0]]), np.array([[0, -0.1], [0, 3.0]]), np.array([9.0, 1]), ratio)
+    np.testing.assert_allclose(two, [[0, length - 3]], rtol=1e-12, atol=1e-15)
 
 
 def test_a_pin_outside_the_stressed_part_leaves_it_in_place():

@@ -36,7 +36,10 @@ def test_saddle_solves_both_equations(backend, name):
     assert_solved(network, sigma, L, u, multipliers, forces, elongations)
 
 
-def test_a_compliance_stays_in_the_equations():
+@pytest.mark.parametrize(
+    "corner, sums", [(None, None), (np.array([[0.3]]), None), (np.array([[-0.2]]), np.array([1.7]))]
+)
+def test_a_compliance_stays_in_the_equations(corner, sums):
     network = voronoi_network(20, seed=1)
     sigma = random_stress(30, 4)
     L = dense_bond_vectors(network, sigma)
@@ -48,8 +51,9 @@ def test_a_compliance_stays_in_the_equations():
     )
     factor = Saddle(network).factorize(sigma, L, compliance=compliance)
     border = rng.standard_normal((1, 30))
-    u, multipliers, y, _ = factor.solve_bordered(forces, elongations, border)
-    assert border @ multipliers == pytest.approx(0, abs=1e-10)
+    u, multipliers, y, _ = factor.solve_bordered(forces, elongations, border, corner, sums)
+    expected = 0.0 if sums is None else sums
+    assert border @ multipliers + (0.0 if corner is None else corner @ y) == pytest.approx(expected, abs=1e-10)
     g, _ = grounded(network)
     stretch = np.einsum("ad,ad->a", L, g @ u) + y @ border
     np.testing.assert_allclose(stretch - compliance * multipliers, elongations, rtol=0, atol=1e-10)

@@ -40,6 +40,11 @@ def test_a_direction_of_negative_curvature(negative):
 def test_minima_and_flat_directions_have_none():
     function, _, minimum = quadratic()
     assert negative_curvature_direction(function, function.at(minimum)) is None
+    # Twenty products decide, however many unknowns there are.
+    large, (_, _, centre), taken = quadratic(60)[0], quadratic(60), []
+    product = large.hessian_product
+    large.hessian_product = lambda point, direction: taken.append(point) or product(point, direction)
+    assert negative_curvature_direction(large, large.at(centre)) is None and len(taken) == 20
     flat, _ = saddle(0.0)
     assert negative_curvature_direction(flat, flat.at(np.zeros(12))) is None
 

@@ -1,26 +1,90 @@
-"""Optima in other units of stiffness and length: the same stresses, with values in these units."""
+"""Optima in other units of stiffness and length: the same steps and stresses, with values in these units."""
+
+from functools import partial
 
 import numpy as np
-import pytest
-from units import UNITS, in_units
+from problems import NETWORKS, hung_ring
+from units import SCALED, same_in_units
 
-from critflow import foam_network, optimize, voronoi_network
-
-PLANAR = voronoi_network(40, seed=3)
-
-
-@pytest.mark.parametrize(("stiffness", "length"), UNITS)
-@pytest.mark.parametrize("name", ["G_0", "C_B", "V_tau", "modulus[uniaxial]"])
-def test_optima_are_the_same_to_the_last_bit(name, stiffness, length):
-    plain, scaled = (optimize(one, name, throw=False) for one in (PLANAR, in_units(PLANAR, stiffness, length)))
-    assert scaled.status is plain.status
-    assert scaled.stats.steps == plain.stats.steps
-    assert scaled.objective == plain.objective * (1.0 if name == "V_tau" else stiffness)
-    np.testing.assert_array_equal(scaled.value.sigma, plain.value.sigma)
+from critflow import CriticalManifold, foam_network, optimize, voronoi_network
+from critflow.critical.transition import pure_shear
+from critflow.optimisation.descent import StressObjective
+from critflow.optimisation.largest_modulus import largest_modulus, least_compressed_length
+from critflow.optimisation.optimize import objective_of
 
 
-@pytest.mark.parametrize("name", ["G_0", "C_B"])
-def test_moduli_in_space_have_the_unit_of_stiffness_over_length(name):
-    network = foam_network(60, seed=1)
-    plain, scaled = (optimize(one, name) for one in (network, in_units(network, 2.0**-18, 2.0**21)))
-    assert scaled.objective == pytest.approx(plain.objective * 2.0**-39, rel=1e-10)
+def optimum(network, units, name, method="auto", **options):
+    found = optimize(network, name, method, throw=False, **options)
+    ends = (found.status, found.note, found.stats.steps, found.stats.residual, found.gap, found.saddles)
+    return {
+        "number": (*ends, found.value.sigma, found.collapsed_edges, found.slack_edges, found.nearest_singular),
+        "one" if name[0] == "V" else "stiffness": (
+            found.objective,
+            found.objective_error,
+            found.uncertainty,
+            found.bound,
+            *found.starts,
+        ),
+    }
+
+
+def equal_lengths(network, units, **options):
+    found = optimize(network, "V_L", throw=False, **options)
+    return {"number": (found.status, found.stats.method, found.stats.steps, found.value.sigma)}
+
+
+def in_space(network, units, name):
+    return {"pressure": (optimize(network, name).objective,)}
+
+
+def closed_form(network, units):
+    found = largest_modulus(network, pure_shear(2))
+    bulk, shear = (optimize(network, name, signs="any") for name in ("B_0", "modulus[uniaxial]"))
+    by_methods = bulk.objective, shear.objective, bulk.objective_error
+    return {
+        "number": (found.status, found.value.sigma, found.gap),
+        "length": (found.value.coordinates,),
+        "stiffness": (found.objective, found.bound, *by_methods),
+    }
+
+
+def objective(network, units, name):
+    objective = StressObjective(CriticalManifold(network), objective_of(network, name, 0.1))
+    x = np.random.default_rng(1).standard_normal(network.n_edges)
+    point = objective.at(x)
+    return {"number": (point.value, point.gradient, point.residual, objective.hessian_product(point, np.cos(x)))}
+
+
+def compressed(network, units):
+    return {"length": (least_compressed_length(network, pure_shear(2)),)}
+
+
+FOAM = partial(foam_network, 60, seed=1)
+NETWORK, SMALL = NETWORKS["voronoi, random stiffness"], NETWORKS["tiny"]
+COLLAPSING = partial(voronoi_network, 40, seed=47, hard_core=0.65)
+OPTIMA = {
+    **{
+        f"{name} by {method}": {"name": name, "method": method}
+        for name in ("V_tau", "G_0")
+        for method in ("lbfgs", "newton")
+    },
+    **{name: {"name": name} for name in ("G_0", "V_tau", "B_0")},
+    "C_B": {"name": "C_B", "max_steps": 150},
+    "of FIRE": {"name": "V_tau", "method": "fire"},
+    "threshold": {"name": "G_0", "threshold": 0.2},
+    "signed": {"name": "G_0", "signs": "any", "method": "lbfgs", "max_steps": 100},
+}
+test_optima_in_other_units = same_in_units(
+    {name: (partial(optimum, **options), SMALL) for name, options in OPTIMA.items()}
+    | {"collapse": (partial(optimum, name="V_tau"), COLLAPSING), "ring": (partial(optimum, name="V_tau"), hung_ring)}
+    | {f"objective {name}": (partial(objective, name=name), NETWORK) for name in ("G_0", "V_tau", "V_L", "B_0")},
+)
+test_closed_forms_in_other_units = same_in_units(
+    {"closed form": (closed_form, NETWORK), "conic": (equal_lengths, NETWORK)}
+    | {"rough": (partial(equal_lengths, tolerance=1e-4), partial(voronoi_network, 300, seed=1))}
+    | {f"{name} in space": (partial(in_space, name=name), FOAM) for name in ("G_0", "C_B")},
+    rtol=1e-9,
+)
+
+
+test_programs_in_larger_units = same_in_units({"compressed": (compressed, NETWORK)}, 1e-9, others=[SCALED])

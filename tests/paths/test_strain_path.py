@@ -9,7 +9,6 @@ from problems import (
     SMALL_NETWORKS,
     bounds_over_errors,
     critical_of,
-    partly_compressed,
     random_stress,
     relaxed_directly,
     reordered,
@@ -51,7 +50,7 @@ def test_path_is_relaxed_at_every_strain(name):
     assert solution.status is Status.ok
     path = solution.value
     np.testing.assert_array_equal(path.status, Status.ok)
-    assert path.max_force.max() < 1e-13
+    assert solution.stats.residual == path.max_force.max() < 1e-13
     np.testing.assert_array_equal(path.strains, STRAINS)
     assert len(path.states) == len(STRAINS)
     for gamma, state, energy in zip(STRAINS, path.states, path.energy, strict=True):
@@ -241,17 +240,3 @@ def test_starts_that_are_refused(name):
     start, options, word = WRONG_STARTS[name]
     with pytest.raises(InputError, match=word):
         strain_path(start, [0.1], **options)
-
-
-@pytest.mark.parametrize("length", [1e-9, 1e9])
-@pytest.mark.parametrize("stiffness", [1e-6, 1e6])
-def test_other_units_give_the_same_path(length, stiffness):
-    critical, strains = partly_compressed(16, 2), [0.001, 0.01, 0.1]
-    network = critical.network
-    scaled = Network(network.edges, network.offsets, network.cell * length, stiffness)
-    path = strain_path(critical, strains, throw=False).value
-    other = strain_path(CriticalManifold(scaled).configuration(critical.sigma), strains, throw=False).value
-    np.testing.assert_array_equal(other.status, path.status)
-    np.testing.assert_array_equal(other.steps, path.steps)
-    np.testing.assert_allclose(other.energy, path.energy * stiffness * length**2, rtol=1e-11)
-    np.testing.assert_allclose(other.modulus, path.modulus * stiffness, rtol=1e-12)

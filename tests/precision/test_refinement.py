@@ -17,11 +17,9 @@ from critflow import (
     Network,
     Status,
     critical_from_lengths,
-    design,
     lattice,
     optimize,
     three_bar_linkage,
-    upper_bound,
     voronoi_network,
 )
 from critflow.critical.backbone import backbone
@@ -238,7 +236,6 @@ MADE = {
     "given": lambda network: CriticalManifold(network).configuration(random_stress(network.n_edges, 3)),
     "least length variance": lambda network: optimize(network, "V_L").value,
     "least tension variance": lambda network: optimize(network, "V_tau", tolerance=1e-6).value,
-    "design": lambda network: design(network, {"B_0": 0.9 * upper_bound(network, "B_0")}).value,
     "lengths": lambda network: critical_from_lengths(network, np.linspace(0.9, 1.1, network.n_edges)).value,
 }
 

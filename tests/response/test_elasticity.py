@@ -107,6 +107,27 @@ def test_affine_tensor_has_the_symmetry_of_central_forces(case):
     assert expected[index("xx"), index("yy")] == pytest.approx(expected[index("xy"), index("xy")], rel=1e-12)
 
 
+class Counted:
+    """A factor that counts its solves."""
+
+    def __init__(self, factor):
+        self.factor, self.count = factor, 0
+
+    def solve(self, right):
+        self.count += 1
+        return self.factor.solve(right)
+
+
+@pytest.mark.parametrize("name", [name for name in STATES if name != "compression"])
+def test_one_correction_of_each_relaxation_is_enough(name):
+    state = equilibrium(STATES[name](), tolerance=1e-15, throw=False).value
+    # Two solves a strain; that the state is in equilibrium costs two more, and no response of another state.
+    for exact, more in ((True, 0), (False, 2)):
+        factor = Counted(state.factorize(state.pattern()))
+        linear_response(state, state.network.volume, exact=exact, factor=factor, condition=False)
+        assert factor.count == 2 * len(strain_basis(state.network.dimension)[0]) + more
+
+
 # Closed forms
 
 

@@ -10,7 +10,6 @@ SETTINGS = {
     "allostery": {"sizes=20": "at least 24", "loads=2.0": "between 0 and 1", "starts=0": "must be positive"},
     "boundary": {"n_vertices=7": "n_vertices"},
     "design_curves": {"n_vertices=7": "n_vertices"},
-    "design_fronts": {"fronts=colour": "colour", "least_stress=1": "least_stress", "points=1": "points"},
     "design_poisson": {"ratios=1": "between -1 and 1"},
     "design_reach": {"directions=2": "at least 3"},
     "design_stiffening": {"sources=colour": "colour"},

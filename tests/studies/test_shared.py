@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from critflow import Status
+from critflow import CriticalManifold, Status, voronoi_network
 from critflow.workflow.load import load_study, named_studies
 from workflows import design_topology
 from workflows.shared.populations import LABELS, PAPER_POPULATIONS, POPULATIONS
 from workflows.shared.reports import finite, spread, status_counts
-from workflows.shared.verification import contradictions
+from workflows.shared.verification import balance_error, bond_vectors, contradictions, forces
 
 WORKFLOWS = Path(__file__).parents[2] / "workflows"
 
@@ -74,3 +74,25 @@ def test_of_edges_in_series_the_first_is_cut(law, cut):
     for rounding in (-1e-15, 0.0, 1e-15):
         tensions = np.array([1.0, 2.0, 0.0, 2.0 + rounding, 0.5, 0.5 - rounding])
         assert design_topology.chosen(tensions, law, None) == cut
+
+
+@pytest.mark.parametrize("ratio", [1.0, 1e3, 1e6])
+def test_coordinates_of_short_edges_with_large_stresses_are_in_balance(ratio):
+    # The edge of the largest σ is short, and the coordinates of its ends have the rounding of the whole cell.
+    network = voronoi_network(n_vertices=100, seed=3)
+    sigma = np.ones(network.n_edges)
+    sigma[::30] = ratio
+    critical = CriticalManifold(network).configuration(sigma)
+    stored = xr.Dataset(
+        {
+            "sigma": ("edge", critical.sigma),
+            "coordinates": (("vertex", "axis"), critical.coordinates),
+            "edges": (("edge", "end"), network.edges),
+            "offsets": (("edge", "axis"), network.offsets),
+            "cell": (("axis_", "axis"), network.cell),
+        }
+    )
+    error = balance_error(stored, critical.tensions)
+    assert np.abs(forces(stored, bond_vectors(stored))).max() <= error
+    stored["coordinates"][1] += 1e3 * error / critical.sigma.min()
+    assert np.abs(forces(stored, bond_vectors(stored))).max() > error

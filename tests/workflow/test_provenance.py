@@ -54,18 +54,24 @@ def test_no_file_names_the_machine_its_user_or_its_folders(tmp_path, run):
 
 def test_the_digest_of_the_library_is_that_of_the_modules_that_decide_numbers(tmp_path, monkeypatch):
     monkeypatch.setattr(provenance, "_PACKAGE", tmp_path)
-    names = ("critical/manifold.py", "workflow/plan.py", "workflow/study.py", "workflow/run.py", "figures/plot.py")
-    names += ("command/main.py", "explore/server.py", "examination/examine.py", "studies/ensemble.py")
+    names = ("critical/manifold.py", "workflow/plan.py", "workflow/study.py", "extras/anything/state.py")
+    names += (
+        "workflow/run.py",
+        "figures/plot.py",
+        "command/main.py",
+        "extras/explore/server.py",
+        "studies/ensemble.py",
+    )
     changes = {}
     for name in names:
-        (tmp_path / name).parent.mkdir(exist_ok=True)
+        (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
         (tmp_path / name).write_text("1")
     first = provenance.libraries.__wrapped__()["critflow"]
     for name in names:
         (tmp_path / name).write_text("2")
         changes[name] = provenance.libraries.__wrapped__()["critflow"] != first
         (tmp_path / name).write_text("1")
-    assert [name for name in names if changes[name]] == list(names[:3])
+    assert [name for name in names if changes[name]] == list(names[:4])
 
 
 def git(folder, *words):
@@ -94,10 +100,8 @@ def test_the_commit_is_that_of_the_source_tree(tmp_path, monkeypatch):
 
 
 def test_a_changed_version_or_table_computes_all_cases_again(tmp_path, run, source, capsys):
-    out, table = (
-        tmp_path / "out",
-        ('"residual", ("population", "seed"), "f8"', '"residual", ("population", "seed"), "f4"'),
-    )
+    out = tmp_path / "out"
+    table = ('"residual", ("population", "seed"), "f8"', '"residual", ("population", "seed"), "f4"')
     assert run(out, study=source()) == 0
     for number, change in enumerate((table, (*table, "    check=check,", "    check=check, version=2,"))):
         before, path = stamps_of(out), source(*change)
@@ -131,13 +135,9 @@ def test_changed_code_is_reported_and_computes_nothing_again(tmp_path, run, sour
 
 
 def test_every_dependency_is_locked_to_a_version_that_it_allows():
-    lock = dict(
-        line.split("==")
-        for line in (ROOT / "results" / "reference" / "requirements-lock.txt").read_text().splitlines()
-        if "==" in line
-    )
-    locked = {canonicalize_name(name): number for name, number in lock.items()}
-    for requirement in map(
-        Requirement, tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["dependencies"]
-    ):
+    lock = (ROOT / "results" / "reference" / "requirements-lock.txt").read_text().splitlines()
+    pairs = (line.split("==") for line in lock if "==" in line)
+    locked = {canonicalize_name(name): number for name, number in pairs}
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+    for requirement in map(Requirement, project["dependencies"]):
         assert requirement.specifier.contains(locked[canonicalize_name(requirement.name)]), requirement

@@ -8,6 +8,7 @@ import pytest
 from critflow.result import Status, StudyError
 from critflow.workflow import Axis, Claim, Coordinate, Study, Variable
 from critflow.workflow.plan import select
+from critflow.workflow.study import plural
 
 STATUS = Variable("status", ("seed",), "i1", long_name="outcome", flags=Status)
 
@@ -77,6 +78,17 @@ def test_the_number_of_workers_respects_the_limit_of_the_study(allowed, requeste
 def test_more_workers_than_the_study_allows_are_refused():
     with pytest.raises(StudyError, match="workers 2"):
         small_study(workers=1).worker_count(2, available=8)
+
+
+def test_numbers_stand_with_their_nouns():
+    assert [plural(n, noun) for n, noun in ((1, "case"), (0, "case"), (2, "stress"))] == [
+        "1 case",
+        "0 cases",
+        "2 stresses",
+    ]
+    axes = Axis("seed", [0], "s", noun="network"), Axis("seed", [0], "s"), Axis("family", ["a"], "f", key="families")
+    assert [axis.counted(1) for axis in axes] == ["1 network", "1 seed", "1 family"]
+    assert [axis.counted(2) for axis in axes] == ["2 networks", "2 seeds", "2 families"]
 
 
 def test_labels_of_inner_dimensions_keep_the_requested_order():

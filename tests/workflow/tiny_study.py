@@ -67,7 +67,7 @@ study = Study(
     name="tiny",
     title="A study without physics",
     axes=(
-        Axis("seed", range(4), "seed of the network", noun="networks"),
+        Axis("seed", range(4), "seed of the network", noun="network"),
         Axis("population", ("random", "floppy"), "kind of configuration"),
     ),
     parameters={"n_edges": 6, "spread": 0.1, "strains": decimals("0.001:0.003:0.001")}

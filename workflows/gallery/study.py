@@ -191,7 +191,7 @@ study = Study(
     title="One network in thirteen critical configurations",
     references=f"{PAPER}, figure Networks",
     axes=(
-        Axis("seed", (0,), "seed of the network", noun="networks"),
+        Axis("seed", (0,), "seed of the network", noun="network"),
         Axis("panel", PANELS, "critical configuration, by its panel in the figure"),
     ),
     parameters={

@@ -41,8 +41,8 @@ FIGURES = tuple(Figure(**row) for row in _TABLE["figure"])
 
 
 def named(function: str) -> str:
-    """A function of the table as the documents name it: `folder: NAME`."""
-    folder, _, name = function.split(".", 2)
+    """A function of the table as the documents name it: `folder: NAME`, with a folder of critflow or of its extras."""
+    folder, _, name = function.removeprefix("extras.").split(".", 2)
     return f"{folder}: {name}"
 
 

@@ -12,6 +12,7 @@ from matplotlib.figure import Figure
 from critflow import voronoi_network
 from critflow.result import Status, StudyError
 from critflow.workflow import Axis, Claim, Study, Variable
+from critflow.workflow.study import plural
 
 from ..shared.checks import check_network, check_positive
 from ..shared.figures import lettered
@@ -139,7 +140,7 @@ def claims(ds):
             known.because if len(values) else "no network of this run gives a value",
             "; ".join(filter(None, (known.source, f"outcomes: {others}" if others else ""))),
             criterion=f"mean within {known.within:.1g}" if known.within else "equal in every network",
-            sample=f"{len(values)} of {ds.sizes['seed']} networks", kind="check" if known.exact else "ours",
+            sample=f"{len(values)} of {plural(ds.sizes['seed'], 'network')}", kind="check" if known.exact else "ours",
         ))  # fmt: skip
     return found
 
@@ -209,7 +210,7 @@ study = Study(
     title="Numbers of the literature on underconstrained networks and vertex models",
     references="the source of each number is in its claim",
     axes=(
-        Axis("seed", range(8), "seed of the networks", noun="networks"),
+        Axis("seed", range(8), "seed of the networks", noun="network"),
         Axis("quantity", tuple(QUANTITIES), "quantity of the literature", key="quantities"),
     ),
     parameters={

@@ -14,7 +14,7 @@ from critflow.response.coefficients import NO_STIFFENING
 from .reports import parameters as parameters_of
 from .structure import relative_variance
 from .tables import NETWORK, numbers, outcomes
-from .verification import BALANCED, bond_vectors, contradictions, forces
+from .verification import balance_error, bond_vectors, contradictions, forces
 from .verification import configuration as configuration_checks
 
 # Variables of a drawing of one configuration.
@@ -256,7 +256,10 @@ def _checks(one, window):
     sigma = one.sigma.values
     tension, force = sigma * one.length.values, np.abs(forces(one, bond_vectors(one))).max()
     yield from configuration_checks(one)
-    yield "residual", np.isclose(force / tension.mean(), one.residual, rtol=1e-3, atol=BALANCED)
+    yield (
+        "residual",
+        np.isclose(force / tension.mean(), one.residual, rtol=1e-3, atol=balance_error(one, tension) / tension.mean()),
+    )
     yield "tension everywhere", int(one.status) != Status.ok or sigma.min() > 0
     yield "sigma", np.isclose(np.sum(sigma**2), len(sigma), rtol=1e-10)
     stressed = np.mean(sigma > 1e-9 * np.abs(sigma).mean())

@@ -14,6 +14,7 @@ import numpy as np
 
 from critflow.result import Status
 from critflow.workflow import Claim
+from critflow.workflow.study import plural
 
 from .populations import NAMES, PAPER_POPULATIONS, SPREADS
 from .reports import finite, parameters, status_counts
@@ -49,7 +50,7 @@ def counts(ds, name, populations=PAPER_POPULATIONS):
     """Number of networks of each population with a value, as a sample; one number where all are equal."""
     n = {p: len(of(ds, name, p)) for p in populations}
     if len(set(n.values())) == 1:
-        return f"{n[populations[0]]} networks each"
+        return f"{plural(n[populations[0]], 'network')} each"
     return ", ".join(f"{NAMES[p]} {number}" for p, number in n.items())
 
 
@@ -75,7 +76,7 @@ def _variances(ds, kind):
         "LengthVariance", "equal lengths are reached up to V_L ≲ 1e-7", "≲ 1e-7",
         f"V_L ≤ 1e-7 in {np.sum(V_L <= 1e-7)}, at most {V_L.max():.1g}", bool((V_L <= 1e-7).all()),
         f"equal lengths leave edges slack ({slack:.1f} % on average), which are shorter than the others",
-        criterion="V_L ≤ 1e-7 in every network", sample=f"{len(V_L)} networks", kind=kind,
+        criterion="V_L ≤ 1e-7 in every network", sample=plural(len(V_L), "network"), kind=kind,
     )  # fmt: skip
     V_t, status = of(ds, "tension_variance", "tension_variance"), ds.status.sel(population="tension_variance").values
     missed = int(np.sum(status != Status.ok))
@@ -83,7 +84,7 @@ def _variances(ds, kind):
         "TensionVariance", "the least tension variance is about 1e-2, not zero", "≈ 1e-2", described(V_t),
         float(f"{np.median(V_t):.0e}") == 1e-2, "it is another number",
         f"{missed} networks do not attain their infimum: edges shrink to zero length" if missed else "",
-        criterion="the median rounds to it, one digit", sample=f"{len(V_t)} networks", kind=kind,
+        criterion="the median rounds to it, one digit", sample=plural(len(V_t), "network"), kind=kind,
     )  # fmt: skip
 
 
@@ -111,7 +112,7 @@ def _bulk(ds, kind):
             described(above, " %"), abs(np.median(above) - printed) <= HALF_DIGIT,
             f"{slack:.2g} % of the edges are slack on average, and tensions differ: V_τ = "
             f"{np.median(of(ds, 'tension_variance', p)):.2g} in the median",
-            criterion=f"median within {HALF_DIGIT} points", sample=f"{len(above)} networks", kind=kind,
+            criterion=f"median within {HALF_DIGIT} points", sample=plural(len(above), "network"), kind=kind,
         )  # fmt: skip
 
 
@@ -152,7 +153,7 @@ def _opposed_ranks(ds, kind):
             True if probability < SIGNIFICANT else None if correlation < 0 else False,
             "so few medians come in such an order by chance too" if correlation < 0 else "the ranks rise together",
             criterion=f"p < {SIGNIFICANT} of all orders of the medians; undecided where negative",
-            sample=f"{len(names)} populations", kind=kind,
+            sample=plural(len(names), "population"), kind=kind,
         )  # fmt: skip
 
 
@@ -195,7 +196,7 @@ def percolation_claims(ds, kind) -> Iterator[Claim]:
                 "stressed", "full rigidity percolation",
                 f"{whole} of {len(fraction)} networks; {described(100 * fraction, ' %')} of the edges",
                 whole == len(fraction), "edges are slack in the others: the cone program finds the global optimum",
-                criterion="every network", sample=f"{len(fraction)} networks", kind=kind,
+                criterion="every network", sample=plural(len(fraction), "network"), kind=kind,
             )  # fmt: skip
 
 

@@ -12,7 +12,7 @@ from .reports import PAPER
 
 def networks(n):
     """The axis of n generated networks."""
-    return Axis("seed", range(n), "seed of the network", noun="networks")
+    return Axis("seed", range(n), "seed of the network", noun="network")
 
 
 def numbers(dims, dtype="f8", /, **long_names):

@@ -4,6 +4,7 @@ import numpy as np
 
 from critflow.result import Status
 from critflow.workflow import Claim
+from critflow.workflow.study import plural
 
 from ..shared.population_reports import described
 from ..shared.populations import NAMES
@@ -137,7 +138,7 @@ def _exponents(ds):
                 f"the ascents end at {part.max():.0f} to {part.min():.0f} % of the bound: sizes are at other stages"
                 if unequal else _REASON,
                 criterion="in both 95 % intervals; undecided in one, or at unequal parts of the bound",
-                sample=f"{int(np.isfinite(values).sum())} ascents", kind="paper",
+                sample=plural(int(np.isfinite(values).sum()), "ascent"), kind="paper",
             )  # fmt: skip
 
 
@@ -179,7 +180,7 @@ def _scaling_claims(ds):
     yield Claim.tested(
         "ShearModulusScaling-B", "a lower threshold gives a larger shear modulus", "decreasing in r", text, falling,
         "the means are not in that order", criterion="means fall at every step of r, at every size",
-        sample=f"{detail.sizes['seed']} networks", kind="paper",
+        sample=plural(detail.sizes["seed"], "network"), kind="paper",
     )  # fmt: skip
     edge = detail.longest_edge_of_threshold.mean("seed").isel(n_vertices=-1)
     yield Claim.tested(
@@ -187,7 +188,7 @@ def _scaling_claims(ds):
         "increasing alignment", f"longest edge over the side of the box {float(edge[0]):.2g} at "
         f"r = {float(ds.threshold[0]):g}, {float(edge[-1]):.2g} at r = {float(ds.threshold[-1]):g}",
         bool((edge.diff("threshold") < 0).all()), "the longest edges do not grow at every step",
-        criterion="means fall at every step of r", sample=f"{detail.sizes['seed']} networks", kind="paper",
+        criterion="means fall at every step of r", sample=plural(detail.sizes["seed"], "network"), kind="paper",
     )  # fmt: skip
     if detail.sizes["start"] > 1 and detail.sizes["seed"]:
         yield _start_claim(detail)
@@ -216,7 +217,7 @@ def _size_claims(ds, sizes):
             f"the shear modulus of {NAMES[population]} " + ("is independent of size" if kept else "falls as 1/N_v"),
             f"exponent {0 if kept else -1}", f"{text}; {middle:.2g} ({low:.2g} to {high:.2g}, 68 %) at {sizes[-1]}",
             holds, "values spread over decades among networks, so few of them rule the mean", criterion=word,
-            sample=f"{int(np.isfinite(values).all(axis=0).sum())} networks a size", kind="paper",
+            sample=f"{plural(int(np.isfinite(values).all(axis=0).sum()), 'network')} a size", kind="paper",
         )  # fmt: skip
 
 

@@ -274,7 +274,7 @@ study = Study(
     title="The shear modulus at the transition: unconstrained ascents, size, threshold and starts",
     references=f"{PAPER}, figures ShearModulusSteepestDescent, ShearModulusScaling and Movie 1",
     axes=(
-        Axis("seed", range(100), "seed of the network", noun="networks"),
+        Axis("seed", range(100), "seed of the network", noun="network"),
         Axis("n_vertices", (50, 100, 200, 500, 1000), "number of vertices", key="n_vertices"),
     ),
     parameters={

@@ -5,6 +5,7 @@ from scipy.ndimage import label
 
 from critflow.result import Status
 from critflow.workflow import Claim
+from critflow.workflow.study import plural
 
 from ..shared.verification import contradictions
 from .figures import FAMILIES, family, span_of
@@ -32,7 +33,7 @@ def _rigid(ds):
         "points", "by region",
         f"at {agree.sum()} of {known.sum()} stresses: no motion if definite, else "
         f"{'/'.join(str(n) for n in np.unique(motions[known & ~definite]))} motions", (agree == known).all(),
-        "inertia and motion disagree", criterion="every stress", sample=f"{known.sum()} stresses", kind="paper",
+        "inertia and motion disagree", criterion="every stress", sample=plural(known.sum(), "stress"), kind="paper",
     )  # fmt: skip
     families = [family(grid) for grid in ds.grid.values]
     pure = {kind: set() for kind in FAMILIES}

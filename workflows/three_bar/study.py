@@ -13,7 +13,7 @@ from critflow.workflow import Axis, Coordinate, Study, decimals, stable_rng
 
 from ..shared.reports import PAPER
 from ..shared.tables import numbers, outcomes, stacked
-from .chart import StereographicChart, SurfaceGeometry, dense, unit_response
+from .chart import StereographicChart, surface_geometry
 from .curvature import curvature_figure
 from .figures import geometry_figure, manifold_figure
 from .report import claims, verify
@@ -31,7 +31,7 @@ def stresses(grid, nodes, reach):
     n = len(nodes)
     if grid in CHARTS:
         chart, at = StereographicChart.about(np.ones(3)), CHARTS[grid] * nodes
-        return np.array([[chart.sigma([s_1, s_2]) for s_1 in at] for s_2 in at])
+        return np.array([[chart.sigma(np.array([s_1, s_2])) for s_1 in at] for s_2 in at])
     # Closer together at the ends, where lengths vanish, but not on them: there is no tangent plane.
     even = np.sin(np.linspace(0.03, np.pi / 2 - 0.03, n)) ** 2
     far, part = np.meshgrid(even, even, indexing="ij")
@@ -69,14 +69,13 @@ def at_point(manifold, chart, sigma):
     if found.ok and not critical.lengths.min() > COLLAPSED * critical.lengths.mean():
         point["outcome"] = Status.edge_collapse
     if point["outcome"] is Status.ok:
-        geometry = SurfaceGeometry(normal, unit_response(manifold, critical), chart.derivative(s))
-        V, tangents = dense(geometry.chart), dense(geometry.tangents)
-        form = -V.T @ tangents
+        geometry = surface_geometry(manifold, critical, chart, s)
+        form = geometry.second_fundamental_form
         # The chart is conformal, VᵀV = c²1, so that the eigenvalues of the second form over c² are the radii.
         radii = np.linalg.eigvalsh((form + form.T) / 2) * (1 + s @ s / 4) ** 2
         point |= {
-            "tangents": tangents,
-            "metric": tangents.T @ tangents,
+            "tangents": geometry.tangents,
+            "metric": geometry.metric,
             "second_form": form,
             "principal_curvature": np.sort(1 / radii),
         }
@@ -186,7 +185,7 @@ def case(parameters, *, grid):
         **stacked([stacked(row) for row in checks]),
         **examples(manifold),
         "checked_row": chosen,
-        "basis": dense(chart.basis),
+        "basis": chart.basis,
         "lattice_square": squares,
         "lattice_compatible": compatible(span, squares).astype(int),
     }

@@ -78,7 +78,7 @@ def critical_strain(
     >>> import critflow as cf
     >>> import numpy as np
     >>> network = cf.voronoi_network(n_vertices=20, seed=1)
-    >>> onset = cf.critical_strain(network, 1.1 * cf.optimize(network, 'length_variance').value.lengths)
+    >>> onset = cf.critical_strain(network, 1.1 * cf.optimize(network, 'V_L').value.lengths)
     >>> round(onset.value.strain, 6)  # (1.1)² − 1 of the area
     0.21
     """

@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike
 
 from critflow.critical.quantity import Quantity
 from critflow.extras.targets.problem import DesignOptions, DesignResult, Target, Variables
+from critflow.extras.targets.stresses import Stresses
 from critflow.extras.tissue.pressures import PressureBalance, PressureManifold, PressurisedConfiguration
 from critflow.networks.checks import edge_values
 from critflow.networks.network import Array, Network
@@ -24,8 +25,7 @@ class StressesAndPressures(Variables):
     """
 
     starts = (PressurisedConfiguration,)
-    longest = 0.4
-    tolerance = 2e-2  # of the least change, which only selects, as for stresses
+    longest, tolerance = Stresses.longest, Stresses.tolerance
 
     def __init__(self, network: Network, sigma: ArrayLike | None = None, pressures: ArrayLike | None = None):
         self.network, self.manifold = network, PressureManifold(network)

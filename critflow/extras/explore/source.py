@@ -9,7 +9,6 @@ from typing import Any, Protocol
 import numpy as np
 
 from critflow.critical.manifold import CriticalConfiguration, CriticalManifold
-from critflow.extras.examine.report import RELAXED
 from critflow.extras.explore.model import Model
 from critflow.extras.files.convert import network_from
 from critflow.extras.files.repair import ImportedNetwork
@@ -19,6 +18,8 @@ from critflow.result import CritflowError, InputError
 
 # Vertices beyond which a change takes seconds.
 LARGEST = 20_000
+# Distance from the nearest critical configuration over the mean edge length, as closely as other programs relax.
+_RELAXED = 1e-3
 # Steps towards the nearest critical configuration of a file: to one at its positions ten are enough.
 _FEW_STEPS = 20
 
@@ -113,7 +114,7 @@ def _stress_at(imported: ImportedNetwork) -> Any:
         near = nearest_critical(imported.network, imported.positions, max_steps=_FEW_STEPS, throw=False)
     except CritflowError:
         return None
-    return near.value.sigma if near.ok and near.distance < RELAXED * near.value.lengths.mean() else None
+    return near.value.sigma if near.ok and near.distance < _RELAXED * near.value.lengths.mean() else None
 
 
 def opened(model: Model, stress: Any = None) -> tuple[Model, CriticalConfiguration]:

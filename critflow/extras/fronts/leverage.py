@@ -54,6 +54,9 @@ _BLOCK = 4_000_000
 class EdgeLeverage(Record):
     """A quantity after cutting each edge with the stress of the others unchanged; NaN where the cut opens the network.
 
+    Numbers in the name are those of edges and faces of the network given; cutting an edge that it names, or one of the
+    sides of a face, leaves NaN.
+
     quantity  name
     before    value of the quantity
     after     (N_b,) values after the cut of each edge
@@ -172,17 +175,21 @@ def _bypass(sigma: Array, columns: Array, edges: IntArray, kept: Mask) -> tuple[
     return bypass, around
 
 
-class Part:
-    """Some of the edges of a network with their stress and bond vectors, of which quantities are evaluated.
+def _checked(name: str) -> Any:
+    """An attribute of the part as a network of its own, which is made at the first use of one."""
+    return property(lambda part: getattr(part.manifold.network, name))
+
+
+class _PartOfNetwork:
+    """Some of the edges of a network with the attributes that formulas use; what most of them use needs no checks.
 
     edges  (N_b,) mask
     """
 
-    def __init__(self, network: Network, edges: Mask, sigma: Array, L: Array):
-        self._whole, self._edges = network, edges
-        self.sigma, self.bond_vectors = sigma[edges], L[edges]
+    def __init__(self, network: Network, edges: Mask):
+        self._whole, self._kept = network, edges
         self.stiffness, self.dimension = network.stiffness[edges], network.dimension
-        self.n_edges = len(self.sigma)
+        self.n_edges = len(self.stiffness)
 
     @property
     def volume(self) -> float:
@@ -191,18 +198,44 @@ class Part:
     @cached_property
     def manifold(self) -> CriticalManifold:
         """That of the part as a network of its own."""
-        return CriticalManifold(self._whole.part(self._edges)[0])
+        return CriticalManifold(self._whole.part(self._kept)[0])
 
-    def __getattr__(self, name: str) -> Any:
-        """What else formulas use, of the part as a network of its own."""
-        if name.startswith("_"):
-            raise AttributeError(name)
-        return getattr(self.manifold.network, name)
+    edges, offsets, cell, pins = map(_checked, ("edges", "offsets", "cell", "pins"))
+    n_vertices, positions, faces, spacing = map(_checked, ("n_vertices", "positions", "faces", "spacing"))
+    free, incidence, free_incidence, divergence = map(_checked, ("free", "incidence", "free_incidence", "divergence"))
+    boundary_vectors, bond_vectors, with_stiffness = map(
+        _checked, ("boundary_vectors", "bond_vectors", "with_stiffness")
+    )
+
+
+class Part:
+    """Some of the edges of a network with their stress and bond vectors, of which quantities are evaluated.
+
+    edges  (N_b,) mask
+    """
+
+    def __init__(self, network: Network, edges: Mask, sigma: Array, L: Array):
+        self.network: Any = _PartOfNetwork(network, edges)
+        self.sigma, self.bond_vectors = sigma[edges], L[edges]
 
     @property
-    def network(self) -> Any:
-        """The attributes of the network that formulas use, without the checks of a new one."""
-        return self
+    def manifold(self) -> CriticalManifold:
+        """That of the part as a network of its own."""
+        manifold: CriticalManifold = self.network.manifold
+        return manifold
+
+
+def value_of_part(measured: Quantity, network: Network, kept: Mask, sigma: Array, L: Array) -> float:
+    """A quantity of the kept edges, with edges and faces numbered as in the network; NaN where it names a cut one."""
+    length = norms(L)
+    # Edges that hang on one vertex have no length: they are as good as cut.
+    present = kept & (length > NO_LENGTH * length[kept].mean())
+    of_part = measured.in_part(network, kept)
+    if of_part is None or measured.in_part(network, present) is None:
+        return np.nan
+    with np.errstate(all="ignore"):
+        # Edges without length have no gradient.
+        return of_part.evaluate(Part(network, kept, sigma, L))[0]
 
 
 def values_after(
@@ -246,9 +279,7 @@ def values_after(
         length = norms(there)
         # Without stress nothing has a length: the rest collapses to a point.
         if length[rest].max(initial=0.0) > NO_LENGTH * norms(L).max():
-            with np.errstate(all="ignore"):
-                # Edges that hang on one vertex have no length, and no gradient.
-                value[n] = measured.evaluate(Part(network, rest, sigma, there))[0]
+            value[n] = value_of_part(measured, network, rest, sigma, there)
         rest[edges[n]] = kept[edges[n]]
     return value
 

@@ -23,7 +23,7 @@ from scipy.linalg.blas import dger
 from critflow.arguments import generator, of_kind
 from critflow.critical.edge_lengths import NO_LENGTH
 from critflow.critical.manifold import CriticalConfiguration, CriticalManifold
-from critflow.extras.fronts.leverage import Mask, Part, values_after
+from critflow.extras.fronts.leverage import Mask, value_of_part, values_after
 from critflow.extras.targets.problem import Target, parse_targets
 from critflow.extras.targets.stress_form import stress_form
 from critflow.linalg.tolerances import LARGEST_DENSE
@@ -75,7 +75,8 @@ def prune_towards(
     """Cut edges of a critical configuration until a quantity is near a target, or a number of edges at least loss.
 
     critical   to start from; of a network, the configuration with σ = k
-    targets    one quantity, by name or a `Quantity`, → value, or "largest" or "smallest" after every cut
+    targets    one quantity, by name or a `Quantity`, → value, or "largest" or "smallest" after every cut; numbers in
+               the name are those of edges and faces of the network given, which are not cut
     cuts       largest number of cuts; with a target as many as reduce its distance by default
     seed       None: each cut is the best one (greedy).  A number: edges are tried in random order, and cut if the
                distance from the target becomes smaller; without a target all are
@@ -181,8 +182,7 @@ class _Search:
         if cuts:
             # Edges that hang on one vertex have no length, and change nothing.
             kept &= lengths > NO_LENGTH * lengths[kept].mean()
-        with np.errstate(all="ignore"):
-            value = self.quantity.evaluate(Part(self.network, kept, sigma, L))[0]
+        value = value_of_part(self.quantity, self.network, kept, sigma, L)
         return _State(cuts, (*before, value), sigma, kept, L, C)
 
     def _error(self, state: _State) -> float:

@@ -25,8 +25,8 @@ from scipy.linalg.lapack import dpotri
 from scipy.sparse.linalg import ArpackNoConvergence, LinearOperator, eigsh, splu
 
 from critflow.arguments import of_kind
-from critflow.critical.manifold import Balance, CriticalConfiguration, CriticalManifold
-from critflow.extras.tissue.pressures import PressureManifold, PressurisedConfiguration, pressure_jumps
+from critflow.critical.manifold import Balance, CriticalManifold
+from critflow.extensions import provided
 from critflow.linalg.factor import Entries, FixedPattern
 from critflow.linalg.matrices import end_pairs, free_ends, spread_columns
 from critflow.linalg.tolerances import LARGEST_DENSE
@@ -89,10 +89,9 @@ class Nearest(Solution[Any]):
     amplification: float = np.nan
 
     @property
-    def configuration(self) -> CriticalConfiguration | PressurisedConfiguration:
+    def configuration(self) -> Any:
         """The critical configuration, the same as `value`."""
-        value: CriticalConfiguration | PressurisedConfiguration = self.value
-        return value
+        return self.value
 
 
 class _Iterate(NamedTuple):
@@ -370,7 +369,8 @@ def infer_pressures(network: Network, x: Array, error: float | None) -> Nearest:
     Raises `InputError` for networks without faces, and where (σ, p) has not as many components as the coordinates.
     """
     L, m = network.bond_vectors(x), network.n_edges
-    jumps = pressure_jumps(network)
+    manifold = provided("pressure_manifold", "pressures in faces")(network)
+    jumps = manifold.jumps
     n_faces = jumps.shape[1]
     forces = _forces(network, L, jumps)
     # Σσ is fixed, and Σp of a periodic network.
@@ -385,7 +385,6 @@ def infer_pressures(network: Network, x: Array, error: float | None) -> Nearest:
     right = np.zeros(forces.shape[1])
     right[forces.shape[0]] = 1.0
     u = factor.solve(right)
-    manifold = PressureManifold(network)
     found = manifold.solve(u[:m], u[m:])
     scale = float(found.value.sigma @ u[:m] / (u[:m] @ u[:m]))
     apart = found.value.coordinates - x

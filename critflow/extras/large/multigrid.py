@@ -27,9 +27,8 @@ from scipy.linalg.blas import daxpy, saxpy
 from scipy.sparse.csgraph import reverse_cuthill_mckee
 
 from critflow.linalg.factor import REDUCED
-from critflow.linalg.products import add_product, product
 from critflow.linalg.tolerances import EPS
-from critflow.linalg.vectors import quasi_random
+from critflow.linalg.vectors import add_product, product, quasi_random
 
 INSTALLED = find_spec("pyamg") is not None
 MOST_STEPS = 400  # of one solve; 20 to 80 suffice where stresses span up to four decades

@@ -1,1 +1,1 @@
-"""Design for target values, by stresses, stiffnesses, rest lengths or faces."""
+"""Design for target values, by changes of stresses or of faces."""

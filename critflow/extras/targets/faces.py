@@ -24,12 +24,12 @@ from critflow.critical.quantity import Quantity, StressedBonds
 from critflow.critical.vocabulary import quantity
 from critflow.extras.targets.constrained import Minimum, Problem, minimise_constrained
 from critflow.extras.targets.problem import DesignOptions, DesignResult, EdgeLimits, Target, Variables
+from critflow.extras.targets.refusals import BOUND_ROUNDING, NOT_STIFFEST
 from critflow.linalg.vectors import dot
 from critflow.networks.network import Array
 from critflow.result import InputError
 
 SHORTEST_ISOGONAL = 5e-2  # shortest length of an isogonal design by default, in units of the mean
-STIFFEST = 1e-9  # relative distance from the largest B_0 at which C_B is the closed form for all isogonal changes
 
 # Unit of the lengths as limits, over the mean: those within a fifth of it take part in a step.
 _LENGTHS = 10.0
@@ -136,11 +136,10 @@ class FaceAmplitudes(Variables):
         bulk_modulus = quantity(self.network, "B_0")
         bulk, bound = bulk_modulus.evaluate(self.critical)[0], bulk_modulus.extreme(self.manifold)[1]
         least = -bulk / 2
-        if (self.critical.sigma > 0).all() and target.high < least * (1 + STIFFEST):
+        if (self.critical.sigma > 0).all() and target.high < least - BOUND_ROUNDING * bound:
             return f"C_B is at least -B_0/2 = {least:.8g} for every isogonal change: start from a larger B_0"
-        if bulk < bound * (1 - STIFFEST):
-            return ""
-        if target.low - STIFFEST * bound <= -bound / 2 <= target.high + STIFFEST * bound:
+        apart = NOT_STIFFEST * bound
+        if bulk < bound * (1 - BOUND_ROUNDING) or target.low - apart <= -bound / 2 <= target.high + apart:
             return ""
         return f"at the largest B_0, C_B is {-bound / 2:.8g} for every isogonal change: start from a smaller B_0"
 

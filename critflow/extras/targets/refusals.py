@@ -3,7 +3,10 @@
 With w the part of L̇ normal to L in the response to dilation, and c = σ̂·ḣ/D, the third derivative of the energy is
     V C_B = (3/d − 2) V B_0 + 3c Σ σ̂ |w|²,
 since the parts along the edges cancel the cubic terms of Hooke's law.  For σ > 0 hence C_B ≥ (3/d − 2) B_0, with
-equality at the largest B_0 only (`stiffening_bound`).
+equality at the largest B_0 only.  With v and c' of a shear, likewise,
+    V C_G = (2/d − 1) V G_0 + Σ σ̂ (c |v|² + 2c' v·w) ≥ (2/d − 1) V G_0 − (c'²/c) Σ σ̂ |w|²,   c'²/c² = G_0/B_0.
+
+A bound excludes a target that is beyond it by more than rounding: a configuration is never refused its own values.
 """
 
 from __future__ import annotations
@@ -14,16 +17,24 @@ from itertools import product
 import numpy as np
 
 from critflow.critical.manifold import CriticalManifold
-from critflow.critical.transition import dilation, largest_value, modulus_form, pure_shear, strain_components
+from critflow.critical.transition import dilation, largest_value, modulus_form, pure_shear
 from critflow.extras.targets.problem import Target
 from critflow.extras.targets.stress_form import StressForm, stress_form
-from critflow.networks.deformation import strain_basis
+from critflow.linalg.vectors import norms
+from critflow.networks.deformation import strain_basis, strain_components
 from critflow.networks.network import Array
 from critflow.optimisation.largest_modulus import largest_modulus
 from critflow.result import InputError
 
 BOUND_ROUNDING = 1e-12  # rounding of a closed-form bound, relative
-ONLY_STIFFEST = 1e-9  # relative distance from the largest B_0 within which its own relations count as attained
+ONLY_STIFFEST = 1e-9  # relative distance from the largest B_0 below which a requested B_0 is not the largest
+# Distance of C_B from its value at the largest B_0, in units of B_0, that rounding cannot explain: B_0 is stationary
+# there, so that stresses may be off by 1e-6 while B_0 is to 1e-12, and C_B by its square times that of the anisotropy.
+NOT_STIFFEST = 1e-2
+CONTRADICTION = 1e-9  # relative error of targets that S/√D relates to each other
+INDEPENDENT_STRAINS = 1e-6  # least eigenvalue of a form of strains of unit size that rounding leaves its digits
+# Moments of a network in some direction, relative to the largest, or moduli for some strain, that may be rounding.
+_FLAT = 1e-12
 
 
 def refusal_of(manifold: CriticalManifold, targets: Sequence[Target], positive: bool) -> str:
@@ -67,40 +78,72 @@ def _beyond_stress(manifold: CriticalManifold, targets: Sequence[Target], positi
         return ""
     _, strains = strain_basis(network.dimension)
     matrix = np.einsum("n,nij->ij", S, strains * np.where(np.einsum("nii->n", strains) > 0, 1, 2)[:, None, None])
-    if positive and np.linalg.eigvalsh(matrix)[0] <= 0:
+    if positive and _has_compression(manifold, matrix):
         return "S is positive definite where every edge is under tension: choose signs='any', or another S"
     for target, function in _stress_forms(targets):
-        implied = float(np.sum(matrix * function.strain)) ** 2 / network.volume
-        if function.squared and not target.low * (1 - 1e-9) <= implied <= target.high * (1 + 1e-9):
+        parts = matrix * function.strain
+        work, rounding = abs(float(parts.sum())), CONTRADICTION * float(np.abs(parts).sum())
+        low, high = np.sqrt(np.maximum([target.low, target.high], 0) * network.volume)
+        if function.squared and not low - rounding <= work <= high + rounding:
+            implied = work**2 / network.volume
             raise InputError(f"the targets contradict each other: those of S/√D make {target.name} {implied:.8g}")
     return ""
+
+
+def _has_compression(manifold: CriticalManifold, S: Array) -> bool:
+    """Whether no positive stress has this S (d, d): it is not positive definite, or has a negative eigenvalue.
+
+    n·S n = Σσ (n·L)² is zero where no edge has a component along n.  That is so for all σ > 0 or for none, as in a
+    line of edges or a plane of them in space.
+    """
+    k, L_star = manifold.network.stiffness, manifold.balance(manifold.network.stiffness).bond_vectors
+    moments, values = np.linalg.eigvalsh((k[:, None] * L_star).T @ L_star), np.linalg.eigvalsh(S)
+    flat = moments[0] <= _FLAT * moments[-1]
+    return bool(values[0] < -BOUND_ROUNDING * np.abs(values).max() if flat else values[0] <= 0)
 
 
 def _beyond_together(manifold: CriticalManifold, targets: Sequence[Target]) -> str:
     """The bound of several values of moduli and of components of S/√D together, for any signs of S:A.
 
-    S/√D lies in the ellipsoid sᵀ form⁻¹ s ≤ V, so its products C s with some strains in vᵀ (C form Cᵀ)⁻¹ v ≤ V.
+    S/√D lies in the ellipsoid sᵀ form⁻¹ s ≤ V, so its products C s with some strains in vᵀ (C form Cᵀ)⁻¹ v ≤ V.  Of
+    strains in units of their largest moduli rounding leaves all digits of this form, however much a network is
+    stretched.  Where strains depend on each other up to rounding, leaving out an eigenvalue widens the bound.
     """
-    network, (_, strains) = manifold.network, strain_basis(manifold.network.dimension)
-    exact = [(t, function) for t, function in _stress_forms(targets) if t.low == t.high]
+    exact = _exact_forms(manifold, targets)
     if len(exact) < 2:
         return ""
-    names = [target.name for target, _ in exact]
+    volume, names = manifold.network.volume, [target.name for target, _ in exact]
     C = np.array([strain_components(function.strain) for _, function in exact])
-    v = [np.sqrt(network.volume * target.low) if function.squared else target.low for target, function in exact]
-    inverse = np.linalg.pinv(C @ (modulus_form(manifold, strains) * network.volume) @ C.T, hermitian=True)
+    v = [np.sqrt(volume * target.low) if function.squared else target.low for target, function in exact]
+    sizes = np.sqrt([largest_value(manifold, function.strain) for _, function in exact])
+    strains = np.array([function.strain / size for size, (_, function) in zip(sizes, exact, strict=True)])
+    eigenvalues, vectors = np.linalg.eigh(modulus_form(manifold, strains))
+    kept = eigenvalues > INDEPENDENT_STRAINS
+    whitened = vectors[:, kept] / np.sqrt(eigenvalues[kept]) / (sizes * np.sqrt(volume))[:, None]
     fits = list[float]()
     for pattern in product(*((1.0, -1.0) if function.squared else (1.0,) for _, function in exact)):
         values = np.multiply(v, pattern)
         s = np.linalg.lstsq(C, values, rcond=None)[0]
-        if np.abs(C @ s - values).max() <= 1e-9 * np.abs(values).max():
-            fits.append(float(values @ inverse @ values))
+        if np.abs(C @ s - values).max() <= CONTRADICTION * np.abs(values).max():
+            fits.append(float(np.sum((values @ whitened) ** 2)))
     if not fits:
         raise InputError(f"the targets {', '.join(names)} contradict each other: S/√D of each stress relates them")
-    if min(fits) <= 1 + BOUND_ROUNDING:
+    if min(fits) <= 1 + BOUND_ROUNDING / eigenvalues[kept].min(initial=1.0):
         return ""
     factor = np.sqrt(min(fits))
     return f"{' and '.join(names)} together exceed the bound of S/√D for every stress by a factor of {factor:.6g}"
+
+
+def _exact_forms(manifold: CriticalManifold, targets: Sequence[Target]) -> list[tuple[Target, StressForm]]:
+    """The targets with one value that are functions of S/√D, but for strains that change no length up to rounding."""
+    exact = [(target, function) for target, function in _stress_forms(targets) if target.low == target.high]
+    if len(exact) < 2:
+        return []
+    network = manifold.network
+    size = float(network.stiffness @ norms(manifold.balance(network.stiffness).bond_vectors) ** 2) / network.volume
+    values = [largest_value(manifold, function.strain) for _, function in exact]
+    least = [_FLAT * size * float(np.sum(function.strain**2)) for _, function in exact]
+    return [one for one, value, limit in zip(exact, values, least, strict=True) if value > limit]
 
 
 def prescribed_stress(dimension: int, targets: Sequence[Target]) -> Array | None:
@@ -132,7 +175,7 @@ def limiting_stress(manifold: CriticalManifold, targets: Sequence[Target]) -> Ar
 
 
 def _beyond_softening(manifold: CriticalManifold, targets: Sequence[Target]) -> str:
-    """C_B ≥ (3/d − 2) B_0, equal at the largest B_0 only; C_G ≥ −(G_0/3B_0)(C_B − (3/d − 2) B_0)."""
+    """C_B ≥ (3/d − 2) B_0, equal at the largest B_0 only; C_G ≥ (2/d − 1) G_0 − (G_0/3B_0)(C_B − (3/d − 2) B_0)."""
     d = manifold.network.dimension
     growth = {t.quantity.name: t for t in targets if t.quantity.name in ("C_B", "C_G") and not t.sense}
     if not growth:
@@ -147,20 +190,23 @@ def _beyond_softening(manifold: CriticalManifold, targets: Sequence[Target]) -> 
                 f"{bulk.name} is at least {coefficient:.3g} B_0 = {least:.8g} under tension, and {bulk.high:.8g} was "
                 "requested"
             )
-        if bulk.high < least + ONLY_STIFFEST * bound and highest < bound * (1 - ONLY_STIFFEST):
+        # Values next to it may be attained where only edges that are nearly slack turn.
+        if bulk.high <= least and highest < bound * (1 - ONLY_STIFFEST):
             return (
                 f"{bulk.name} = {coefficient:.3g} B_0 is attained at the largest B_0 = {bound:.8g} only, and at most "
                 f"{highest:.8g} was requested"
             )
-        if lowest >= bound * (1 - BOUND_ROUNDING) and bulk.low > coefficient * bound * (1 - ONLY_STIFFEST):
+        if lowest >= bound * (1 - BOUND_ROUNDING) and bulk.low > coefficient * bound + NOT_STIFFEST * bound:
             return f"at the largest B_0 = {bound:.8g}, {bulk.name} is {coefficient * bound:.8g} for every configuration"
     shear = growth.get("C_G")
     if bulk is None or shear is None or lowest == 0:
         return ""
-    _, shear_modulus = _range_of_modulus(targets, pure_shear(d), largest_value(manifold, pure_shear(d)))
+    largest_shear = largest_value(manifold, pure_shear(d))
+    _, shear_modulus = _range_of_modulus(targets, pure_shear(d), largest_shear)
     ratio = bulk.high / (lowest if bulk.high > 0 else highest) - coefficient
-    least = -shear_modulus / 3 * ratio
-    if shear.high < least - BOUND_ROUNDING * bound:
+    # C_B is above its own bound here, so that the ratio is not negative and the least C_G is at the largest G_0.
+    least = shear_modulus * (2 / d - 1 - max(ratio, 0.0) / 3)
+    if shear.high < least - BOUND_ROUNDING * max(bound, largest_shear):
         return f"{shear.name} is at least {least:.8g} with these targets under tension, not {shear.high:.8g}"
     return ""
 

@@ -172,7 +172,7 @@ def stability(critical: CriticalConfiguration, margin: float = 1e-8) -> Stabilit
     a sign; what is open is None.  `Status.ill_conditioned` where σ does not balance at the coordinates.
 
     >>> import critflow as cf
-    >>> cf.stability(cf.optimize(cf.lattice("honeycomb", 2, 2), 'bulk_modulus')).ok
+    >>> cf.stability(cf.optimize(cf.lattice("honeycomb", 2, 2), 'B_0')).ok
     True
     """
     critical = of_kind(CriticalConfiguration, critical=critical)

@@ -1,12 +1,9 @@
 """The command `critflow examine`."""
 
-import os
-
 import numpy as np
-import pytest
-from extras.tissues import tissue
+from extras.tissue_patches import tissue
 
-from critflow import lattice, nearest_critical, network_from, write_network
+from critflow import lattice, nearest_critical, network_from, progress, write_network
 from critflow.command.main import main
 
 
@@ -47,8 +44,10 @@ def test_the_next_command_has_the_options_of_the_report(tmp_path, capsys):
     assert f"distance of the vertices {moved:.3e}" in report
 
 
-@pytest.mark.parametrize(("pipe", "name"), [("a.json", "a.json"), ("a_edges.csv", "a.csv"), ("a.nc", "a.nc")])
-def test_a_pipe_is_not_waited_for(tmp_path, capsys, pipe, name):
-    os.mkfifo(tmp_path / pipe)
-    assert main(["examine", str(tmp_path / name)]) == 2
-    assert "regular" in capsys.readouterr().err
+def test_the_parts_of_an_examination_are_told_in_the_words_of_the_shell(monkeypatch, tmp_path):
+    told = []
+    monkeypatch.setattr(progress, "tell", told.append)
+    (tmp_path / "t_edges.csv").write_text("tail,head\nA,D\nB,D\nC,D\n")
+    (tmp_path / "t_vertices.csv").write_text("id,x,y\nA,0,0\nB,4,0\nC,0,3\nD,1,1\n")
+    assert main(["examine", str(tmp_path / "t.csv")]) == 2
+    assert "--pins hull" in told

@@ -3,7 +3,7 @@
 import os
 
 import pytest
-from extras.tissues import tissue
+from extras.tissue_patches import tissue
 
 from critflow import lattice, network_from, write_network
 from critflow.command.main import main

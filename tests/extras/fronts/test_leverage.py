@@ -31,7 +31,7 @@ def network(request):
     return NETWORKS[request.param]()
 
 
-NAMES = ("B_0", "G_0", "V_L", "S_xy", "C_B", "C_xxyy", "length[0]")
+NAMES = ("B_0", "G_0", "V_L", "S_xy", "C_B", "C_xxyy")
 
 
 @pytest.mark.parametrize("name", NAMES)

@@ -1,10 +1,8 @@
 """The command `critflow make`."""
 
-import os
-
 import numpy as np
 import pytest
-from extras.tissues import tissue
+from extras.tissue_patches import tissue
 
 import critflow
 from critflow import lattice, network_from, voronoi_network, write_network
@@ -50,14 +48,6 @@ def test_a_network_with_targets(tmp_path, capsys):
     assert main([*twice, "--objective", "bulk_modulus"]) == 2 and "--objective" in capsys.readouterr().err
 
 
-def test_two_tables(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    (tmp_path / "ends.csv").write_text("from;to\nA;D\nB;D\nC;D\n")
-    (tmp_path / "places.csv").write_text("id;x;y\nA;0;0\nB;4;0\nC;0;3\nD;1;1\n")
-    assert main(["make", "ends.csv", "places.csv", "--out", "m.csv", "--pins", "A,B,C"]) == 0
-    assert network_from("m.csv").network.n_edges == 3
-
-
 @pytest.mark.parametrize(
     ("words", "word"),
     [
@@ -73,13 +63,6 @@ def test_a_wrong_command_is_one_sentence(tmp_path, monkeypatch, capsys, words, w
     assert main(words) == 2
     error = capsys.readouterr().err
     assert word in error and error.count("\n") == 1
-
-
-@pytest.mark.parametrize(("pipe", "name"), [("a.json", "a.json"), ("a_edges.csv", "a.csv"), ("a.nc", "a.nc")])
-def test_a_pipe_is_not_waited_for(tmp_path, capsys, pipe, name):
-    os.mkfifo(tmp_path / pipe)
-    assert main(["make", str(tmp_path / name), "--out", str(tmp_path / "out.json")]) == 2
-    assert "regular" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(

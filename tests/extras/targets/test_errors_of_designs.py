@@ -36,3 +36,14 @@ def test_errors_of_targets_cover_those_of_the_values(prefer):
             achieved = found.targets.values()
             ratios += bounds_over_errors([one.value for one in achieved], [one.error for one in achieved], truth)
     assert np.median(ratios) < 200
+
+
+def test_bounds_hold_for_the_stored_stress():
+    for seed in range(3):
+        network = voronoi_network(16, seed=seed)
+        value = design(network, {"B_0": 0.9 * upper_bound(network, "B_0")}).value
+        exact = reference.configuration(network, value.sigma)
+        off = reference.lengths(numbers(value.bond_vectors) - exact.bond_vectors).astype(float)
+        assert (off <= value.bond_errors).all()
+        error = reference.largest_error(value.coordinates, exact.coordinates)
+        assert error <= value.error_bound < 100 * error

@@ -8,6 +8,7 @@ from matplotlib.patches import Patch, Rectangle
 from critflow.figures.plot import COLOURS
 from critflow.result import Status
 from critflow.workflow import Claim
+from critflow.workflow.study import plural
 
 from ...shared.figures import lettered
 from ...shared.reports import parameters
@@ -182,7 +183,7 @@ def claims(ds):
         "violations", "no silent wrong answer", "not stated",
         f"{sum(wrong.values())} of {points} points" + (f": {places}" if wrong else ""),
         "differs" if wrong else "holds", "answers with status ok are wrong there" if wrong else "",
-        "every point", f"{points} points", "check",
+        "every point", plural(points, "point"), "check",
     )  # fmt: skip
     yield from _bound_claims(ds)
     share = 100 * float(np.isin(ds.outcome.values, RIGHT).sum() / max(points, 1))
@@ -214,7 +215,7 @@ def _bound_claims(ds):
     yield Claim(
         "bounds", "the claimed bound is never below the true error", "not stated",
         f"below it in {above} of {len(error)} points", "differs" if above else "holds",
-        "these bounds are too small" if above else "", "every point", f"{len(error)} points", "check",
+        "these bounds are too small" if above else "", "every point", plural(len(error), "point"), "check",
     )  # fmt: skip
     ratios = (np.maximum(ds.bound, ULP) / np.maximum(ds.error, ULP)).where(np.isfinite(ds.bound) & (ds.bound > 0))
     # In the order of the difficulties that first have such a bound.

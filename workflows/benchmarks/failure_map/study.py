@@ -73,7 +73,7 @@ study = Study(
     title="Where methods fail: error, claimed bound and status over the strength of every difficulty",
     axes=(
         Axis("difficulty", tuple(DIFFICULTIES), "difficulty", key="difficulties"),
-        Axis("seed", range(2), "seed of the network", noun="networks"),
+        Axis("seed", range(2), "seed of the network", noun="network"),
     ),
     parameters={
         "quantities": QUANTITIES,

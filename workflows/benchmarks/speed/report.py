@@ -3,6 +3,7 @@
 import numpy as np
 
 from critflow.workflow import Claim
+from critflow.workflow.study import plural
 
 from ...shared.reports import duration, parameters, status_counts
 from .curves import SAME, behind, cases, detour, fastest, gain
@@ -35,7 +36,7 @@ def _speed_claims(ds):
             "speed-accuracy-auto", "auto lies within 10 % of the front at every size and tolerance",
             "within 10 %", value, "differs" if off else "holds",
             f"times over the front: {', '.join(map(_place, off))}" if off else "",
-            f"{SAME:g} times the front, every chart", f"{len(worst)} charts",
+            f"{SAME:g} times the front, every chart", plural(len(worst), "chart"),
         )  # fmt: skip
     for name, package in _missing(ds):
         yield Claim(
@@ -67,7 +68,7 @@ def _against_peers(ds, word, of_task):
         return Claim(key, statement, "not stated", f"no peer took part{absent}", "measured")
     most = f"takes at most {ratio:.2g} × the time" if np.isfinite(ratio) else "does not reach the accuracy"
     value = f"critflow {most} of a peer, {where}{absent}"
-    criterion, sample = f"{SAME:g} times the time, every peer and error", f"{len(of_task)} sizes"
+    criterion, sample = f"{SAME:g} times the time, every peer and error", plural(len(of_task), "size")
     if ahead:
         return Claim(key, statement, "faster", value, "differs", "; ".join(ahead), criterion, sample)
     return Claim(key, statement, "faster", value, "holds", "", criterion, sample)

@@ -1,0 +1,59 @@
+"""Counts and certificates in other units of stiffness and length: the same singular values, spaces and statuses."""
+
+from functools import partial
+
+import numpy as np
+from problems import NETWORKS, critical_of, stressed_lines, taut_rows, triangular_lattice
+from units import same_in_units
+
+from critflow import certify, lattice, rigidity, self_stresses, voronoi_network
+from critflow.certificates.counts import zero_modes
+from critflow.certificates.uniqueness import only_self_stress
+from critflow.critical.manifold import critical_configuration
+
+
+def counted(network, x, **options):
+    found, modes = rigidity(network, x, **options), zero_modes(network, x)
+    counts = found.value
+    numbers = (counts.n_self_stresses, counts.n_zero_modes, counts.largest_zero, counts.smallest_nonzero)
+    return {"number": (found.status, found.note, *numbers, counts.self_stresses, counts.rigid, modes.value.modes)}
+
+
+def of_a_transition(network, units):
+    critical = critical_of(network)
+    certificate, space = certify(critical), self_stresses(critical)
+    numbers = (certificate.residual, certificate.rigid, *certificate.gap, certificate.least_tension)
+    stresses = (space.value.dimension, space.value.basis, space.stats.residual, only_self_stress(critical))
+    found = counted(network, critical.coordinates)
+    return {"number": (*numbers, *stresses, *found["number"])}
+
+
+def off_balance(network, units, size, **options):
+    x = critical_of(network).coordinates
+    noise = size * units.length * np.random.default_rng(3).standard_normal(x.shape)
+    return counted(network, x + noise, **options)
+
+
+def of_positions(network, units):
+    return counted(network, network.positions)
+
+
+def of_parts(critical, network, units):
+    there = critical_configuration(network, critical.sigma, units.length * critical.coordinates)
+    found = certify(there)
+    return {"number": (found.n_self_stresses, found.n_slack, found.rigid, found.stressed_fraction, *found.gap)}
+
+
+PARTS = {"rows": taut_rows, "lines": lambda: stressed_lines(3)}
+test_certificates_in_other_units = same_in_units(
+    {
+        name: (of_a_transition, NETWORKS[name])
+        for name in ("voronoi, random stiffness", "pinned grid", "oblique", "voronoi 3D")
+    }
+    | {f"off by {size}": (partial(off_balance, size=size), NETWORKS["voronoi"]) for size in (1e-9, 1e-6, 1e-3)}
+    | {"sparse": (of_a_transition, lambda: voronoi_network(300, seed=1))}
+    | {"sparse, off balance": (partial(off_balance, size=1e-6), lambda: voronoi_network(300, seed=1))}
+    | {"honeycomb": (of_positions, lambda: lattice("honeycomb", 12, 12))}
+    | {"triangular": (of_positions, lambda: triangular_lattice(4, 4)[0])}
+    | {name: (partial(of_parts, make()), lambda make=make: make().network) for name, make in PARTS.items()}
+)

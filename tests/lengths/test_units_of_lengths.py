@@ -1,0 +1,68 @@
+"""Configurations from lengths in other units of length: the same steps, statuses and digits."""
+
+from functools import partial
+
+import numpy as np
+from problems import NETWORKS, hung_ring, random_stress, slack_lattice, voronoi_3d
+from units import same_in_units
+
+from critflow import CriticalManifold, critical_from_lengths, voronoi_network
+from critflow.lengths.boundary import Expansion
+from critflow.lengths.cone import fit_lengths
+from critflow.lengths.length_iteration import iterate_lengths
+from critflow.lengths.taut_edges import OnsetState, newton_taut
+
+
+def lengths(network, spread, seed=1):
+    return np.exp(spread * np.random.default_rng(seed).standard_normal(network.n_edges))
+
+
+def of_lengths(network, units, spread=0.05, seed=1):
+    found = critical_from_lengths(network, 3 * units.length * lengths(network, spread, seed), throw=False)
+    critical, stats = found.value, found.stats
+    counts = (found.status, found.note, stats.steps, found.polish_steps, found.slack_edges)
+    bounds = (stats.error_bound, critical.bond_errors, critical.rest_lengths)
+    return {
+        "number": (*counts, stats.condition, stats.residual, critical.sigma, found.ratio),
+        "length": (critical.coordinates, critical.bond_vectors, *(b for b in bounds if b is not None)),
+    }
+
+
+def of_the_slack_lattice(network, units):
+    found = critical_from_lengths(network, units.length * slack_lattice()[1], throw=False)
+    return {"number": (found.slack_edges, found.value.sigma, found.ratio), "length": (found.value.coordinates,)}
+
+
+def by_cone(network, units):
+    found = fit_lengths(network.free_incidence, network.boundary_vectors, units.length * lengths(network, 0.3), 1e-12)
+    return {"number": (found.outcome, found.steps, found.stressed, found.ratio), "length": (found.coordinates,)}
+
+
+def by_newton(network, units):
+    critical = CriticalManifold(network).configuration(random_stress(network.n_edges, 1))
+    x, taut = critical.coordinates[network.free], np.ones(network.n_edges, bool)
+    target = critical.lengths * lengths(network, 1e-3)
+    path = Expansion(CriticalManifold(network))
+    end = newton_taut(path, target, OnsetState(0.0, np.zeros(0), x, critical.sigma, taut))
+    return {"number": (end.strain, end.error, end.steps, end.sigma), "length": (end.coordinates,)}
+
+
+def by_iteration(network, units):
+    ends = list(iterate_lengths(CriticalManifold(network), units.length * lengths(network, 0.05)))
+    return {"number": (len(ends), ends[-1][0].sigma)}
+
+
+NETWORK = partial(voronoi_network, 100, seed=1)
+test_configurations_in_other_units = same_in_units(
+    {
+        **{f"spread {spread}": (partial(of_lengths, spread=spread), NETWORK) for spread in (0.05, 0.15, 0.3)},
+        **{name: (of_lengths, NETWORKS[name]) for name in ("oblique", "pinned grid", "own images")},
+        "ring": (of_lengths, hung_ring),
+        "space": (partial(of_lengths, spread=0.3), voronoi_3d),
+        "lattice": (of_the_slack_lattice, lambda: slack_lattice()[0]),
+        "cone": (by_cone, NETWORK),
+        "Newton": (by_newton, NETWORK),
+        "iteration": (by_iteration, NETWORK),
+    },
+    rtol=1e-6,  # of the bound, an error of a regularised system
+)

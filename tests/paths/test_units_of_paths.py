@@ -1,0 +1,103 @@
+"""Strain paths in other units of stiffness and length: the same steps, statuses and digits."""
+
+from dataclasses import replace
+from functools import partial
+
+import numpy as np
+from problems import NETWORKS, critical_of, partly_compressed, slack_lattice, stiff_lattice, voronoi_3d
+from units import same_in_units
+
+from critflow import Cable, CriticalManifold, WormLike, lattice, spring_state, strain_path
+from critflow.critical.manifold import critical_configuration
+from critflow.networks.deformation import deformation_of
+from critflow.paths.continuation import keeps_lengths, weakly_stressed
+from critflow.paths.start import balanced
+from critflow.paths.unknowns import loosened
+
+
+def of_path(solution, units):
+    path, d = solution.value, solution.value.deformation.dimension
+    moduli = (path.bulk_modulus, path.shear_modulus, path.shear_modulus_stress_corrected, path.modulus, path.stress)
+    errors = (path.bulk_modulus_error, path.shear_modulus_error, path.modulus_error)
+    return {
+        "number": (solution.status, solution.note, path.status, path.steps, path.inserted, path.free_components),
+        "length": (path.coordinate_error, path.states[-1].bond_vectors if path.states else ()),
+        "force": (path.max_force,),
+        "energy": (path.energy,),
+        "stiffness" if d == 2 else "pressure": (*moduli, *errors),
+    }
+
+
+def from_transition(network, units, strains=(1e-6, 1e-3, 0.1), **options):
+    return of_path(strain_path(critical_of(network), strains, throw=False, **options), units)
+
+
+def of_a_branch(network, units, strains, **options):
+    sigma = partly_compressed(20, 12).sigma
+    return of_path(strain_path(CriticalManifold(network).configuration(sigma), strains, throw=False, **options), units)
+
+
+def of_springs(network, units, **options):
+    state = stiff_lattice()
+    springs = spring_state(network, units.length * state.rest_lengths, units.length * state.coordinates)
+    return of_path(strain_path(springs, [0.0, 1e-9, 1e-3], throw=False, **options), units)
+
+
+def of_a_taut_part(network, units):
+    critical = slack_lattice()[2]
+    there = critical_configuration(network, critical.sigma, units.length * critical.coordinates)
+    return of_path(strain_path(there, [1e-4, 1e-3], taut_only=True), units)
+
+
+def stretched(network, size):
+    x = network.positions
+    return spring_state(network, size * np.linalg.norm(network.bond_vectors(x), axis=1), x)
+
+
+def judged(network, units):
+    """What is rounding: work that loosens, and stresses of a strain."""
+    springs = stretched(network, 1 - 1e-9)
+    shear = np.array([[0.0, 1.0], [0.0, 0.0]])
+    loosens = [
+        loosened(springs, springs.network.stiffness, deformation_of(shear - part * np.eye(2), 2), 1.0)
+        for part in np.logspace(-20, 0, 41)
+    ]
+    rest = [stretched(network, 1 - part) for part in np.logspace(-16, -1, 31)]
+    strains = np.logspace(-10, 0, 21)
+    weak = [[weakly_stressed(one, strain), keeps_lengths(one, strain)] for one in rest for strain in strains]
+    noise = units.length * np.random.default_rng(1).standard_normal(springs.forces.shape)
+    at_rest = [balanced(one.moved(part * noise)) for part in strains for one in rest[::9]]
+    return {"number": (loosens, weak, at_rest)}
+
+
+def floppy(network, units, **options):
+    """Slack cables next to taut ones."""
+    critical = slack_lattice()[2]
+    start = critical_configuration(network, critical.sigma, units.length * critical.coordinates)
+    start = replace(start, rest_lengths=units.length * critical.rest_lengths)
+    return of_path(strain_path(start, [1e-4, 1e-3], law=Cable(), throw=False, **options), units)
+
+
+NETWORK, BRANCH = NETWORKS["voronoi, random stiffness"], lambda: partly_compressed(20, 12).network
+FREE, SHEAR = {"deformation": "uniaxial_free"}, {"deformation": "pure_shear"}
+test_paths_in_other_units = same_in_units(
+    {
+        "dilation": (from_transition, NETWORK),
+        "energies": (partial(from_transition, measure="energy"), NETWORK),
+        "moduli": (partial(from_transition, measure="moduli"), NETWORK),
+        "shear": (partial(from_transition, **SHEAR), NETWORK),
+        "exponential": (partial(from_transition, deformation=lambda e: np.diag([np.exp(e), 1 + e**2])), NETWORK),
+        "worm-like": (partial(from_transition, law=WormLike(0.02), strains=(0.01, 0.03, 0.06)), NETWORK),
+        "loosening": (partial(from_transition, strains=(-0.01, -0.02)), NETWORK),
+        "below the cell": (partial(from_transition, strains=(1e-17,)), NETWORK),
+        "branch": (partial(of_a_branch, strains=[0.1, 0.5]), BRANCH),
+        "shear of a branch": (partial(of_a_branch, strains=[1e-7, 1e-4, 1e-2], **SHEAR), BRANCH),
+        "springs": (of_springs, lambda: stiff_lattice().network),
+        "free springs": (partial(of_springs, **FREE), lambda: stiff_lattice().network),
+        "judgements": (judged, lambda: lattice("honeycomb", 3, 4)),
+        "cables": (floppy, lambda: slack_lattice()[0]),
+        "no work": (partial(from_transition, deformation="simple_shear"), lambda: lattice("honeycomb", 3, 3)),
+        "taut part": (of_a_taut_part, lambda: slack_lattice()[0]),
+        "space": (from_transition, voronoi_3d),
+    }
+)

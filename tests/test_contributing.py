@@ -1,0 +1,68 @@
+"""The page for contributors: what it says of folders, files and functions is there."""
+
+import ast
+import re
+from functools import cache
+from pathlib import Path
+
+import pytest
+
+from critflow.extensions import extras
+
+ROOT = Path(__file__).parents[1]
+PAGE = (ROOT / "docs" / "contributing.md").read_text(encoding="utf-8")
+PACKAGE = ROOT / "critflow"
+
+# `name` in `file.py`, the form in which the page names a function, a method, a class or a table.
+NAMED = sorted(set(re.findall(r"`([\w.]+)`(?: and `[\w.]+`)? in `([\w/]+\.py)`", PAGE)))
+PATHS = sorted(set(re.findall(r"`((?:critflow|tests|docs|workflows|results)/[\w/.]*)`", PAGE)))
+
+
+def table(name):
+    """The rows of the table between the comments of this name, without its head."""
+    rows = PAGE.split(f"<!-- {name} -->\n")[1].split(f"<!-- /{name} -->")[0].splitlines()[2:]
+    return [tuple(cell.strip() for cell in row.strip("|").split("|")) for row in rows]
+
+
+@cache
+def defined(file):
+    """The names that a module defines at its top and in its classes, as NAME and CLASS.NAME."""
+    names = set()
+    for node in ast.parse((ROOT / file).read_text(encoding="utf-8")).body:
+        if isinstance(node, ast.Assign):
+            names |= {target.id for target in node.targets if isinstance(target, ast.Name)}
+        if isinstance(node, ast.FunctionDef | ast.ClassDef):
+            names |= {node.name, *(f"{node.name}.{one.name}" for one in node.body if hasattr(one, "name"))}
+    return names
+
+
+@pytest.mark.parametrize("name, file", NAMED, ids=lambda word: word.rpartition("/")[2])
+def test_a_function_is_where_the_page_says(name, file):
+    assert name in defined(file)
+
+
+def test_the_page_answers_ten_questions():
+    rows = PAGE.split("## Ten questions\n")[1].split("\n### ")[0].strip().splitlines()[2:]
+    assert len(rows) == 10 and all(re.search(r"`critflow/[\w/]+\.py`", row) for row in rows)
+    assert len(NAMED) > 20
+
+
+@pytest.mark.parametrize("path", PATHS)
+def test_a_path_exists(path):
+    assert (ROOT / path).exists() or "NAME" in path or path.startswith("docs/_build")
+
+
+def test_the_table_of_the_scene_lists_its_folders():
+    folders = {path.parent.name for path in PACKAGE.glob("*/__init__.py")} - {"extras"}
+    assert {folder.strip("`").split("/")[1] for folder, _ in table("scene")} == folders
+    tops = {path.name for path in PACKAGE.glob("*.py")} - {"__init__.py", "__main__.py"}
+    assert set(re.findall(r"`(\w+\.py)`", PAGE.split("Above all folders")[1].split("The extras:")[0])) == tops
+
+
+def test_the_table_of_extras_has_what_they_declare():
+    """A row may be of an extra that is not there."""
+    rows = {name.strip("`"): (content, needs) for name, content, needs in table("extras")}
+    for name, extra in extras().items():
+        text = (PACKAGE / "extras" / name / "__init__.py").read_text(encoding="utf-8")
+        needs = ", ".join(f"`{one}`" for one in extra.needs) or "–"
+        assert rows[name] == (ast.get_docstring(ast.parse(text)).split("\n")[0], needs)
