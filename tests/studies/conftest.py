@@ -10,6 +10,9 @@ from critflow.command.main import main
 from critflow.workflow.load import named_studies
 
 SETTINGS = {
+    "allostery": (
+        *("seeds=0:1", "n_vertices=40", "loads=0.1,1.0", "sizes=24,40", "fractions=0.2,0.6", "starts=1", "steps=100"),
+    ),
     "boundary": ("seeds=0:3", "n_vertices=40"),
     "design_curves": ("seeds=0:1", "n_vertices=24"),
     "design_isogonal": ("seeds=0:1", "n_vertices=24", "coefficients=0.1,0.3", "strains=0.01"),

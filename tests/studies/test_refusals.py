@@ -7,6 +7,7 @@ from critflow.command.main import main
 from critflow.workflow.load import load_study
 
 SETTINGS = {
+    "allostery": {"sizes=20": "at least 24", "loads=2.0": "between 0 and 1", "starts=0": "must be positive"},
     "boundary": {"n_vertices=7": "n_vertices"},
     "design_curves": {"n_vertices=7": "n_vertices"},
     "design_poisson": {"ratios=1": "between -1 and 1"},

@@ -22,6 +22,7 @@ import numpy as np
 from critflow.critical.manifold import Balance
 from critflow.critical.quantity import Balanced
 from critflow.extras.local.pairs import Pair
+from critflow.linalg.factor import Factor
 from critflow.linalg.saddle import CondensedFactor, SaddleFactor
 from critflow.linalg.tolerances import EPS
 from critflow.linalg.vectors import dot, norms, product
@@ -31,6 +32,7 @@ from critflow.result import InputError
 
 # Compliance of a pair, relative to that by P alone with edges that yield, below which edges hold it: rounding is 1e-15.
 HELD = 1e-11
+_REFINEMENTS = 3  # solves by a factor of a Hessian, each with the residual of the one before
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,13 +76,18 @@ class PairMotion:
 
 @dataclass(frozen=True, eq=False)
 class Compliances:
-    """Motions of pairs at one σ (N_b,) and L (N_b, d), by one factor."""
+    """Motions of pairs at one σ (N_b,) and L (N_b, d), by one factor.
+
+    yielding   K⁻¹ (N_b,) in R u = K⁻¹λ, zero at the transition
+    resisting  stiffnesses (N_b,) by which roundings of displacements are resisted, where edges are not constraints
+    """
 
     network: Network
     sigma: Array
     bond_vectors: Array
-    factor: SaddleFactor | CondensedFactor
+    factor: SaddleFactor | CondensedFactor | HessianFactor
     yielding: Array | float = 0.0
+    resisting: Array | float = 0.0
     motions: dict[Pair, PairMotion] = field(default_factory=dict, repr=False)
 
     def motion(self, pair: Pair) -> PairMotion:
@@ -90,7 +97,7 @@ class Compliances:
         return self.motions[pair]
 
     def _moved(self, pair: Pair) -> PairMotion:
-        network, L, sigma = self.network, self.bond_vectors, self.sigma
+        network, L = self.network, self.bond_vectors
         edges, signs, constant = pair.path(network)
         r = constant + signs @ L[edges]
         length = float(np.linalg.norm(r))
@@ -100,16 +107,21 @@ class Compliances:
         force[pair.head] += r / length
         force[pair.tail] -= r / length
         force = force[network.free]
+        u, multipliers, residual = self.solved(force)
+        rates, moved = product(network.free_incidence, u), np.zeros((network.n_vertices, network.dimension))
+        moved[network.free] = u
+        rounded = norms(moved)[network.edges].sum(axis=1)
+        return PairMotion(pair, r, r / length, (edges, signs), moved, multipliers, rates, rounded, residual)
+
+    def solved(self, force: Array) -> tuple[Array, Array, tuple[Array, Array]]:
+        """u (n_free, d), λ (N_b,) and the residual of both equations, for forces (n_free, d)."""
+        network, L, sigma = self.network, self.bond_vectors, self.sigma
         u, multipliers, _ = self.factor.solve(force, np.zeros(network.n_edges))
         if not np.any(self.yielding):
             multipliers = multipliers - (sigma @ multipliers) / (sigma @ sigma) * sigma
-        rates, moved = product(network.free_incidence, u), np.zeros((network.n_vertices, network.dimension))
-        moved[network.free] = u
-        speed = norms(moved)
+        rates = product(network.free_incidence, u)
         left = force - product(network.divergence, sigma[:, None] * rates + multipliers[:, None] * L)
-        slip = self.yielding * multipliers - dot(L, rates)
-        rounded = speed[network.edges].sum(axis=1)
-        return PairMotion(pair, r, r / length, (edges, signs), moved, multipliers, rates, rounded, (left, slip))
+        return u, multipliers, (left, self.yielding * multipliers - dot(L, rates))
 
     def compliance(self, target: Pair, source: Pair) -> float:
         """G_ts."""
@@ -135,6 +147,7 @@ class Compliances:
         noise = np.abs(self.sigma) * (norms(one.rates) * other.rounded + one.rounded * norms(other.rates))
         noise = noise + np.abs(one.multipliers) * length * other.rounded
         noise = noise + np.abs(other.multipliers) * length * one.rounded
+        noise = noise + self.resisting * one.rounded * other.rounded
         return left + float(accumulated_rounding(2 * EPS * noise)) + 2 * EPS * abs(self.compliance(target, source))
 
     def derivatives(self, target: Pair, source: Pair) -> tuple[Array, Array]:
@@ -153,6 +166,30 @@ class Compliances:
         """λ' (N_b,), the multipliers of least energy."""
         weighted = yielding * self.sigma
         return multipliers - (weighted @ multipliers) / (weighted @ self.sigma) * self.sigma
+
+
+@dataclass(frozen=True, eq=False)
+class HessianFactor:
+    """A factor of the Hessian of a state of any kind, which may have energies besides those of edges."""
+
+    factor: Factor
+
+    def solve(self, forces: Array, elongations: Array) -> tuple[Array, Array, float]:
+        """u (n_free, d) of forces (n_free, d), no multipliers (N_b,), and the largest force that remains."""
+        right, u = forces.ravel(), np.zeros(forces.size)
+        for _ in range(_REFINEMENTS):
+            u = u + self.factor.solve(right - self.factor.multiply(u))
+        left = right - self.factor.multiply(u)
+        return u.reshape(forces.shape), np.zeros_like(elongations), float(np.abs(left).max(initial=0.0))
+
+
+class HessianCompliances(Compliances):
+    """Motions of pairs of a state by its Hessian, which has all of its energies."""
+
+    def solved(self, force: Array) -> tuple[Array, Array, tuple[Array, Array]]:
+        assert isinstance(self.factor, HessianFactor)
+        u, none, _ = self.factor.solve(force, np.zeros(self.network.n_edges))
+        return u, none, (force - self.factor.factor.multiply(u.ravel()).reshape(force.shape), none)
 
 
 def compliances(balance: Balanced) -> Compliances:

@@ -71,7 +71,7 @@ def local(network: Network, text: str) -> LocalStrain:
 def require_moving(found: Compliances, pair: Pair) -> None:
     """`InputError` where edges hold the distance of a source."""
     if found.held(pair):
-        raise InputError(f"a rigid part holds the source {pair}, whose distance cannot change: name another pair")
+        raise InputError(f"the edges hold the source {pair}, so that no motion changes its distance: name another pair")
 
 
 def strain(found: Compliances, source: Pair, target: Pair) -> float:

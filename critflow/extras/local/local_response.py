@@ -23,7 +23,7 @@ from critflow.calls import running
 from critflow.certificates.uniqueness import require_only_self_stress
 from critflow.critical.manifold import CriticalConfiguration
 from critflow.extensions import extensible
-from critflow.extras.local.compliance import Compliances, compliances
+from critflow.extras.local.compliance import Compliances, HessianCompliances, HessianFactor, compliances
 from critflow.extras.local.local_quantity import partials, strain, strain_error
 from critflow.extras.local.pairs import Pair, check_distinct, pair_of
 from critflow.linalg.saddle import Saddle
@@ -74,7 +74,8 @@ class LocalResponse(Record):
 def local_response(springs: Any, source: Any, targets: Any, throw: bool = True) -> Solution[LocalResponse]:
     """How far target pairs of vertices are stretched by a stretched source pair.
 
-    springs  a critical configuration: the limit of vanishing stress; or a state under stress, of `strain_path`
+    springs  a critical configuration: the limit of vanishing stress; or a state under stress, of `strain_path`, or with
+             weak forces, of `weak_equilibrium`
     source   two vertices (i, j) that no edge joins, or (i, j, image) with the cell of j relative to that of i.  Without
              an image it is the nearest one at equal stresses, which `source` of the value states
     targets  a pair, or a list of pairs
@@ -124,7 +125,7 @@ def _at_transition(critical: CriticalConfiguration, source: Pair, targets: tuple
     found = compliances(critical)
     require_only_self_stress(critical, "follow strain_path() and give one of its states")
     if found.held(source):
-        note = f"a rigid part of the network holds the source {source}, so that its distance cannot change"
+        note = f"the edges hold the source {source}, so that no motion changes its distance: name another pair"
         return _failed(critical, source, targets, Status.rigid, note)
     errors = np.array([strain_error(found, critical, source, target) for target in targets])
     own = found.compliance(source, source)
@@ -144,14 +145,9 @@ def _growth(found: Compliances, source: Pair, target: Pair) -> float:
 def _under_stress(state: SpringState, source: Pair, targets: tuple[Pair, ...]) -> Solution[LocalResponse]:
     if not under_stress(state, _TOLERANCE):
         raise InputError("springs without stress do not resist: give the critical configuration, or a strained state")
-    K = state.modified_stiffness
-    if not isinstance(K, np.ndarray):
-        raise InputError("local responses are those of springs on edges, and these are on sums of lengths")
-    # Edges that soften resist negatively: the matrix is that of the Hessian in any case.
-    factor = Saddle(state.network).factorize(state.sigma, state.bond_vectors, compliance=1 / K)
-    if factor.factor.n_negative != int(np.count_nonzero(K > 0)):
+    found = _of_state(state)
+    if found is None:
         return _failed(state, source, targets, Status.unstable, "")
-    found = Compliances(state.network, state.sigma, state.bond_vectors, factor, 1 / K)
     own = found.compliance(source, source)
     errors = []
     for target in targets:
@@ -162,6 +158,21 @@ def _under_stress(state: SpringState, source: Pair, targets: tuple[Pair, ...]) -
     of_stress = np.abs(found.derivatives(source, source)[0]) * state.stress_rounding
     own_error = (found.error(source, source) + float(accumulated_rounding(of_stress))) / own**2
     return _answer(state, found, source, targets, np.array(errors), np.full(len(targets), np.nan), own_error)
+
+
+def _of_state(state: SpringState) -> Compliances | None:
+    """The compliances of a state under stress; None for a saddle of the energy."""
+    network, sigma, L, K = state.network, state.sigma, state.bond_vectors, state.modified_stiffness
+    if type(state) is SpringState and isinstance(K, np.ndarray):
+        # With yielding edges, which keep their digits however small the stress is.
+        saddle = Saddle(network).factorize(sigma, L, compliance=1 / K)
+        stable = saddle.factor.n_negative == int(np.count_nonzero(K > 0))
+        return Compliances(network, sigma, L, saddle, 1 / K) if stable else None
+    # Other kinds couple edges, or have energies besides those of edges.
+    factor = state.factorize(state.pattern())
+    if factor.indefinite:
+        return None
+    return HessianCompliances(network, sigma, L, HessianFactor(factor), resisting=np.abs(state.edge_stiffness))
 
 
 def _answer(

@@ -1,0 +1,48 @@
+"""A pair of vertices across each face of a planar network, as sources and targets of local responses."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from critflow.arguments import of_kind
+from critflow.networks.network import Network
+from critflow.result import InputError
+
+
+def face_diagonals(network: Network) -> list[tuple[int, int, tuple[int, ...]]]:
+    """(i, j, image) of two opposite vertices of each face with at least four sides, in the order of the faces.
+
+    Left out are faces whose two vertices an edge joins, or which are images of one vertex.
+
+    >>> import critflow as cf
+    >>> from critflow.extras.local.diagonals import face_diagonals
+    >>> len(face_diagonals(cf.lattice("honeycomb", 3, 3)))
+    9
+    """
+    network = of_kind(Network, network=network)
+    if network.faces is None:
+        raise InputError("the network has no faces, so that none has a diagonal: give pairs of vertices")
+    joined = {(*edge, *offset) for edge, offset in zip(network.edges.tolist(), network.offsets.tolist(), strict=True)}
+    diagonals = []
+    for first, last in zip(network.faces.starts[:-1], network.faces.starts[1:], strict=True):
+        i, j, image = _across(network, int(first), int(last))
+        edges = {(i, j, *image), (j, i, *(-n for n in image))}
+        if last - first >= 4 and i != j and not edges & joined:
+            diagonals.append((i, j, image))
+    return diagonals
+
+
+def _across(network: Network, first: int, last: int) -> tuple[int, int, tuple[int, ...]]:
+    """The first vertex of a walk around a face, the one half of its sides later, and the image of that."""
+    assert network.faces is not None
+    edges = network.faces.edges[first : first + (last - first) // 2]
+    signs = network.faces.signs[first : first + (last - first) // 2]
+    start = int(network.edges[edges[0], 0 if signs[0] > 0 else 1])
+    end = int(network.edges[edges[-1], 1 if signs[-1] > 0 else 0])
+    return start, end, tuple(int(n) for n in np.sum(signs[:, None] * network.offsets[edges], axis=0))
+
+
+def response_name(source: tuple[int, int, tuple[int, ...]], target: tuple[int, int, tuple[int, ...]]) -> str:
+    """local[i-j:n:m,k-l:n:m], the name of the response of a target to a source."""
+    pairs = (f"{i}-{j}" + "".join(f":{n}" for n in image) for i, j, image in (source, target))
+    return f"local[{','.join(pairs)}]"
