@@ -118,6 +118,10 @@ class Quantity(Record, ABC):
         """
         return -np.inf, np.inf
 
+    def best_stress(self, manifold: CriticalManifold) -> Array | None:
+        """σ (N_b,) at which the best value over positive stresses is attained (proof), or None where none is known."""
+        return None
+
     def in_part(self, network: Network, kept: Mask) -> Quantity | None:
         """The same quantity of the part of a network with the kept edges (N_b,), which has numbers of its own.
 

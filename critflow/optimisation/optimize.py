@@ -25,7 +25,7 @@ from critflow.networks.checks import edge_values
 from critflow.networks.network import Array, Network
 from critflow.optimisation.descent import DESCENTS, SignedStressObjective, StressObjective, descend
 from critflow.optimisation.descent_end import Observer
-from critflow.optimisation.known_optima import KNOWN, KNOWN_QUANTITIES, known_optimum
+from critflow.optimisation.known_optima import KNOWN, known_optimum
 from critflow.optimisation.optimum import Optimum
 from critflow.progress import running
 from critflow.result import InputError
@@ -56,7 +56,8 @@ def optimize(
     objective  a name such as "V_L", "V_tau" (least), "B_0", "G_0" (largest; the last with the penalty that keeps σ
                above about `threshold`), "C_B" (least), or a `Quantity`
     method     "fire", "lbfgs", "newton"; "closed_form" for moduli without a penalty, in three dimensions for the bulk
-               modulus; "conic" for the length variance, exactly; "auto": the cheapest that reaches the tolerance
+               modulus, and for "C_B"; "conic" for the length variance, exactly; "auto": the cheapest that reaches the
+               tolerance
     signs      "positive": every edge under tension; "any": compression too, and "G_0" without penalty
     start      initial σ, (N_b,); 1 on every edge by default
     tolerance  of the largest dO/dσ in units of O; saddles are left above 1e-12 from symmetric starts, above 1e-8 never
@@ -94,7 +95,7 @@ def optimize(
         require_exact_hessian(manifold, best)
     given = _starts(manifold.network.n_edges, start, starts, rng, positive)
     optimum = KNOWN[method](manifold, best, positive) if method in KNOWN else None
-    if method == "auto" and isinstance(best, KNOWN_QUANTITIES):
+    if method == "auto":
         free = start is None and max_steps is None and observe is None
         optimum = known_optimum(manifold, best, positive, tolerance if free else None)
     if optimum is None:
