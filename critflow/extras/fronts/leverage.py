@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from critflow.arguments import of_kind
 from critflow.critical.edge_lengths import NO_LENGTH
 from critflow.critical.manifold import CriticalConfiguration, CriticalManifold
-from critflow.critical.quantity import Quantity
+from critflow.critical.quantity import Quantity, require_valid
 from critflow.critical.vocabulary import quantity
 from critflow.extras.targets.stress_form import stress_form
 from critflow.linalg.factor import Factor
@@ -98,6 +98,7 @@ def edge_leverage(critical: CriticalConfiguration, name: str | Quantity = "B_0")
     name = of_kind(str, Quantity, name=name)
     network, sigma = critical.network, critical.sigma
     measured = quantity(network, name)
+    require_valid(measured, critical)
     if not (sigma != 0).all():
         raise InputError("some edges have no stress: use the configuration of the taut part")
     manifold = critical.manifold

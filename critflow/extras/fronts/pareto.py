@@ -22,7 +22,7 @@ from critflow.critical.edge_lengths import COLLAPSING, SOUND
 from critflow.critical.manifold import Balance, CriticalConfiguration, CriticalManifold, require_one_self_stress
 from critflow.critical.vocabulary import quantity
 from critflow.extras.targets.constrained import Minimum, Point, minimise_constrained
-from critflow.extras.targets.problem import POWERS, Target, edge_limits, parse_targets
+from critflow.extras.targets.problem import POWERS, Target, edge_limits, parse_targets, require_all_valid
 from critflow.extras.targets.stress_form import same
 from critflow.extras.targets.stresses import Stresses
 from critflow.linalg.vectors import norms
@@ -124,6 +124,7 @@ def pareto(
         raise InputError(f"a front has at least its two ends, n = 2 points, not {n}")
     pair = _pair(manifold, objectives)
     stresses = Stresses(manifold, start, limits=edge_limits(manifold.network.n_edges, within or {}, tuple(POWERS)))
+    require_all_valid(stresses, pair)
     search = _Search(stresses, pair, max_steps)
     solution = _front(stresses, pair, search.points(n), search.units)
     return solution.or_raise("the front is not complete") if throw else solution
