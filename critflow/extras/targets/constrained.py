@@ -46,6 +46,8 @@ _LONG_MEMORY, _FEW = 60, 100
 _MOST_DAMPED, _LEAST_DAMPED, _SHORTEST = 1e4, 1e-10, 1e-4
 # Part of a step below which the pairs of the matrix are forgotten.
 _SHORT = 0.05
+# Growth of steps while the function curves downwards from the start on.
+_LONGER = 4.0
 # Distance from a limit within which a constraint takes part in a step.
 _NEAR = 0.02
 
@@ -59,6 +61,8 @@ class Point:
     gradient: Array
     constraints: Array
     rows: Callable[[NDArray[np.intp]], Array] = field(repr=False)
+    # Rounding error of the value, where a difference has removed digits.
+    rounding: float = 0.0
 
 
 class Problem(Protocol):
@@ -147,6 +151,9 @@ class _Metric:
         if curvature > CURVED * float(np.linalg.norm(s) * np.linalg.norm(y)):
             self._pairs.append((s, y, 1 / curvature))
             self._scale = curvature / float(y @ (y if self._product is None else self._product(y)))
+        elif not self._pairs:
+            # Downwards without an end in sight: no pair says how far, so that steps become longer.
+            self._scale *= _LONGER
 
     def forget(self) -> bool:
         """Forget all pairs; whether there were any."""
@@ -270,10 +277,22 @@ class _Search:
             if not self._merit(moved) <= acceptable and np.isfinite(self._merit(moved)):
                 # Curvature of the constraints may hide a decrease: return towards their surface.
                 moved = self.restored(moved, metric, _RESTORING)
-            if self._merit(moved) <= acceptable:
+            if self._merit(moved) <= acceptable or self._nearer(point, step, moved, part):
                 return moved
             part *= 0.3
         return None
+
+    def _nearer(self, point: Point, step: _Step, moved: Point, part: float) -> bool:
+        """Whether a point whose value differs by rounding only is nearer to a stationary one, by the gradients.
+
+        Along the step the derivative of the Lagrangian is then smaller in size (Hager and Zhang, 2005).
+        """
+        if not self._merit(moved) <= self._merit(point) + moved.rounding:
+            return False
+        working = step.working
+        rows = working.sign[:, None] * moved.rows(working.indices)
+        before = (point.gradient + step.multipliers @ working.rows) @ step.d
+        return bool(abs((moved.gradient + step.multipliers @ rows) @ step.d) <= 0.8 * abs(before))
 
     def _merit(self, point: Point) -> float:
         return point.value + self.penalty * float(np.abs(_beyond(self.problem, point)).sum())
