@@ -34,7 +34,7 @@ from critflow.threads import one_blas_thread
 
 FRONT_CERTIFIED = 1e-5  # largest relative residual of the first-order conditions of a certified point
 FRONT_FLAT = 1e-4  # gradients below this, in units of the ends, count as zero
-# Gradient at which the search for a point ends, in units of the ends of the front: a fifth of what the certificate asks.
+# Gradient at which the search for a point ends, in units of the ends: a fifth of what the certificate asks.
 FRONT_OPTIMAL = 0.2 * FRONT_CERTIFIED * FRONT_FLAT
 BETTER_END = 1e-3  # improvement of an end, in units of the ends, with which a front is computed again
 SAME_VALUE = 1e-12  # difference of values, in their natural units, that is rounding
@@ -301,7 +301,7 @@ class _Search:
         return float(target.quantity.extreme(self.stresses.manifold, True)[target.sense < 0])
 
     def _alone(self, weights: tuple[float, float], more: list[Array]) -> Minimum:
-        """The best point of one objective, from the start, where B_0 and C_B may be stationary, one near it, and more."""
+        """The best point of one objective: from the start, where B_0 and C_B may be stationary, near it, and more."""
         origin, problem = self.stresses.origin, _Weighted(self, weights)
         shaken = origin + _SHAKEN * np.random.default_rng(0).standard_normal(len(origin))
         minima = [self._minimum(problem, start) for start in (origin, shaken, *more)]
