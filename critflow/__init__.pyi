@@ -23,8 +23,8 @@ from .extras.graphs.fibre_networks import fibre_network as fibre_network
 from .extras.graphs.packings import packing_network as packing_network
 from .extras.graphs.regular_networks import regular_network as regular_network
 from .extras.inference.nearest import nearest_critical as nearest_critical
-from .extras.targets.targets import design as design
 from .extras.local.local_response import local_response as local_response
+from .extras.targets.targets import design as design
 from .extras.tensegrity.signed_stress import stability as stability
 from .extras.tissue.tissue import critical_from_perimeters as critical_from_perimeters
 from .extras.tissue.tissue import tissue as tissue

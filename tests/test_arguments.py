@@ -86,6 +86,7 @@ OF_FUNCTION = {
     "design": {"targets": {"B_0": 0.1}, "initial": np.ones(6), "signs": "positive"},
     "isotropic_targets": {"youngs_modulus": 1.0, "poissons_ratio": 0.2},
     "prune_towards": {"targets": {"B_0": 0.1}},
+    "local_response": {"springs": CRITICAL, "source": (0, 2, (0, 0)), "targets": [(1, 3, (0, 0))]},
     "properties": {"quantities": ["B_0"]},
     "quantity": {"name": "B_0"},
     "upper_bound": {"name": "B_0"},

@@ -11,9 +11,9 @@ import pytest
 # Before the two rings they were 20,436 and 121; 27, 219 and 30; 20, 120 and 24, and 23, 165 and 30 where the value of
 # the optimum was read, which is computed at once now.
 CEILINGS = {
-    "run ensemble": {"lines": 15_500, "modules": 99},
+    "run ensemble": {"lines": 15_520, "modules": 99},
     "strain path": {"files": 27, "functions": 189, "classes": 31},
-    "optimize G_0": {"files": 24, "functions": 164, "classes": 28},
+    "optimize G_0": {"files": 24, "functions": 165, "classes": 28},
 }
 
 

@@ -14,7 +14,7 @@ from lxml import html
 from workflows.pages.paper import EQUATIONS
 
 ROOT = Path(__file__).parents[2]
-PAGES_OF_SITE = 48
+PAGES_OF_SITE = 49
 SIGNS_OF_TEX = re.compile(r"\$|\\[a-z]+\b|[_^]\{|\\[_*|]")
 
 

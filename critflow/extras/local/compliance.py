@@ -22,10 +22,9 @@ import numpy as np
 from critflow.critical.manifold import Balance
 from critflow.critical.quantity import Balanced
 from critflow.extras.local.pairs import Pair
-from critflow.linalg.products import product
 from critflow.linalg.saddle import CondensedFactor, SaddleFactor
 from critflow.linalg.tolerances import EPS
-from critflow.linalg.vectors import dot, norms
+from critflow.linalg.vectors import dot, norms, product
 from critflow.networks.network import Array, IntArray, Network
 from critflow.response.linear_response import accumulated_rounding
 from critflow.result import InputError
