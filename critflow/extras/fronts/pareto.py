@@ -46,6 +46,8 @@ _MOST_STEPS = 1000
 # Steps in which the position on the front must be reached.
 _RESTORING = 60
 _LONGEST = 1.0
+# Growth of steps from a start at which an objective curves away, as G_0 at equal stresses.
+_LONGER = 4.0
 # Change of log σ from the start to the second one.
 _SHAKEN = 0.3
 # Fronts that are computed at most, each from better ends.
@@ -310,7 +312,9 @@ class _Search:
         return minima[int(np.argmax(values <= values.min() + SAME_VALUE))]
 
     def _minimum(self, problem: _Weighted, start: Array) -> Minimum:
-        return minimise_constrained(problem, start, FRONT_OPTIMAL, _LONGEST, self._max_steps, restoring=_RESTORING)
+        return minimise_constrained(
+            problem, start, FRONT_OPTIMAL, _LONGEST, self._max_steps, restoring=_RESTORING, growth=_LONGER
+        )
 
     def _point(self, problem: _Weighted, start: Array) -> _Point:
         minimum, weights = self._minimum(problem, start), problem.weights.copy()

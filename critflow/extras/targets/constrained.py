@@ -46,8 +46,6 @@ _LONG_MEMORY, _FEW = 60, 100
 _MOST_DAMPED, _LEAST_DAMPED, _SHORTEST = 1e4, 1e-10, 1e-4
 # Part of a step below which the pairs of the matrix are forgotten.
 _SHORT = 0.05
-# Growth of steps while the function curves downwards from the start on.
-_LONGER = 4.0
 # Distance from a limit within which a constraint takes part in a step.
 _NEAR = 0.02
 
@@ -135,10 +133,10 @@ class _Working:
 class _Metric:
     """H, the inverse of a limited-memory BFGS matrix: products with vectors (N,) or rows (n, N)."""
 
-    def __init__(self, first: First | None, n_unknowns: int):
+    def __init__(self, first: First | None, n_unknowns: int, growth: float = 1.0):
         longest = _LONG_MEMORY if n_unknowns <= _FEW else _MEMORY
         self._pairs: deque[tuple[Array, Array, float]] = deque(maxlen=longest)
-        self._first, self._scale = first, 1.0
+        self._first, self._scale, self._growth = first, 1.0, growth
         self._product: Product | None = None
 
     def at(self, z: Array) -> Self:
@@ -153,7 +151,7 @@ class _Metric:
             self._scale = curvature / float(y @ (y if self._product is None else self._product(y)))
         elif not self._pairs:
             # Downwards without an end in sight: no pair says how far, so that steps become longer.
-            self._scale *= _LONGER
+            self._scale *= self._growth
 
     def forget(self) -> bool:
         """Forget all pairs; whether there were any."""
@@ -182,6 +180,7 @@ def minimise_constrained(
     max_steps: int,
     first: First | None = None,
     restoring: int | None = None,
+    growth: float = 1.0,
 ) -> Minimum:
     """A local minimum from a start (N,).
 
@@ -189,11 +188,12 @@ def minimise_constrained(
     longest    largest change of a component in one step
     first      at z, products of rows (n, N) with the first inverse Hessian, the unit matrix by default
     restoring  steps in which the constraints must be satisfied first, all by default
+    growth     of each step while the function curves downwards from the start on
 
     `Status.not_reached` where the violation cannot be reduced to first order, `Status.step_limit` and `Status.stalled`
     for the objective: the constraints are then satisfied.
     """
-    metric, search = _Metric(first, len(start)), _Search(problem, longest)
+    metric, search = _Metric(first, len(start), growth), _Search(problem, longest)
     point = feasible = search.restored(
         problem.at(start), metric, max_steps if restoring is None else min(max_steps, restoring)
     )
@@ -287,7 +287,7 @@ class _Search:
 
         Along the step the derivative of the Lagrangian is then smaller in size (Hager and Zhang, 2005).
         """
-        if not self._merit(moved) <= self._merit(point) + moved.rounding:
+        if not (moved.rounding > 0 and self._merit(moved) <= self._merit(point) + moved.rounding):
             return False
         working = step.working
         rows = working.sign[:, None] * moved.rows(working.indices)
