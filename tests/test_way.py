@@ -11,9 +11,9 @@ import pytest
 # Before the two rings they were 20,436 and 121; 27, 219 and 30; 20, 120 and 24, and 23, 165 and 30 where the value of
 # the optimum was read, which is computed at once now.
 CEILINGS = {
-    "run ensemble": {"lines": 14_888, "modules": 96},
-    "strain path": {"files": 25, "functions": 181, "classes": 29},
-    "optimize G_0": {"files": 22, "functions": 160, "classes": 28},
+    "run ensemble": {"lines": 15_008, "modules": 96},
+    "strain path": {"files": 25, "functions": 184, "classes": 29},
+    "optimize G_0": {"files": 23, "functions": 165, "classes": 29},
 }
 
 

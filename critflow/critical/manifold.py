@@ -26,7 +26,7 @@ from critflow.extensions import provided
 from critflow.linalg.factor import Factor, FixedPattern
 from critflow.linalg.matrices import block_laplacian, laplacian
 from critflow.linalg.saddle import CondensedSaddle, Saddle, positive
-from critflow.linalg.vectors import dot, norms, product
+from critflow.linalg.vectors import dot, norms, product, set_read_only
 from critflow.networks.blocks import check_opened, components
 from critflow.networks.checks import edge_values
 from critflow.networks.network import Array, Network
@@ -69,6 +69,7 @@ class CriticalConfiguration(Record):
     def __post_init__(self) -> None:
         if self.bond_errors is None:
             object.__setattr__(self, "bond_errors", np.full(self.network.n_edges, np.nan))
+        set_read_only(self, "sigma", "coordinates", "bond_vectors", "bond_errors", "rest_lengths")
 
     def __getstate__(self) -> dict[str, Any]:
         """The numbers alone: factors of matrices are in the memory of one process."""

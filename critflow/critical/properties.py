@@ -20,7 +20,7 @@ from scipy.sparse.linalg import LinearOperator
 from critflow.arguments import of_kind
 from critflow.calls import running
 from critflow.critical.manifold import CriticalConfiguration, require_one_self_stress
-from critflow.critical.quantity import Quantity, evaluate, has_exact_hessian
+from critflow.critical.quantity import Quantity, evaluate, has_exact_hessian, require_valid
 from critflow.critical.vocabulary import quantity
 from critflow.networks.network import Array
 from critflow.result import InputError, Record
@@ -66,6 +66,8 @@ def properties(critical: CriticalConfiguration, quantities: Sequence[str | Quant
     parsed = {key if isinstance(key, str) else key.name: quantity(critical.network, key) for key in given}
     if any(one.one_self_stress for one in parsed.values()):
         require_one_self_stress(critical.network)
+    for one in parsed.values():
+        require_valid(one, critical)
     balance = critical.manifold.balance(critical.sigma)
     evaluated = {name: one.evaluate(critical) for name, one in parsed.items()}
     rows = balance.pull_backs([partials for _, partials in evaluated.values()])
@@ -108,6 +110,7 @@ def stress_hessian(critical: CriticalConfiguration, name: str | Quantity = "B_0"
     critical = of_kind(CriticalConfiguration, critical=critical)
     name = of_kind(str, Quantity, name=name)
     manifold, goal = critical.manifold, quantity(critical.network, name)
+    require_valid(goal, critical)
     evaluation = evaluate(manifold, goal, manifold.configuration(critical.sigma).sigma)
     product = evaluation.hessian_product if has_exact_hessian(manifold, goal) else evaluation.hessian_difference
 

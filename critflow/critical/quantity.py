@@ -31,9 +31,10 @@ from typing import Any, ClassVar, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from critflow.arguments import shown
 from critflow.critical.manifold import Balance, CriticalConfiguration, CriticalManifold
 from critflow.linalg.tolerances import EPS
-from critflow.linalg.vectors import quasi_random
+from critflow.linalg.vectors import norms, quasi_random
 from critflow.networks.network import Array, Network
 from critflow.result import InputError, Record
 
@@ -129,6 +130,10 @@ class Quantity(Record, ABC):
         """
         return -np.inf, np.inf
 
+    def best_stress(self, manifold: CriticalManifold) -> Array | None:
+        """σ (N_b,) at which the best value over positive stresses is attained (proof), or None where none is known."""
+        return None
+
     def in_part(self, network: Network, kept: Mask) -> Quantity | None:
         """The same quantity of the part of a network with the kept edges (N_b,), which has numbers of its own.
 
@@ -180,6 +185,39 @@ class Evaluation:
         step = DIFFERENCE / float(np.abs(dsigma / balance.sigma).max())
         ends = [evaluate(balance.manifold, self.quantity, balance.sigma + s * dsigma) for s in (step, -step)]
         return (ends[0].gradient - ends[1].gradient) / (2 * step)
+
+
+def own(quantity: Quantity) -> bool:
+    """Whether the class of a quantity is one of critflow, which has tests of its own."""
+    return type(quantity).__module__.partition(".")[0] == __name__.partition(".")[0]
+
+
+def require_valid(quantity: Quantity, balance: Balanced) -> None:
+    """Raise `InputError` where `evaluate` of a class of the user returns no finite number and partials of these shapes.
+
+    A call asks this once, at its first stress; where edges have no length, derivatives may not exist.
+    """
+    if own(quantity):
+        return
+    kind, L = type(quantity), balance.bond_vectors
+    if not np.isfinite(L).all() or not (norms(L) > 0).all():
+        return
+    with np.errstate(all="ignore"):
+        returned = quantity.evaluate(balance)
+    try:
+        value, (by_sigma, by_L) = returned
+    except (TypeError, ValueError):
+        raise InputError(f"{kind.__name__}.evaluate must return (O, (∂O/∂σ, ∂O/∂L)), not {shown(returned)}") from None
+    if not (isinstance(value, int | float | np.number) or np.shape(value) == ()) or not np.isfinite(value):
+        raise InputError(f"{kind.__name__}.evaluate must return a finite number O first, not {shown(value)}")
+    for name, partial, shape in (("∂O/∂σ", by_sigma, L.shape[:1]), ("∂O/∂L", by_L, L.shape)):
+        if np.shape(partial) != shape:
+            raise InputError(
+                f"{kind.__name__}.evaluate must return {name} as an array of shape {shape}, not {np.shape(partial)}"
+            )
+        finite = np.isfinite(partial).reshape(len(L), -1).all(axis=1)
+        if not finite.all():
+            raise InputError(f"{kind.__name__}.evaluate returns {name} that is not finite at edge {finite.argmin()}")
 
 
 def derivatives_along(quantity: Quantity, balance: Balanced, dsigma: Array, dL: Array) -> Partials:

@@ -134,7 +134,7 @@ def _balanced(boundary: Expansion, lengths: Array, attempt: Attempt) -> Solution
     sigma, errors = np.zeros(network.n_edges), np.full(network.n_edges, np.nan)
     sigma[taut] = balance.value.sigma
     x = x if network.pins else x - x[0]
-    whole = CriticalConfiguration(network, sigma, x, network.bond_vectors(x))
+    L = network.bond_vectors(x)
     # Short edges would lose digits in the rounding of the coordinates.
-    whole.bond_vectors[taut], errors[taut] = balance.value.bond_vectors, balance.value.bond_errors
-    return replace(balance, value=replace(whole, bond_errors=errors))
+    L[taut], errors[taut] = balance.value.bond_vectors, balance.value.bond_errors
+    return replace(balance, value=CriticalConfiguration(network, sigma, x, L, bond_errors=errors))

@@ -42,6 +42,16 @@ def norms(vectors: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.sqrt(dot(vectors, vectors))
 
 
+def set_read_only(record: object, *names: str) -> None:
+    """Replace arrays of a frozen record, of these names, by views that nobody can write to; for `__post_init__`."""
+    for name in names:
+        array = getattr(record, name)
+        if isinstance(array, np.ndarray) and array.flags.writeable:
+            array = array.view()
+            array.flags.writeable = False
+            object.__setattr__(record, name, array)
+
+
 _KERNELS = {"csr": (csr_matvec, csr_matvecs), "csc": (csc_matvec, csc_matvecs)}
 
 

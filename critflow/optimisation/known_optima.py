@@ -1,7 +1,8 @@
-"""Optima that are known without a descent: the largest moduli in closed form, and equal lengths.
+"""Optima that are known without a descent: the largest moduli and the least C_B in closed form, and equal lengths.
 
-The largest modulus has the configuration of `largest_modulus`.  The length variance is zero where all lengths are
-equal, which `critical_from_lengths` finds exactly, and the iteration of `length_iteration` to a rough tolerance.
+The largest modulus has the configuration of `largest_modulus`, the least C_B that of the largest B_0.  The length
+variance is zero where all lengths are equal, which `critical_from_lengths` finds exactly, and the iteration of
+`length_iteration` to a rough tolerance.
 """
 
 from __future__ import annotations
@@ -19,9 +20,10 @@ from critflow.critical.variances import LengthVariance
 from critflow.lengths.from_lengths import critical_from_lengths
 from critflow.lengths.length_iteration import iterate_lengths
 from critflow.linalg.tolerances import EPS
+from critflow.networks.network import Array
 from critflow.optimisation.largest_modulus import largest_modulus
 from critflow.optimisation.optimum import Optimum
-from critflow.result import InputError, Solution
+from critflow.result import InputError, Solution, Status
 
 # Tolerance of dO/dσ times N_b above which the iteration towards equal lengths alone is faster than with Newton's method
 # at its end: the same 15 to 35 steps for 100 to 10,000 vertices.
@@ -38,7 +40,9 @@ def known_optimum(
     if isinstance(quantity, TransitionModulus):
         # A configuration with no more compression than the signs allow is known.
         known = quantity.is_bulk or (not positive and manifold.network.dimension == 2)
-        return largest_in_closed_form(manifold, quantity, positive) if known else None
+        return best_in_closed_form(manifold, quantity, positive) if known else None
+    if positive and (stress := quantity.best_stress(manifold)) is not None:
+        return _at_best_stress(manifold, quantity, stress)
     if not isinstance(quantity, LengthVariance) or not positive or tolerance is None:
         return None
     if tolerance * manifold.network.n_edges < ROUGH:
@@ -48,8 +52,10 @@ def known_optimum(
     return _nearly_equal_lengths(manifold, quantity, tolerance)
 
 
-def largest_in_closed_form(manifold: CriticalManifold, quantity: Quantity, positive: bool) -> Optimum:
-    """The largest modulus, by the method "closed_form"."""
+def best_in_closed_form(manifold: CriticalManifold, quantity: Quantity, positive: bool) -> Optimum:
+    """The largest modulus, or the best value whose stress is known, by the method "closed_form"."""
+    if positive and (stress := quantity.best_stress(manifold)) is not None:
+        return _at_best_stress(manifold, quantity, stress)
     if not isinstance(quantity, TransitionModulus):
         raise InputError("a closed form is known for moduli without a penalty only: choose another method")
     optimum = largest_modulus(manifold, quantity.symmetric)
@@ -69,6 +75,19 @@ def largest_in_closed_form(manifold: CriticalManifold, quantity: Quantity, posit
         rounding = EPS * manifold.network.n_edges * optimum.bound
         error = partial(float, abs(optimum.bound - optimum.objective) + rounding)
     return replace(optimum, stats=stats, error_of=error)
+
+
+def _at_best_stress(manifold: CriticalManifold, quantity: Quantity, stress: Array) -> Optimum:
+    """The optimum at a stress that attains the smallest or largest value of `Quantity.extreme`."""
+    solution = manifold.solve(stress)
+    if not solution.ok:
+        return Optimum(solution.value, solution.status, solution.stats, solution.note, objective=np.nan)
+    here = evaluate(manifold, quantity, solution.value.sigma)
+    best = quantity.extreme(manifold)[quantity.maximise]
+    stats = replace(solution.stats, method="closed_form", steps=0, residual=_residual(here))
+    rounding = EPS * manifold.network.n_edges * abs(best)
+    error = partial(float, abs(here.value - best) + rounding)
+    return Optimum(solution.value, Status.ok, stats, objective=here.value, error_of=error)
 
 
 def equal_lengths(manifold: CriticalManifold, quantity: Quantity, positive: bool) -> Optimum:
@@ -111,8 +130,5 @@ def _residual(here: Evaluation) -> float:
     return float(np.abs(here.gradient).max()) / here.quantity.unit(here.balance.network)
 
 
-KNOWN = {"closed_form": largest_in_closed_form, "conic": equal_lengths}
+KNOWN = {"closed_form": best_in_closed_form, "conic": equal_lengths}
 """Methods without a descent."""
-
-KNOWN_QUANTITIES = (TransitionModulus, LengthVariance)
-"""Quantities of which some optima are known."""

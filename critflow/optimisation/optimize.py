@@ -19,14 +19,14 @@ from numpy.typing import ArrayLike
 from critflow.arguments import of_kind
 from critflow.calls import running
 from critflow.critical.manifold import CriticalManifold, require_one_self_stress
-from critflow.critical.quantity import Quantity, require_exact_hessian
+from critflow.critical.quantity import Quantity, own, require_exact_hessian, require_valid
 from critflow.critical.transition import PENALTY_THRESHOLD, PenalisedModulus, TransitionModulus
 from critflow.critical.vocabulary import only_positive, quantity
 from critflow.networks.checks import edge_values
 from critflow.networks.network import Array, Network
 from critflow.optimisation.descent import DESCENTS, SignedStressObjective, StressObjective, descend
 from critflow.optimisation.descent_end import Observer
-from critflow.optimisation.known_optima import KNOWN, KNOWN_QUANTITIES, known_optimum
+from critflow.optimisation.known_optima import KNOWN, known_optimum
 from critflow.optimisation.optimum import Optimum
 from critflow.result import InputError
 
@@ -54,7 +54,8 @@ def optimize(
     objective  a name such as "V_L", "V_tau" (least), "B_0", "G_0" (largest; the last with the penalty that keeps σ
                above about `threshold`), "C_B" (least), or a `Quantity`
     method     "fire", "lbfgs", "newton"; "closed_form" for moduli without a penalty, in three dimensions for the bulk
-               modulus; "conic" for the length variance, exactly; "auto": the cheapest that reaches the tolerance
+               modulus, and for "C_B"; "conic" for the length variance, exactly; "auto": the cheapest that reaches the
+               tolerance
     signs      "positive": every edge under tension; "any": compression too, and "G_0" without penalty
     start      initial σ, (N_b,); 1 on every edge by default
     tolerance  of the largest dO/dσ in units of O; an end is tested for a saddle below 1e-12, and from symmetric starts
@@ -86,14 +87,10 @@ def optimize(
     _check_options(method, signs, threshold, tolerance, max_steps, observe)
     positive = only_positive(signs)
     best = objective_of(manifold.network, objective, threshold if positive else None)
-    # The largest bulk modulus of all stresses and all configurations is at σ = k, which is positive.
-    if best.one_self_stress and positive and not (isinstance(best, TransitionModulus) and best.is_bulk):
-        require_one_self_stress(manifold.network)
-    if method == "newton":
-        require_exact_hessian(manifold, best)
     given = _starts(manifold.network.n_edges, start, starts, rng, positive)
+    _check_objective(manifold, best, method, positive, given[0])
     optimum = KNOWN[method](manifold, best, positive) if method in KNOWN else None
-    if method == "auto" and isinstance(best, KNOWN_QUANTITIES):
+    if method == "auto":
         free = start is None and max_steps is None and observe is None
         optimum = known_optimum(manifold, best, positive, tolerance if free else None)
     if optimum is None:
@@ -114,6 +111,16 @@ def _check_options(
         raise InputError(f"the tolerance must be positive, not {tolerance}")
     if max_steps is not None and max_steps < 0:
         raise InputError(f"max_steps must be a whole number of at least 0, or None, not {max_steps!r}")
+
+
+def _check_objective(manifold: CriticalManifold, best: Quantity, method: str, positive: bool, start: Array) -> None:
+    # The largest bulk modulus of all stresses and all configurations is at σ = k, which is positive.
+    if best.one_self_stress and positive and not (isinstance(best, TransitionModulus) and best.is_bulk):
+        require_one_self_stress(manifold.network)
+    if not own(best):
+        require_valid(best, manifold.balance(start))
+    if method == "newton":
+        require_exact_hessian(manifold, best)
 
 
 def objective_of(network: Network, objective: str | Quantity, threshold: float | None = PENALTY_THRESHOLD) -> Quantity:

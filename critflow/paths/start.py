@@ -37,6 +37,8 @@ class Beginning:
     stress   tension over length of each spring at a transition, σ (N_b,) or T/p (N_f,); None for a state of springs
     part     whether they are a part of the network, whose slack edges were left out
     pattern  of the Hessian, where the manifold of the start has it
+    onset    F (d, d) at an onset of rigidity, which deformed the network as given to that of the springs
+    strain   γ of the path to that onset
     """
 
     springs: SpringState
@@ -44,6 +46,8 @@ class Beginning:
     part: bool = False
     note: str = ""
     pattern: FixedPattern | None = None
+    onset: Array | None = None
+    strain: float = 0.0
 
 
 @extensible

@@ -49,6 +49,9 @@ class StrainPath(Record):
     stress           Cauchy stress (1/V) Σ σ L⊗L, (n, d, d)
     elasticity       tensors of each state (`Elasticity`); empty without moduli or tensors, and without a cell
     free_components  q (n, m) of the cell (1 + Σ q E) F(γ), free of stress (`Deformation.free`)
+    total_strains    (n,) strains of the network as given where the path starts from an onset: F(γ_total) = F(γ) F(γ_c),
+                     NaN where the deformation has no such strain, as along another one than that of the onset; of any
+                     other start the strains themselves
 
     Networks without a cell have no volume: their moduli and stresses are those of V = 1.
     """
@@ -72,6 +75,7 @@ class StrainPath(Record):
     stress: Array
     elasticity: tuple[Elasticity, ...]
     free_components: Array
+    total_strains: Array
 
 
 def check_strains(strains: ArrayLike, signed: bool = False, zero: bool = False) -> Array:
@@ -120,11 +124,12 @@ def strain_path(
 ) -> Solution[StrainPath]:
     """Deform springs from an equilibrium through strains γ away from zero, relaxing and measuring at each.
 
-    b → F(γ) b, with γ positive and increasing or negative and decreasing.  Each step starts from the last state,
-    extrapolated by the last states and their linear responses.  A step that fails, or may have left its branch of
-    equilibria, is halved, down to 2⁻¹⁶ of the strain interval, and steps grow again after that; where even the smallest
-    leaves the branch the path ends with `Status.unstable`.  An equilibrium of a convex law without compressed springs
-    is unique and the global minimum, so its branch is not checked.
+    b → F(γ) b, with γ positive and increasing or negative and decreasing.  Strains count from the start: from an onset
+    at γ_c the network as given is deformed by F(γ) F(γ_c), and `total_strains` are its strains.  Each step starts from
+    the last state, extrapolated by the last states and their linear responses.  A step that fails, or may have left its
+    branch of equilibria, is halved, down to 2⁻¹⁶ of the strain interval, and steps grow again after that; where even
+    the smallest leaves the branch the path ends with `Status.unstable`.  An equilibrium of a convex law without
+    compressed springs is unique and the global minimum, so its branch is not checked.
 
     start              a critical configuration, also of a tissue, a state of springs in equilibrium, such as
                        `spring_state` or a state of another path, or a solution with one.  A configuration that knows
@@ -167,7 +172,7 @@ def strain_path(
     unknowns = unknowns_of(springs, path, gamma, pattern, method, options.tolerance)
     has_moduli = measure != "energy" and network.has_volume and network.dimension > 1
     problem = PathProblem(network, path, pattern, unknowns, method == "newton", measure, has_moduli)
-    result = _solution(problem, method, gamma, _follow(problem, first, gamma), first.note)
+    result = _solution(problem, method, gamma, _follow(problem, first, gamma), first)
     return result.or_raise("the strain path stopped") if throw else result
 
 
@@ -183,21 +188,28 @@ def _follow(problem: PathProblem, first: Beginning, gamma: Array) -> list[Interv
 
 
 def _solution(
-    problem: PathProblem, method: str, gamma: Array, reached: list[Interval], note: str
+    problem: PathProblem, method: str, gamma: Array, reached: list[Interval], first: Beginning
 ) -> Solution[StrainPath]:
     """The path up to the last strain that was reached, with the status of the last step."""
-    path, last = _assembled(problem, gamma, reached), reached[-1]
+    path, last = _assembled(problem, gamma, reached, first), reached[-1]
     stats = Stats(
         method,
         int(path.steps.sum()),
         residual=float(np.max(path.max_force[: len(path.states)], initial=0.0)),
         error_bound=float(np.nanmax(path.coordinate_error[: len(path.states)], initial=0.0)),
     )
-    note = note if last.end.ok else f"at strain {last.target:g}, {last.end.note}"
+    note = first.note if last.end.ok else f"at strain {last.target:g}, {last.end.note}"
     return Solution(path, last.end.status, stats, note)
 
 
-def _assembled(problem: PathProblem, gamma: Array, reached: list[Interval]) -> StrainPath:
+def _total_strains(path: Deformation, gamma: Array, first: Beginning) -> Array:
+    """Strains (n,) of the network as given, before an onset from which the strains γ count."""
+    if first.onset is None:
+        return gamma
+    return np.array([path.strain_of(path.gradient(one) @ first.onset, first.strain + one) for one in gamma.tolist()])
+
+
+def _assembled(problem: PathProblem, gamma: Array, reached: list[Interval], first: Beginning) -> StrainPath:
     """The path of all strains, of which only the last one tried may have failed."""
     n, d, m = len(gamma), problem.deformation.dimension, len(problem.deformation.free)
     ends = [interval.end for interval in reached if interval.end.ok]
@@ -218,6 +230,7 @@ def _assembled(problem: PathProblem, gamma: Array, reached: list[Interval]) -> S
         inserted=inserted,
         states=tuple(end.state for end in ends),
         deformation=problem.deformation,
+        total_strains=_total_strains(problem.deformation, gamma, first),
         elasticity=tuple(end.moduli for end in ends if end.moduli and problem.measure == "tensors"),
         **measured,
     )

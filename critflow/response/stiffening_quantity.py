@@ -77,6 +77,11 @@ class Stiffening(SpringResponse):
         d = manifold.network.dimension
         return (3 / d - 2) * largest_value(manifold, dilation(d)), np.inf
 
+    def best_stress(self, manifold: CriticalManifold) -> Array | None:
+        """σ = k of the least C_B in the plane and in space, where B_0 is largest: C_B = (3/d − 2) B_0."""
+        least = not (self.maximise or self.of_shear or self.deformation is not None)
+        return manifold.network.stiffness if least and manifold.network.dimension > 1 else None
+
     def _growth(self, dimension: int) -> tuple[float, TransitionModulus]:
         """The growth of the volume, and the modulus that loses by it."""
         if self.of_shear:

@@ -20,7 +20,7 @@ from critflow.arguments import of_kind
 from critflow.linalg.factor import Factor, FixedPattern
 from critflow.linalg.matrices import block_laplacian, edge_blocks
 from critflow.linalg.tolerances import EPS
-from critflow.linalg.vectors import dot, norms, product
+from critflow.linalg.vectors import dot, norms, product, set_read_only
 from critflow.networks.checks import edge_values
 from critflow.networks.network import Array, Network, validated_coordinates
 from critflow.precision.double_double import Extended, less_squares, two_square
@@ -54,6 +54,9 @@ class SpringState(Record):
     coordinates: Array
     bond_vectors: Array
     law: SpringLaw = HOOKEAN
+
+    def __post_init__(self) -> None:
+        set_read_only(self, "rest_lengths", "coordinates", "bond_vectors")
 
     # Springs, one for each edge.
 
@@ -97,7 +100,9 @@ class SpringState(Record):
     @cached_property
     def sigma(self) -> Array:
         """Geometric stress σ = ∂E/∂h = τ/|L|, (N_b,), not normalised."""
-        return self.edge_tension(self.tension) / self.lengths
+        sigma = self.edge_tension(self.tension) / self.lengths
+        sigma.flags.writeable = False
+        return sigma
 
     def edge_tension(self, tension: Array) -> Array:
         """τ (N_b,) of tensions of the springs."""

@@ -22,8 +22,11 @@ OPENING = 1e-3  # displacements of floppy vertices that give collapsed slack edg
 
 @start_of.register
 def _(onset: CriticalStrain, law: SpringLaw | None, taut_only: bool) -> Beginning:
-    """The configuration at the onset."""
-    return start_of(onset.configuration, law, taut_only)
+    """The configuration at the onset, from which strains count."""
+    first = start_of(onset.configuration, law, taut_only)
+    counted = f"strains count from the onset at strain {onset.strain:.6g}: total_strains are those of the network given"
+    note = f"{first.note}; {counted}" if first.note else counted
+    return replace(first, note=note, onset=onset.deformation_gradient, strain=onset.strain)
 
 
 def cables_at_onset(critical: CriticalConfiguration, rest: Array, law: SpringLaw | None) -> Beginning:

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from critflow.critical.quantity import Quantity
-from critflow.extras.targets.problem import DesignOptions, DesignResult, Target, Variables
+from critflow.extras.targets.problem import DesignOptions, DesignResult, Target, Variables, require_all_valid
 from critflow.extras.targets.stresses import Stresses
 from critflow.extras.tissue.pressures import PressureBalance, PressureManifold, PressurisedConfiguration
 from critflow.networks.checks import edge_values
@@ -64,6 +64,7 @@ class StressesAndPressures(Variables):
         elastic = [target.name for target in targets if target.quantity.elastic]
         if elastic:
             raise InputError(f"{elastic[0]} is a response of springs, which pressures change: give lengths or areas")
+        require_all_valid(self, targets)
         return ""
 
     def designed(self, z: Array, quantities: Sequence[Quantity]) -> DesignResult:

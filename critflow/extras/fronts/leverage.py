@@ -24,7 +24,7 @@ from critflow.arguments import of_kind
 from critflow.calls import running
 from critflow.critical.edge_lengths import NO_LENGTH
 from critflow.critical.manifold import CriticalConfiguration, CriticalManifold
-from critflow.critical.quantity import Quantity
+from critflow.critical.quantity import Quantity, require_valid
 from critflow.critical.vocabulary import quantity
 from critflow.extras.targets.stress_form import stress_form
 from critflow.linalg.factor import Factor
@@ -96,6 +96,7 @@ def edge_leverage(critical: CriticalConfiguration, name: str | Quantity = "B_0")
     name = of_kind(str, Quantity, name=name)
     network, sigma = critical.network, critical.sigma
     measured = quantity(network, name)
+    require_valid(measured, critical)
     if not (sigma != 0).all():
         raise InputError("some edges have no stress: use the configuration of the taut part")
     manifold = critical.manifold

@@ -23,7 +23,7 @@ from critflow.critical.edge_lengths import COLLAPSING, SOUND
 from critflow.critical.manifold import Balance, CriticalConfiguration, CriticalManifold, require_one_self_stress
 from critflow.critical.vocabulary import quantity
 from critflow.extras.targets.constrained import Minimum, Point, minimise_constrained
-from critflow.extras.targets.problem import POWERS, Target, edge_limits, parse_targets
+from critflow.extras.targets.problem import POWERS, Target, edge_limits, parse_targets, require_all_valid
 from critflow.extras.targets.stress_form import same
 from critflow.extras.targets.stresses import Stresses
 from critflow.linalg.vectors import norms
@@ -31,9 +31,10 @@ from critflow.networks.network import Array, Network
 from critflow.optimisation.descent_end import FADED
 from critflow.result import InputError, Solution, Stats, Status
 
-FRONT_OPTIMAL = 2e-9  # gradient at which the search for a point ends, in units of the ends of the front
 FRONT_CERTIFIED = 1e-5  # largest relative residual of the first-order conditions of a certified point
 FRONT_FLAT = 1e-4  # gradients below this, in units of the ends, count as zero
+# Gradient at which the search for a point ends, in units of the ends: a fifth of what the certificate asks.
+FRONT_OPTIMAL = 0.2 * FRONT_CERTIFIED * FRONT_FLAT
 BETTER_END = 1e-3  # improvement of an end, in units of the ends, with which a front is computed again
 SAME_VALUE = 1e-12  # difference of values, in their natural units, that is rounding
 SAME_END = 1e-4  # relative difference of values below which both objectives have the same best configuration
@@ -44,6 +45,8 @@ _MOST_STEPS = 1000
 # Steps in which the position on the front must be reached.
 _RESTORING = 60
 _LONGEST = 1.0
+# Growth of steps from a start at which an objective curves away, as G_0 at equal stresses.
+_LONGER = 4.0
 # Change of log σ from the start to the second one.
 _SHAKEN = 0.3
 # Fronts that are computed at most, each from better ends.
@@ -122,6 +125,7 @@ def pareto(
         raise InputError(f"a front has at least its two ends, n = 2 points, not {n}")
     pair = _pair(manifold, objectives)
     stresses = Stresses(manifold, start, limits=edge_limits(manifold.network.n_edges, within or {}, tuple(POWERS)))
+    require_all_valid(stresses, pair)
     search = _Search(stresses, pair, max_steps)
     solution = _front(stresses, pair, search.points(n), search.units)
     return solution.or_raise("the front is not complete") if throw else solution
@@ -175,6 +179,7 @@ class _Weighted:
 
     def at(self, z: Array) -> Point:
         state, values, gradients = self._search.objectives(z)
+        rounding = self._search.rounding(values, self.weights)
         stresses, n = self._search.stresses, self.n_prescribed
         apart, along = (values[:1] - values[1:])[:n], (gradients[:1] - gradients[1:])[:n]
 
@@ -183,7 +188,7 @@ class _Weighted:
             return np.concatenate([along[indices[indices < n]], limits])
 
         constraints = np.concatenate([apart, stresses.limited(state)])
-        return Point(z, float(self.weights @ values), self.weights @ gradients, constraints, rows)
+        return Point(z, float(self.weights @ values), self.weights @ gradients, constraints, rows, rounding)
 
 
 class _Search:
@@ -201,6 +206,10 @@ class _Search:
         with np.errstate(all="ignore"):
             values, gradients = self.stresses.values(state, [one.quantity for one in self._pair])
         return state, (self._signs * values - self._ideal) / self.units, (self._signs / self.units)[:, None] * gradients
+
+    def rounding(self, values: Array, weights: Array) -> float:
+        """Rounding error of w·φ: that of the objectives, which are large in units of the ends if these are close."""
+        return SAME_VALUE * float(weights @ np.abs(values + self._ideal / self.units))
 
     def points(self, n: int) -> list[_Point]:
         """The front between the best ends that are known: a better end that a front contains begins another one."""
@@ -241,7 +250,8 @@ class _Search:
         starts  more of them for each end
         """
         self._ideal, self.units = np.zeros(2), self._natural
-        alone = [self._alone(weights, more) for weights, more in zip(((1.0, 0.0), (0.0, 1.0)), starts, strict=True)]
+        minima = [self._alone(weights, more) for weights, more in zip(((1.0, 0.0), (0.0, 1.0)), starts, strict=True)]
+        alone = [minimum.point.z for minimum in minima]
         values = np.array([self.objectives(z)[1] for z in alone]) * self.units
         spread = np.diag(values[::-1]) - np.diag(values)
         if not (spread > SAME_END * np.abs(values).max(axis=0)).all():
@@ -251,6 +261,10 @@ class _Search:
                     _, edge, change = leaving
                     best = f"{_BEST[target.sense]} {target.name}"
                     raise InputError(f"there is no {best}: it has no limit as edge {edge} {change}; {_LIMIT_EDGES}")
+            for minimum, target in zip(minima, self._pair, strict=True):
+                if minimum.status is Status.step_limit:
+                    best = f"{_BEST[target.sense]} {target.name}"
+                    raise InputError(f"the {best} is not reached: raise max_steps, {self._max_steps} here")
             raise InputError("both objectives have the same best configuration: change one")
         self._ideal, self.units = np.diag(values).copy(), spread
         weights = ((1 - END_WEIGHT, END_WEIGHT), (END_WEIGHT, 1 - END_WEIGHT))
@@ -286,17 +300,19 @@ class _Search:
         """The best value that the objective can have."""
         return float(target.quantity.extreme(self.stresses.manifold, True)[target.sense < 0])
 
-    def _alone(self, weights: tuple[float, float], more: list[Array]) -> Array:
-        """The best z of one objective, from the start, where B_0 and C_B may be stationary, one near it, and more."""
+    def _alone(self, weights: tuple[float, float], more: list[Array]) -> Minimum:
+        """The best point of one objective: from the start, where B_0 and C_B may be stationary, near it, and more."""
         origin, problem = self.stresses.origin, _Weighted(self, weights)
         shaken = origin + _SHAKEN * np.random.default_rng(0).standard_normal(len(origin))
         minima = [self._minimum(problem, start) for start in (origin, shaken, *more)]
         values = np.array([end.point.value if end.reached else np.inf for end in minima])
         # The first of several that differ by rounding only, which would choose another one in other units.
-        return minima[int(np.argmax(values <= values.min() + SAME_VALUE))].point.z
+        return minima[int(np.argmax(values <= values.min() + SAME_VALUE))]
 
     def _minimum(self, problem: _Weighted, start: Array) -> Minimum:
-        return minimise_constrained(problem, start, FRONT_OPTIMAL, _LONGEST, self._max_steps, restoring=_RESTORING)
+        return minimise_constrained(
+            problem, start, FRONT_OPTIMAL, _LONGEST, self._max_steps, restoring=_RESTORING, growth=_LONGER
+        )
 
     def _point(self, problem: _Weighted, start: Array) -> _Point:
         minimum, weights = self._minimum(problem, start), problem.weights.copy()

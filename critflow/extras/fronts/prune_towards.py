@@ -24,6 +24,7 @@ from critflow.arguments import generator, of_kind
 from critflow.calls import running, tell
 from critflow.critical.edge_lengths import NO_LENGTH
 from critflow.critical.manifold import CriticalConfiguration, CriticalManifold
+from critflow.critical.quantity import require_valid
 from critflow.extras.fronts.leverage import Mask, value_of_part, values_after
 from critflow.extras.targets.problem import Target, parse_targets
 from critflow.extras.targets.stress_form import stress_form
@@ -94,6 +95,7 @@ def prune_towards(
     if isinstance(critical, Network):
         critical = CriticalManifold(critical).configuration(critical.stiffness)
     target = _target_of(critical, targets, cuts)
+    require_valid(target.quantity, critical)
     search, limit = _Search(critical, target), critical.network.n_edges if cuts is None else cuts
     near, status, note = tolerance * target.low, Status.ok, ""
     state = _followed(search, limit, seed, near)

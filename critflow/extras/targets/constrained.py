@@ -59,6 +59,8 @@ class Point:
     gradient: Array
     constraints: Array
     rows: Callable[[NDArray[np.intp]], Array] = field(repr=False)
+    # Rounding error of the value, where a difference has removed digits.
+    rounding: float = 0.0
 
 
 class Problem(Protocol):
@@ -131,10 +133,10 @@ class _Working:
 class _Metric:
     """H, the inverse of a limited-memory BFGS matrix: products with vectors (N,) or rows (n, N)."""
 
-    def __init__(self, first: First | None, n_unknowns: int):
+    def __init__(self, first: First | None, n_unknowns: int, growth: float = 1.0):
         longest = _LONG_MEMORY if n_unknowns <= _FEW else _MEMORY
         self._pairs: deque[tuple[Array, Array, float]] = deque(maxlen=longest)
-        self._first, self._scale = first, 1.0
+        self._first, self._scale, self._growth = first, 1.0, growth
         self._product: Product | None = None
 
     def at(self, z: Array) -> Self:
@@ -147,6 +149,9 @@ class _Metric:
         if curvature > CURVED * float(np.linalg.norm(s) * np.linalg.norm(y)):
             self._pairs.append((s, y, 1 / curvature))
             self._scale = curvature / float(y @ (y if self._product is None else self._product(y)))
+        elif not self._pairs:
+            # Downwards without an end in sight: no pair says how far, so that steps become longer.
+            self._scale *= self._growth
 
     def forget(self) -> bool:
         """Forget all pairs; whether there were any."""
@@ -175,6 +180,7 @@ def minimise_constrained(
     max_steps: int,
     first: First | None = None,
     restoring: int | None = None,
+    growth: float = 1.0,
 ) -> Minimum:
     """A local minimum from a start (N,).
 
@@ -182,11 +188,12 @@ def minimise_constrained(
     longest    largest change of a component in one step
     first      at z, products of rows (n, N) with the first inverse Hessian, the unit matrix by default
     restoring  steps in which the constraints must be satisfied first, all by default
+    growth     of each step while the function curves downwards from the start on
 
     `Status.not_reached` where the violation cannot be reduced to first order, `Status.step_limit` and `Status.stalled`
     for the objective: the constraints are then satisfied.
     """
-    metric, search = _Metric(first, len(start)), _Search(problem, longest)
+    metric, search = _Metric(first, len(start), growth), _Search(problem, longest)
     point = feasible = search.restored(
         problem.at(start), metric, max_steps if restoring is None else min(max_steps, restoring)
     )
@@ -270,10 +277,22 @@ class _Search:
             if not self._merit(moved) <= acceptable and np.isfinite(self._merit(moved)):
                 # Curvature of the constraints may hide a decrease: return towards their surface.
                 moved = self.restored(moved, metric, _RESTORING)
-            if self._merit(moved) <= acceptable:
+            if self._merit(moved) <= acceptable or self._nearer(point, step, moved, part):
                 return moved
             part *= 0.3
         return None
+
+    def _nearer(self, point: Point, step: _Step, moved: Point, part: float) -> bool:
+        """Whether a point whose value differs by rounding only is nearer to a stationary one, by the gradients.
+
+        Along the step the derivative of the Lagrangian is then smaller in size (Hager and Zhang, 2005).
+        """
+        if not (moved.rounding > 0 and self._merit(moved) <= self._merit(point) + moved.rounding):
+            return False
+        working = step.working
+        rows = working.sign[:, None] * moved.rows(working.indices)
+        before = (point.gradient + step.multipliers @ working.rows) @ step.d
+        return bool(abs((moved.gradient + step.multipliers @ rows) @ step.d) <= 0.8 * abs(before))
 
     def _merit(self, point: Point) -> float:
         return point.value + self.penalty * float(np.abs(_beyond(self.problem, point)).sum())

@@ -23,7 +23,14 @@ from critflow.critical.manifold import CriticalConfiguration, CriticalManifold
 from critflow.critical.quantity import Quantity, StressedBonds
 from critflow.critical.vocabulary import quantity
 from critflow.extras.targets.constrained import Minimum, Problem, minimise_constrained
-from critflow.extras.targets.problem import DesignOptions, DesignResult, EdgeLimits, Target, Variables
+from critflow.extras.targets.problem import (
+    DesignOptions,
+    DesignResult,
+    EdgeLimits,
+    Target,
+    Variables,
+    require_all_valid,
+)
 from critflow.extras.targets.refusals import BOUND_ROUNDING, NOT_STIFFEST
 from critflow.linalg.vectors import dot
 from critflow.networks.network import Array
@@ -130,6 +137,7 @@ class FaceAmplitudes(Variables):
 
     def refusal(self, targets: Sequence[Target]) -> str:
         """A sentence where a closed form excludes the target of C_B, else an empty string."""
+        require_all_valid(self, targets)
         target = next((target for target in targets if target.quantity.name == "C_B" and not target.sense), None)
         if target is None:
             return ""

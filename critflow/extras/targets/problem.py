@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from critflow.arguments import of_kind
 from critflow.critical.manifold import Balance
-from critflow.critical.quantity import Quantity
+from critflow.critical.quantity import Quantity, own, require_valid
 from critflow.critical.vocabulary import quantity
 from critflow.extras.targets.constrained import Minimum, Point, Problem, minimise_constrained
 from critflow.extras.targets.stress_form import same
@@ -280,6 +280,14 @@ class Variables(ABC):
     def search(self, problem: Problem, tolerance: float, max_steps: int) -> Minimum:
         """The end of the search for the targets."""
         return minimise_constrained(problem, self.origin, tolerance, self.longest, max_steps)
+
+
+def require_all_valid(variables: Variables, targets: Sequence[Target]) -> None:
+    """Raise `InputError` where `evaluate` of a class of the user does not return what it must, at the start."""
+    if not all(own(target.quantity) for target in targets):
+        state = variables.at(variables.origin)
+        for target in targets:
+            require_valid(target.quantity, state)
 
 
 class Preference(NamedTuple):

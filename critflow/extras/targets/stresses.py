@@ -11,7 +11,15 @@ from numpy.typing import ArrayLike, NDArray
 from critflow.critical.manifold import Balance, CriticalConfiguration, CriticalManifold, require_one_self_stress
 from critflow.critical.quantity import Quantity
 from critflow.extras.targets.constrained import Minimum, Problem, minimise_constrained
-from critflow.extras.targets.problem import POWERS, DesignOptions, DesignResult, EdgeLimits, Target, Variables
+from critflow.extras.targets.problem import (
+    POWERS,
+    DesignOptions,
+    DesignResult,
+    EdgeLimits,
+    Target,
+    Variables,
+    require_all_valid,
+)
 from critflow.extras.targets.refusals import limiting_stress, refusal_of
 from critflow.networks.checks import edge_values
 from critflow.networks.network import Array
@@ -122,6 +130,7 @@ class Stresses(Variables):
     def refusal(self, targets: Sequence[Target]) -> str:
         if any(target.quantity.one_self_stress for target in targets):
             require_one_self_stress(self.manifold.network)
+        require_all_valid(self, targets)
         self._targets = list(targets)
         return refusal_of(self.manifold, targets, self.positive)
 

@@ -23,6 +23,7 @@ from critflow.critical.manifold import CriticalManifold, ForceBalance
 from critflow.linalg.factor import Entries, Factor, FixedPattern
 from critflow.linalg.matrices import end_pairs, free_ends
 from critflow.linalg.tolerances import EPS
+from critflow.linalg.vectors import set_read_only
 from critflow.networks.checks import edge_values
 from critflow.networks.faces import Faces
 from critflow.networks.network import Array, Network
@@ -52,6 +53,9 @@ class PressurisedConfiguration(Record):
     bond_vectors: Array
     error_bound: float = np.nan
     alone: ClassVar[str] = "it is in balance under pressures, which this call does not contain"
+
+    def __post_init__(self) -> None:
+        set_read_only(self, "sigma", "pressures", "coordinates", "bond_vectors")
 
     @cached_property
     def lengths(self) -> Array:

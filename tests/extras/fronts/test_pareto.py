@@ -128,7 +128,7 @@ def test_the_front_of_a_soft_network_is_that_of_a_stiff_one(stiff_and_equal):
 
 
 def test_the_reason_of_an_incomplete_front_names_its_own_arguments():
-    with pytest.raises(SolveError, match=r"give another start|raise max_steps") as caught:
+    with pytest.raises(SolveError, match=r"give another start|raise max_steps|within=") as caught:
         pareto(voronoi_network(100, seed=7), ["B_0", "G_0"], 2)
     assert "method" not in str(caught.value)
 

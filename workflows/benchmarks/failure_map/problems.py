@@ -143,8 +143,9 @@ class SlackProblem(Problem):
         whole = critical_configuration(self.network, sigma, np.concatenate([taut.coordinates, tied]))
         errors = np.full(self.network.n_edges, np.nan)
         # The bond vectors have more digits than differences of coordinates.
-        whole.bond_vectors[:n], errors[:n] = taut.bond_vectors, taut.bond_errors
-        return replace(whole, bond_errors=errors)
+        L = whole.bond_vectors.copy()
+        L[:n], errors[:n] = taut.bond_vectors, taut.bond_errors
+        return replace(whole, bond_vectors=L, bond_errors=errors)
 
 
 @dataclass(frozen=True)
