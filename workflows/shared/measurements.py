@@ -190,12 +190,8 @@ def fitted(strains, moduli, window):
     return coefficients[0], np.sqrt(covariance[0, 0])
 
 
-def table(planar):
-    """Names, dimensions, types, units and meanings of the stored variables; shapes of faces in the plane only."""
-    member, each = ("population", "seed"), ("population", "seed", "strain")
-    # CF has no unit of stiffness: quantities in units of k are dimensionless, and their long names contain the unit.
-    in_k = ", in units of k"
-    of_modulus = in_k if planar else ", in units of k per length"
+def _growths(of_modulus):
+    """Names and meanings of the exact and the fitted coefficients; `of_modulus` is the text on their unit."""
     growths = {}
     for name, modulus in (
         ("C_B", "bulk modulus"),
@@ -207,6 +203,15 @@ def table(planar):
         growths[f"{name}_fit_standard_error"] = (
             f"scatter of the {modulus} about this line, as its standard error{of_modulus}"
         )
+    return growths
+
+
+def table(planar):
+    """Names, dimensions, types, units and meanings of the stored variables; shapes of faces in the plane only."""
+    member, each = ("population", "seed"), ("population", "seed", "strain")
+    # CF has no unit of stiffness: quantities in units of k are dimensionless, and their long names contain the unit.
+    in_k = ", in units of k"
+    of_modulus = in_k if planar else ", in units of k per length"
     shapes = {
         "kappa_phys": "mean shape anisotropy of the faces",
         "kappa_force": "mean shape anisotropy of the force triangles",
@@ -235,7 +240,7 @@ def table(planar):
     yield from outcomes(each, path_status="outcome of the strain step")
     yield from numbers(
         member,
-        **growths,
+        **_growths(of_modulus),
         V_L="variance of the lengths over their squared mean, V_L",
         V_tau="variance of the tensions over their squared mean, V_τ",
         **shapes if planar else {},

@@ -167,7 +167,7 @@ def test_a_dataset_shows_its_cases(data, dataset):
 def test_filters_of_a_dataset(data):
     found = data.dataset
     assert found.variables(Filter()) == ("B_0", "C_B")
-    assert {s["label"] for s in found.points(Filter())} == {"max B₀", "random σ"}
+    assert {s["label"] for s in found.points(Filter())} == {"max B_0", "random σ"}
     assert found.description()["statuses"] == {"ok": 4}
     assert found.mask(Filter(status="floppy")).sum() == 0 and found.points(Filter(status="floppy")) == []
     plane = header(data, do="filter", x="C_B", y="G_0")["plane"]
