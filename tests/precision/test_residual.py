@@ -19,7 +19,7 @@ def test_displacement_to_the_balance_of_a_constant_stress(name, size):
     network = NETWORKS[name]()
     sigma = random_stress(network.n_edges, 1)
     manifold = CriticalManifold(network)
-    x = manifold.configuration(sigma).coordinates
+    x = manifold.configuration(sigma).coordinates.copy()
     x[network.free] += size * np.random.default_rng(2).standard_normal((len(network.free), network.dimension))
     found = exact_displacement(network, x, lambda _: sigma, manifold.prestress.factorize(sigma).solve)
     exact = reference.configuration(network, sigma).coordinates[network.free]
