@@ -47,7 +47,7 @@ def test_remainder_contains_the_rounding_of_the_tensions(gamma):
 def balanced():
     """A network with its prestress matrix, a stress and the coordinates that it balances."""
     manifold, sigma = CriticalManifold(voronoi_network(40, seed=1)), random_stress(60, 1)
-    return manifold.network, manifold.prestress, sigma, manifold.configuration(sigma).coordinates
+    return manifold.network, manifold.prestress, sigma, manifold.configuration(sigma).coordinates.copy()
 
 
 def test_corrections_that_do_not_shrink_have_no_bound():
