@@ -446,8 +446,8 @@ def _of_limits(ds):
             "measured",
         ),
         Claim(
-            "allostery-path", "stress near the lines from the source to its targets: ratio of the mean of ln σ there to "
-            "elsewhere, and alignment of the tensions with the lines, medians of designs without limits", "",
+            "allostery-path", "stress within one spacing of the lines from the source to its targets: ratio of its "
+            "geometric mean to that elsewhere, and alignment of the tensions with the lines; medians", "",
             "; ".join(_path(ds, n, load) for n, load in enumerate(loads)), "measured",
         ),
     ]  # fmt: skip
