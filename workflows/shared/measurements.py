@@ -213,8 +213,8 @@ def table(planar):
     in_k = ", in units of k"
     of_modulus = in_k if planar else ", in units of k per length"
     shapes = {
-        "kappa_phys": "mean shape anisotropy of the faces",
-        "kappa_force": "mean shape anisotropy of the force triangles",
+        "kappa_phys": "mean shape anisotropy of the faces, λ the eigenvalues of the gyration tensor",
+        "kappa_force": "mean shape anisotropy of the force triangles, λ likewise",
     }
     yield from NETWORK
     yield from numbers(
