@@ -63,7 +63,7 @@ def case(parameters, *, seed, population, wanted):
 def check(parameters, axes):
     """Refuse settings that could only fail, before anything runs."""
     check_strains(parameters["strains"])
-    check_positive(parameters, "threshold", "spread", "hard_core", "fit_window")
+    check_positive(parameters, "threshold", "spread", "hard_core", "fit_window", "fit_degree")
     check_deformation(parameters["deformation"])
     if network := own_network(parameters):
         check_own(network)
@@ -273,6 +273,7 @@ study = Study(
         "spread": 0.3,
         "strains": decimals("0.001:0.010:0.001"),
         "fit_window": 0.01,
+        "fit_degree": 1,
         "deformation": "dilation",
         "network": "",
     },

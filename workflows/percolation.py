@@ -209,9 +209,7 @@ def percolation_figure(ds):
         axes.legend(fontsize=8.5, frameon=False, loc="upper right", bbox_to_anchor=(1, 0.95))
     figure.axes[0].set_ylabel("networks with every edge stressed")
     lettered(*figure.axes)
-    figure.suptitle(
-        "Full percolation of stress is lost at smaller spreads in larger networks, in both boxes", fontsize=11
-    )
+    figure.suptitle("Every edge is stressed up to a spread that falls with the size, in both boxes", fontsize=11)
     return figure
 
 
