@@ -1,7 +1,8 @@
 "use strict";
 // The page draws what the server sends and reports what the user does; every number is text from the server.
 const get = (id) => document.getElementById(id),
-  token = document.body.dataset.token;
+  // What stands behind the # stays in the browser: no server and no log sees it in an address.
+  token = location.hash.slice(1);
 const LABELS = {
   B_0: "B₀",
   G_0: "G₀",
@@ -72,6 +73,7 @@ const HELP = {
   edge: "Pick an edge, or type its number.",
   face: "Every edge keeps its direction and tension, so B₀ stands still.",
 };
+const STOPPED = "The server has stopped: start critflow explore again. The picture here no longer changes.";
 const SLOW =
   "This network is large: at 10,000 vertices a change takes about 0.2 s, errors half a second more, and counts another second.";
 window.latencies = [];
@@ -100,18 +102,28 @@ function change(...values) {
   send({ do: "change", change: values });
 }
 
-function connect() {
+// A request with the token; the sentence of the reply, or of its failure, in `text()`.
+function ask(path, given = {}) {
+  return fetch(path, { ...given, headers: { Authorization: `Bearer ${token}` } }).catch(() => ({
+    ok: false,
+    text: async () => STOPPED,
+  }));
+}
+async function connect() {
   const tab = sessionStorage.getItem("tab") || "";
-  socket = new WebSocket(`ws://${location.host}/socket?token=${token}&tab=${encodeURIComponent(tab)}`);
+  const reply = await ask("token");
+  if (!reply.ok) {
+    say(await reply.text(), true);
+    if (reply.status !== 403) setTimeout(connect, 2000);
+    return;
+  }
+  socket = new WebSocket(`ws://${location.host}/socket?tab=${encodeURIComponent(tab)}`, ["critflow", token]);
   socket.binaryType = "arraybuffer";
   socket.onmessage = (event) => receive(event.data);
   socket.onclose = (event) => {
     waiting = false;
     queue = [];
-    say(
-      event.reason || "The server has stopped: start critflow explore again. The picture here no longer changes.",
-      true,
-    );
+    say(event.reason || STOPPED, true);
     document.body.dataset.connected = "no";
     rest();
     setTimeout(connect, 2000);
@@ -624,24 +636,16 @@ get("file").onchange = async () => {
   const chosen = [...get("file").files];
   if (!chosen.length) return;
   for (const file of chosen) {
-    const reply = await fetch(`upload?token=${token}&tab=${welcome.tab}&name=${encodeURIComponent(file.name)}`, {
-      method: "POST",
-      body: file,
-    }).catch(() => null);
-    if (!reply || !reply.ok) {
-      say(reply ? await reply.text() : "The file did not reach the server.", true);
-      return;
-    }
+    const name = encodeURIComponent(file.name);
+    const reply = await ask(`upload?tab=${welcome.tab}&name=${name}`, { method: "POST", body: file });
+    if (!reply.ok) return say(await reply.text(), true);
   }
   send({ do: "file", name: chosen[0].name, pins: get("pins").value, volume: get("volume").value });
   get("file").value = "";
 };
 async function save(name) {
-  const reply = await fetch(`export/${name}?token=${token}&tab=${welcome.tab}`).catch(() => null);
-  if (!reply || !reply.ok) {
-    say(reply ? await reply.text() : "The server has stopped.", true);
-    return;
-  }
+  const reply = await ask(`export/${name}?tab=${welcome.tab}`);
+  if (!reply.ok) return say(await reply.text(), true);
   const link = document.createElement("a");
   link.href = URL.createObjectURL(await reply.blob());
   link.download = /filename="(.+)"/.exec(reply.headers.get("Content-Disposition"))[1];
@@ -652,8 +656,8 @@ async function save(name) {
 get("picture").onclick = () => save(`picture.${get("pictureformat").value}`);
 get("savenetwork").onclick = () => save(`network.${get("networkformat").value}`);
 async function showScript() {
-  const reply = await fetch(`export/script.py?token=${token}&tab=${welcome.tab}`).catch(() => null);
-  if (reply) {
+  const reply = await ask(`export/script.py?tab=${welcome.tab}`);
+  if (reply.ok) {
     get("script").textContent = await reply.text();
     get("script").hidden = false;
   }
@@ -689,9 +693,11 @@ get("theme").onchange = () => {
 
 // A reload finds its state under the name of the tab, which must be free by then.
 window.addEventListener("pagehide", () => {
+  if (!socket) return;
   socket.onclose = null;
   socket.close();
 });
 for (const id of ["network", "forces", "plane", "curve"]) observer.observe(get(id));
+window.addEventListener("hashchange", () => location.reload());
 dress();
 connect();
