@@ -12,7 +12,7 @@ from typing import Any
 from tornado.httpserver import HTTPServer
 from tornado.httputil import HTTPServerRequest
 from tornado.iostream import IOStream
-from tornado.web import HTTPError
+from tornado.web import Application, HTTPError
 
 # Connections without the token: the oldest is closed beyond this number, each after these seconds without a request.
 MOST_UNKNOWN, UNKNOWN_SECONDS = 32, 10.0
@@ -56,20 +56,24 @@ def _shown(request: HTTPServerRequest) -> str:
 
 
 class LimitedServer(HTTPServer):
-    """An HTTP server that reads no body and waits for no header longer than `UNKNOWN_SECONDS`, unless a handler allows.
-
-    A handler allows a body in `prepare`, after the token.
-    """
+    """An HTTP server that counts its connections; a handler allows a body in `prepare`, after the token."""
 
     connections: Connections
-
-    def initialize(self, *arguments: Any, connections: Connections, **options: Any) -> None:
-        """The constructor of a class of tornado that is configurable."""
-        self.connections = connections
-        limits = {"idle_connection_timeout": UNKNOWN_SECONDS, "body_timeout": BODY_SECONDS}
-        super().initialize(*arguments, **limits, max_body_size=_NO_BODY, max_buffer_size=_BUFFER, **options)
 
     def handle_stream(self, stream: IOStream, address: Any) -> None:
         """Serve a new connection."""
         self.connections.add(stream)
         super().handle_stream(stream, address)
+
+
+def limited_server(application: Application, connections: Connections) -> LimitedServer:
+    """The server of an application with all limits."""
+    server = LimitedServer(
+        application,
+        idle_connection_timeout=UNKNOWN_SECONDS,
+        body_timeout=BODY_SECONDS,
+        max_body_size=_NO_BODY,
+        max_buffer_size=_BUFFER,
+    )
+    server.connections = connections
+    return server

@@ -22,7 +22,7 @@ from tornado.httpserver import HTTPServer
 from tornado.web import Application, HTTPError, RequestHandler, stream_request_body
 from tornado.websocket import WebSocketClosedError, WebSocketHandler
 
-from critflow.extras.explore.connections import PROTOCOL, Connections, LimitedServer
+from critflow.extras.explore.connections import PROTOCOL, Connections, limited_server
 from critflow.extras.explore.datasets import Dataset
 from critflow.extras.explore.exports import network_file, picture_file
 from critflow.extras.explore.page import Page, Reply
@@ -317,7 +317,7 @@ def listening(explorer: Explorer, port: int = 0) -> tuple[HTTPServer, str]:
         raise EnvironmentFailure(
             f"port {port} cannot be used, {error.strerror}: choose another, or leave it out"
         ) from None
-    server = LimitedServer(application(explorer), connections=explorer.connections)
+    server = limited_server(application(explorer), explorer.connections)
     listener.setblocking(False)
     server.add_sockets([listener])
     return server, f"http://{LOOPBACK}:{listener.getsockname()[1]}/#{explorer.connections.token}"
