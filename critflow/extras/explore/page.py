@@ -176,7 +176,7 @@ class Page:
 
     def _opened(self) -> str:
         """The name of the source, and what it says about the positions of its file."""
-        return ": ".join(filter(None, (f"{self.session.source.title} is open", self.session.remark)))
+        return ". ".join(filter(None, (f"{self.session.source.title} is open", self.session.remark)))
 
     def _look(self, message: dict[str, Any]) -> str:
         """Nothing changes: a new tab, or one that was reloaded."""

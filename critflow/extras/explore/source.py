@@ -32,7 +32,7 @@ class Opening(NamedTuple):
 
     critical  the first configuration, from which changes start
     given     coordinates (N_v, d) of the file, where those of `critical` are others: shown until the first change
-    remark    what the two have to do with each other, in a sentence
+    remark    how far apart the two are, in sentences
     """
 
     model: Model
@@ -152,9 +152,10 @@ def _as_given(opening: Opening, imported: ImportedNetwork, start: str) -> Openin
         return opening
     change = f"which changes edges by up to {moved:.2g} of the mean edge length"
     if moved <= _RELAXED:
-        return opening._replace(remark=f"shown in {start}, {change}")
-    none = "" if imported.force_densities is not None else "without force densities, and not critical: "
-    remark = f"{none}shown as given, with springs at rest; the first change starts from {start}, {change}"
+        return opening._replace(remark=f"It is shown in {start}, {change}.")
+    none = "is not at" if imported.force_densities is not None else "has no force densities and is not at"
+    shown = f"It {none} a critical configuration, so it is shown as given, with springs at rest."
+    remark = f"{shown} The first change starts from {start}, {change}."
     return opening._replace(given=imported.positions, remark=remark)
 
 

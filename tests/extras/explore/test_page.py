@@ -175,8 +175,8 @@ def test_a_file_without_force_densities_is_shown_as_given(page, tmp_path):
     opened = header(page, do="file", name="t_edges.csv", volume="6")
     network = page.session.state.model.network
     # By hand: equal stress moves D from (3, 2), outside of the triangle, to (4/3, 1), and the mean length is 3.0.
-    assert not opened["error"] and "as given, with springs at rest" in opened["sentence"]
-    assert "from equal stress, which changes edges by up to 0.65 of" in opened["sentence"]
+    assert not opened["error"] and "shown as given, with springs at rest" in opened["sentence"]
+    assert "starts from equal stress, which changes edges by up to 0.65 of" in opened["sentence"]
     rows = {row["key"]: row for row in page.refine().header["numbers"]}
     expected = elasticity(network, network.positions).value
     assert float(rows["B"]["text"]) == pytest.approx(expected.bulk, rel=1e-12) and expected.bulk > 0
