@@ -1,4 +1,7 @@
-"""The API reference: the directive `layer` documents the public names of one folder of the scene, or of one extra.
+"""The API reference: a page for each function and class, and lists of them.
+
+The directive `layer` lists the names of one folder of the scene, or of one extra, with a line each; `names` lists all
+public names by the headings of the reference.  `entries.py` writes the page of each name.
 
 Docstrings are plain text.  Tables of two columns become definition lists, indented lines displayed equations, lines
 after `>>>` code, and `names` links: to a public name, or to the page that explains the equation of the paper with this
@@ -10,7 +13,7 @@ import re
 from enum import Enum
 from importlib import import_module
 from pathlib import Path
-from typing import ClassVar
+from typing import ClassVar, NamedTuple
 
 from docutils import nodes
 from docutils.parsers.rst import Directive
@@ -24,6 +27,9 @@ from workflows.pages.paper import EQUATIONS, printed
 
 ROW = re.compile(r"([^\s.]+(?:,? [^\s.]+){0,4}) {2,}(\S.*)")  # not two sentences
 THEORY = Path(__file__).parents[1] / "theory"
+REFERENCE = Path(__file__).parents[1] / "reference"
+ENTRIES = "entries"  # the folder of the pages of the names, in that of the reference
+BLOCK = re.compile(r"^(#+) (.+)$|^```\{layer\} (\w+)\n(?::first: (.*)\n)?([^`]*)```$", flags=re.M)
 PAGES = {equation.label: equation.page for equation in EQUATIONS}  # those that explain the equations
 FUNCTION = re.compile(r"(\w+): (\w+(?:\.\w+)*)")  # of a layer, in the tables of the theory
 CLASS = "   :members:\n   :member-order: bysource\n   :exclude-members: __init__, __new__\n"
@@ -121,29 +127,79 @@ def summary(paths: list[str]) -> str:
     return "\n".join([*rows, ""])
 
 
-class Layer(Directive):
-    """`layer NAME`: a table of the public names of the folder, then each of them, those of the option `first` before.
+class Listed(NamedTuple):
+    """A directive `layer` of the reference: its page, the heading above it, and the paths of its names in order."""
 
-    After the public names stand the classes that they return, the names of modules that the content lists as
-    MODULE.NAME, and those that the theory names.
+    page: str
+    heading: str
+    paths: list[str]
+
+
+def paths_of(layer: str, first: list[str], others: list[str]) -> list[str]:
+    """The names that the reference documents of a layer: those of `first`, the other public names, the classes that
+    they return, those that are listed as MODULE.NAME, and those that the theory names."""
+    public = public_names(layer)
+    paths = [f"critflow.{name}" for name in [*first, *public]]
+    paths += [path for path in results_of(public) if within(path.rpartition(".")[0], layer)]
+    paths += [f"{package_of(layer)}.{name}" for name in others]
+    return list(dict.fromkeys([*paths, *in_theory(layer)]))
+
+
+def listed() -> list[Listed]:
+    """All directives `layer` of the reference, in the order of its index."""
+    index = (REFERENCE / "index.md").read_text(encoding="utf-8")
+    pages = dict.fromkeys([*re.findall(r"\]\((\w+)\.md\)", index), "index"])
+    found = []
+    for page in pages:
+        heading = ""
+        for block in BLOCK.finditer((REFERENCE / f"{page}.md").read_text(encoding="utf-8")):
+            heading = block[2] or heading
+            if layer := block[3]:
+                found.append(Listed(page, heading, paths_of(layer, (block[4] or "").split(), block[5].split())))
+    return found
+
+
+def entry_of(path: str) -> str:
+    """The name of the page of a function or class: that of `critflow.NAME`, or MODULE.NAME in its package.
+
+    Files such as those of `quantity` and `Quantity` would be one on some disks.
     """
+    name = path.removeprefix("critflow.")
+    return f"{name}_class" if name != name.lower() and name.lower() in PUBLIC else name
+
+
+class Layer(Directive):
+    """`layer NAME`: a table of the names of a folder, with a line of each, and their pages in the contents."""
 
     required_arguments = 1
     has_content = True
     option_spec: ClassVar = {"first": str.split}
 
     def run(self):
-        layer, first = self.arguments[0], self.options.get("first", [])
-        public = public_names(layer)
-        names = [*first, *(name for name in public if name not in first)]
-        paths = [f"critflow.{name}" for name in names]
-        paths += [path for path in results_of(public) if within(path.rpartition(".")[0], layer)]
-        paths += [f"{package_of(layer)}.{name}" for name in " ".join(self.content).split()]
-        paths = list(dict.fromkeys([*paths, *in_theory(layer)]))
-        text = "\n".join(["````{eval-rst}", summary(paths), *map(autodoc, paths), "````"])
-        container = nodes.container()
-        self.state.nested_parse(StringList(text.splitlines(), source=f"layer {layer}"), 0, container)
-        return container.children
+        layer = self.arguments[0]
+        paths = paths_of(layer, self.options.get("first", []), " ".join(self.content).split())
+        pages = [f"   {ENTRIES}/{entry_of(path)}" for path in paths]
+        contents = [".. toctree::", "   :hidden:", "", *pages, ""] if pages else []
+        return parsed(self, "\n".join([summary(paths), *contents]))
+
+
+class Names(Directive):
+    """`names`: a table of the public names below each heading of the reference."""
+
+    def run(self):
+        parts = []
+        for page, heading, paths in listed():
+            if public := [path for path in paths if path.count(".") == 1]:
+                parts += [f".. rubric:: :doc:`{heading} <{page}>`", "", summary(public)]
+        return parsed(self, "\n".join(parts))
+
+
+def parsed(directive: Directive, text: str) -> list[nodes.Node]:
+    """The nodes of reStructuredText in a page of Markdown."""
+    container = nodes.container()
+    lines = StringList(["````{eval-rst}", *text.splitlines(), "````"], source=directive.name)
+    directive.state.nested_parse(lines, 0, container)
+    return container.children
 
 
 class FunctionLinks(SphinxTransform):
@@ -232,6 +288,7 @@ def shortened(app, what, name, thing, options, signature, returned):
 
 def setup(app):
     app.add_directive("layer", Layer)
+    app.add_directive("names", Names)
     app.add_transform(FunctionLinks)
     app.connect("autodoc-process-docstring", process)
     app.connect("autodoc-process-signature", shortened)
