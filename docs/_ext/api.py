@@ -11,6 +11,7 @@ label.  In the pages of the theory `folder: NAME` links to its entry; a folder i
 import inspect
 import re
 from enum import Enum
+from functools import cache
 from importlib import import_module
 from pathlib import Path
 from typing import ClassVar, NamedTuple
@@ -234,7 +235,7 @@ def restructured(lines: list[str]) -> list[str]:
         row = ROW.fullmatch(line)
         indent = len(line) - len(line.lstrip())
         if column and line and indent >= column:
-            made[-1] += " " + line.strip()
+            made[-1] += " " + escaped(line.strip())
             continue
         column = 0
         if row and row.start(1) == 0 and not line.rstrip().endswith("::"):
@@ -267,9 +268,19 @@ def escaped(line: str) -> str:
 def reference(name: str) -> str:
     if name in PAGES:
         return f":doc:`{printed(name)} </theory/{PAGES[name]}>`"
-    if name in PUBLIC:
-        return f":py:obj:`~critflow.{name}`"
+    head, _, member = name.partition(".")
+    path = documented().get(head)
+    if path and not member:
+        return f":py:obj:`~{path}`"
+    if path and member in vars(thing_at(path)):
+        return f":py:obj:`{name} <{path}.{member}>`"
     return f"``{name}``"
+
+
+@cache
+def documented() -> dict[str, str]:
+    """The path of each name with a page: no two pages have one name."""
+    return {path.rpartition(".")[2]: path for layer in listed() for path in layer.paths}
 
 
 def process(app, what, name, thing, options, lines):
@@ -281,7 +292,7 @@ def shortened(app, what, name, thing, options, signature, returned):
 
     def short(text):
         text = re.sub(r"TypeAliasForwardRef\('(\w+)'\)", r"\1", text or "")
-        return re.sub(r"ndarray\[tuple\[Any, \.\.\.\], dtype\[\w+\]\]", "Array", text)
+        return re.sub(r"[~\w.]*ndarray\[tuple\[[~\w.]*Any, \.\.\.\], [~\w.]*dtype\[[~\w.]+\]\]", "Array", text)
 
     return (short(signature), short(returned) or None) if signature else None
 

@@ -9,17 +9,18 @@ import re
 from functools import cache
 from pathlib import Path
 
-from api import ENTRIES, PUBLIC, REFERENCE, Listed, autodoc, entry_of, listed
+from api import ENTRIES, REFERENCE, Listed, autodoc, entry_of, listed
 from programs import DOCS, gallery_scripts, picture_of
 
 FOLDER = REFERENCE / ENTRIES
 PICTURES, LINKS = 2, 6  # at most, in an entry
+TAUGHT_FIRST = ("tutorial", "start")
 FENCED = re.compile(r"^```python(?: \S+)?\n(.*?)^```", flags=re.M | re.S)
 
 
 @cache
 def used_in(program: str) -> frozenset[str]:
-    """The public names that a program uses, as cf.NAME, call.NAME or by an import."""
+    """The public names that a program uses, as cf.NAME or by an import."""
     found = set(re.findall(r"\b(?:cf|critflow)\.(\w+)", program))
     for names in re.findall(r"from critflow[\w.]* import (\([^)]*\)|.*)", program):
         found |= set(re.findall(r"\w+", names))
@@ -37,7 +38,7 @@ def scripts() -> dict[Path, frozenset[str]]:
 def pages() -> dict[str, tuple[str, frozenset[str]]]:
     """The pages whose code is Python: their title, and the public names that they use."""
     found = {}
-    for page in sorted(DOCS.rglob("*.md")):
+    for page in sorted(DOCS.rglob("*.md"), key=lambda page: (page.stem not in TAUGHT_FIRST, -len(page.parts), page)):
         name = page.relative_to(DOCS).with_suffix("").as_posix()
         if name.startswith(("_build", "reference", "notebooks")):
             continue
@@ -54,7 +55,8 @@ def pictures_of(name: str) -> list[str]:
         title = ast.get_docstring(ast.parse(script.read_text(encoding="utf-8"))).partition("\n")[0]
         picture = Path(os.path.relpath(picture_of(script), FOLDER)).as_posix()
         target = f"../../gallery/index.html#{script.stem}"
-        lines += [f"   .. figure:: {picture}", f"      :target: {target}", f"      :alt: {title}", "", f"      {title}", ""]
+        lines += [f"   .. figure:: {picture}", f"      :target: {target}", f"      :alt: {title}"]
+        lines += ["", f"      {title}", ""]
     return [".. rubric:: In the gallery", "", ".. container:: pictures", "", *lines] if lines else []
 
 
@@ -67,9 +69,8 @@ def links_of(name: str) -> list[str]:
 def entry(path: str, place: Listed) -> str:
     """The text of the page of a function or class."""
     module, _, name = path.rpartition(".")
-    title = name if name in PUBLIC else ".".join(path.split(".")[-2:])
     lines = [
-        *(title, "=" * len(title), "", f"``from {module} import {name}``", ""),
+        *(name, "=" * len(name), "", f"``from {module} import {name}``", ""),
         *(autodoc(path), *pictures_of(name), *links_of(name)),
         f"Others of its kind: :doc:`{place.heading} </reference/{place.page}>`.",
     ]
