@@ -241,13 +241,14 @@ class Study:
     # Variables that a figure, an animation, "claims", "summary" or "verify" reads; all variables without an entry.
     needs: Mapping[str, Sequence[str]] = field(default_factory=dict)
     workers: int | None = None  # largest number of simultaneous cases: 1 if cases measure time
+    extras: Sequence[str] = ()  # of critflow that cases use without an import or a name in the study
     left_out: Sequence[Variable] = ()  # rows of the table that are not stored; set by `storing`
 
     def __post_init__(self) -> None:
         name = f"study {self.name!r}"
         valid = re.fullmatch(r"[A-Za-z0-9][A-Za-z0-9_-]*", self.name) is not None
         require(valid, f"study name {self.name!r} must be letters, digits, - and _")
-        for key in ("axes", "variables", "coordinates", "left_out"):
+        for key in ("axes", "variables", "coordinates", "extras", "left_out"):
             object.__setattr__(self, key, tuple(getattr(self, key)))
         parameters = {key: _plain_parameter(key, value) for key, value in self.parameters.items()}
         object.__setattr__(self, "parameters", parameters)
