@@ -90,6 +90,12 @@ class Axis:
         """A number of values with their noun, as in "3 networks"."""
         return plural(number, self.noun) if self.noun else f"{number} {self.name if number == 1 else self.key}"
 
+    def place(self, value: Any) -> tuple[int, str]:
+        """Where a value stands in order: words as they are declared, and behind them former ones."""
+        if not self.is_words:
+            return (value, "")
+        return (list(self.values).index(value) if value in self.values else len(self.values), value)
+
     def ordered(self, values: Iterable[Any]) -> tuple:
         """Values of this axis in the order of every dataset: numbers increase, words are in the declared order."""
         return tuple(sorted(values, key=list(self.values).index if self.is_words else None))
