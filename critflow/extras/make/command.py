@@ -67,9 +67,7 @@ def make(
     if not np.isfinite(critical.coordinates).all():
         return 3
     if isinstance(solution, Design) and not solution.reached:
-        print(
-            "  nothing is written, since the targets are not reached: change them, or give limits LOW:HIGH"
-        )
+        print("  nothing is written, since the targets are not reached: change them, or give limits LOW:HIGH")
         return 3
     print(f"  {certificate_text(critical, title, solution.status)}")
     write_network(critical, out)
