@@ -71,7 +71,7 @@ def test_the_scatter_about_a_line_is_no_error_and_the_error_bar_of_a_parabola_co
         assert defined.sum() >= 20
         off, bar = (parabola[f"{name}_fit{part}"].values[defined] for part in ("_deviation", "_standard_error"))
         assert (np.abs(off) < bar).all()
-        assert (np.abs(off) < np.abs(dataset[f"{name}_fit_deviation"].values[defined])).all()
+        assert np.median(np.abs(off)) < 0.2 * np.median(np.abs(dataset[f"{name}_fit_deviation"].values[defined]))
         line = dataset[f"{name}_fit_deviation"] / dataset[f"{name}_fit_standard_error"]
         assert 10 < np.abs(line).median() < 16
 

@@ -16,7 +16,7 @@ SETTINGS = {
     "design_topology": {"cuts=0": "positive", "cuts=24000": "smaller"},
     "ensemble": {
         **{"n_vertices=61": "even", "n_vertices=2": "even", "n_vertices=1000000000": "vertices"},
-        **{"hard_core=1.2": "", "strains=0": "", "threshold=0.0": "positive", "protocol=quick": "conic"},
+        **{"hard_core=1.2": "", "strains=0": "", "threshold=0.0": "positive"},
         **{"deformation=uniaxial_free": "simple_shear"},
     },
     "failure_map": {

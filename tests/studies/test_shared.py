@@ -88,7 +88,7 @@ def test_coordinates_of_short_edges_with_large_stresses_are_in_balance(ratio):
     stored = xr.Dataset(
         {
             "sigma": ("edge", critical.sigma),
-            "position": (("vertex", "axis"), critical.coordinates),
+            "position": (("vertex", "axis"), critical.coordinates.copy()),
             "edges": (("edge", "end"), network.edges),
             "offsets": (("edge", "axis"), network.offsets),
             "cell": (("cell_vector", "axis"), network.cell),

@@ -312,7 +312,7 @@ def _checks(one):
     tension = one.sigma.values * length
     yield from configuration(one)
     yield "tension", np.allclose(tension * 2 * area / np.sum(tension * length), one.tension, rtol=1e-9, atol=1e-12)
-    yield "B_0_affine", np.isclose(np.sum(length**2) / (4 * area), one.bulk_modulus_affine, rtol=1e-10)
+    yield "B_0_affine", np.isclose(np.sum(length**2) / (4 * area), one.B_0_affine, rtol=1e-10)
 
 
 def _parallel(one, origin):
