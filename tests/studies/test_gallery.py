@@ -38,7 +38,7 @@ def test_claims_change_their_verdict_with_the_arrays(dataset):
         ("flat_directions", "max_B_0", 2, "BulkModulusHessian"),
         ("G_0", "max_G_0_2", 0.1, "Networks-GHI"),
         ("tension", "random_stress_1", 1.1, "Networks"),
-        ("stressed_fraction", "random_lengths", 0.99, "Networks-JK-spread"),
+        ("stressed_fraction", "random_lengths", 0.99, "Networks-JK-random_lengths"),
     ):
         changed = dataset.copy(deep=True)
         changed[name].loc[{"panel": panel}] *= factor

@@ -193,10 +193,11 @@ def percolation_claims(ds, kind) -> Iterator[Claim]:
         if population in ds.population and len(fraction := of(ds, "stressed_fraction", population)):
             whole = int(np.sum(fraction == 1.0))
             yield Claim.tested(
-                f"percolation-{key}", f"random rest lengths of spread s = {parameters(ds)[key]:g} leave every edge "
-                "stressed", "full rigidity percolation",
+                f"percolation-{population}", f"{NAMES[population]} (s = {parameters(ds)[key]:g}) stress every edge",
+                "full rigidity percolation",
                 f"{whole} of {len(fraction)} networks; {described(100 * fraction, ' %')} of the edges",
-                whole == len(fraction), "edges are slack in the others: the cone program finds the global optimum",
+                whole == len(fraction),
+                "some edges are slack, or compressed where the state lies beyond the transition",
                 criterion="every network", sample=plural(len(fraction), "network"), kind=kind,
             )  # fmt: skip
 
