@@ -143,7 +143,7 @@ def design(
     try:
         parsed = parse_targets(network, kind.all_targets(network, targets))
     except InputError:
-        _require_targets(change, kind, targets)
+        _require_targets(change, targets)
         raise
     variables = kind.of(start, DesignOptions(network, change, prefer, within, signs, free, initial))
     refusal = variables.refusal(parsed)
@@ -170,7 +170,7 @@ def _checked(kind: type[Variables], start: Any, targets: Any, prefer: Any, max_s
     """The start, the preference and the limit of the steps, of the kinds that `design` takes."""
     start = of_kind(Network, CriticalManifold, CriticalConfiguration, *kind.starts, SpringState, start=start)
     if not isinstance(targets, Mapping):
-        raise InputError(f"targets are values by name, such as {{'B_0': 0.25}}, not {shown(targets)}")
+        raise InputError(f"targets must be a Mapping of values by name, such as {{'B_0': 0.25}}, not {shown(targets)}")
     prefer = of_kind(np.ndarray, str, CriticalConfiguration, prefer=prefer)
     max_steps = of_kind(int, max_steps=max_steps)
     if max_steps < 0:
@@ -178,13 +178,18 @@ def _checked(kind: type[Variables], start: Any, targets: Any, prefer: Any, max_s
     return start, prefer, max_steps
 
 
-def _require_targets(change: str, kind: type[Variables], targets: Mapping[Any, Any]) -> None:
+def change_of(targets: Mapping[Any, Any]) -> str:
+    """The change that alone has one of the targets, such as "stiffness" for "poisson"; "stress" without any."""
+    own = {name: change for change in _kinds() for name in _kind(change).own_targets}
+    return next((own[name] for name in targets if isinstance(name, str) and name in own), "stress")
+
+
+def _require_targets(change: str, targets: Mapping[Any, Any]) -> None:
     """Raise `InputError` for a target that only another change has."""
     for name in targets:
-        if isinstance(name, str) and name not in kind.own_targets:
-            for other in _kinds():
-                if name in _kind(other).own_targets:
-                    raise InputError(f"{name} is a target of change={other!r}, not of change={change!r}")
+        other = change_of({name: 0.0})
+        if other not in ("stress", change):
+            raise InputError(f"{name} is a target of change={other!r}, not of change={change!r}")
 
 
 def _kinds() -> list[str]:
