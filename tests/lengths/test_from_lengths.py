@@ -73,9 +73,9 @@ def test_slack_edges_are_reported(name):
 
 @pytest.mark.parametrize(
     "n_vertices, spread, seed, tolerances",
-    [(100, 0.05, 0, []), (100, 0.1, 14, [1e-12]), (100, 0.3, 0, [1e-12]), (30, 0.0, 4, [1e-12])],
+    [(100, 0.05, 0, []), (100, 0.1, 14, []), (100, 0.3, 0, [1e-12]), (30, 0.0, 4, [])],
 )
-def test_the_cone_program_is_solved_for_slack_edges_only(monkeypatch, n_vertices, spread, seed, tolerances):
+def test_the_cone_program_is_solved_for_many_slack_edges_only(monkeypatch, n_vertices, spread, seed, tolerances):
     requested = []
 
     def fit(incidence, offsets, target, tolerance):
