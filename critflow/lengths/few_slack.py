@@ -1,8 +1,8 @@
 """A guess of the slack edges where they are few, by the iteration of `length_iteration` without acceleration.
 
-With f = log(|L|/ℓ) less its mean weighted by tension, each step multiplies σ by exp(ω f): taut edges approach f = 0 from
-both sides, and slack ones keep f < 0 while their stress decays.  Once no edge is much too long, those that are shorter
-by more than that count as slack, and Newton's method decides (`taut_set`).
+With f = log(|L|/ℓ) less its mean weighted by tension, each step multiplies σ by exp(ω f): taut edges approach f = 0
+from both sides, and slack ones keep f < 0 while their stress decays.  Once no edge is much too long, those that are
+shorter by more than that count as slack, and Newton's method decides (`taut_set`).
 """
 
 from __future__ import annotations
