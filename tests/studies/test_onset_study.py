@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-
 from workflows.onset import network_of
 
 STUDY = "onset"
