@@ -50,23 +50,26 @@ PANELS = {
 }
 # Up to this size growths have a linear axis, and larger ones a logarithmic one.
 LINEAR = 0.3
+# A shear modulus below is zero to rounding.
+VANISHING = 1e-7
 
 
 def response_figure(ds):
     """Moduli at the transition and their growth, of every population: a point a network."""
     figure = page(
         5.0,
-        "In space too the stiffest networks soften, and max $G_0$ alone has a shear modulus at the transition\n"
+        "In space too the stiffest networks soften, and max $G_0$ alone resists shear\n"
         f"({counted(ds)} of {ds.sizes['vertex']} vertices where four edges meet; bars: medians)",
     )
     names = [str(name) for name in ds.population.values]
-    shown = [LABELS[name].replace("random ", "random\n") for name in names]
+    shown = [LABELS[name].replace(" ", "\n", 1) for name in names]
     panels = figure.subplots(2, 2, sharex=True)
     for axes, (name, label) in zip(panels.flat, PANELS.items(), strict=True):
         values = ds[name].transpose("population", "seed").values
         _draw_points(axes, values)
         if name == "shear_modulus_0":
             axes.set_yscale("log")
+            _draw_vanishing(axes, values)
         elif name.startswith("C_"):
             axes.axhline(0.0, color="0.4", linewidth=0.8, zorder=0)
             if np.nanmax(np.abs(values)) > 3 * LINEAR:
@@ -90,6 +93,17 @@ def _draw_points(axes, values):
         axes.plot(place + shift, known, "o", color=colour, markersize=3, alpha=0.6, markeredgewidth=0)
         if len(known):
             axes.plot([place - 0.35, place + 0.35], [np.median(known)] * 2, color=colour, linewidth=2)
+
+
+def _draw_vanishing(axes, values):
+    """Numbers of values that are zero to rounding, which have no place on a logarithmic axis."""
+    for place, row in enumerate(values):
+        if n_vanishing := int(np.sum(row < VANISHING)):
+            axes.annotate(
+                f"{n_vanishing} at 0", (place, 0), (0, 12), xycoords=axes.get_xaxis_transform(), ha="center",
+                textcoords="offset points", fontsize=9, arrowprops={"arrowstyle": "->", "color": "0.3"},
+            )  # fmt: skip
+    axes.set_ylim(VANISHING, None)
 
 
 MEASURED = {

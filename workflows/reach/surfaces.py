@@ -78,14 +78,14 @@ def figure(ds):
         points = 100 * one.surface_point.values[n][order]
         style = {"color": COLOURS[n % len(COLOURS)], "label": LABELS[population], "linestyle": DASHES[n], "lw": 1.5}
         whole.plot(*points.T, **style)
-        taut.plot(angle, 100 * np.nanmean(ds.surface_taut.values[:, n], axis=0)[order], **style)
+        taut.plot(angle, 100 * ds.surface_taut[:, n].mean("seed").values[order], **style)
         if n == 0:
             normals = one.surface_normal.values[n][order]
             unit = normals / np.linalg.norm(normals, axis=1)[:, None]
             arrows = {"angles": "xy", "color": style["color"], "width": 0.003, "scale": 22, "headwidth": 4}
             whole.quiver(*points[::2].T, *unit[::2].T, **arrows)
     whole.plot(0, 0, "k+", markersize=8)
-    whole.annotate("floppy as made", (0, 0), (0, -12), textcoords="offset points", fontsize=9, ha="center")
+    whole.annotate("floppy", (0, 0), (0, -13), textcoords="offset points", fontsize=9, ha="center")
     whole.set(xlabel="pure shear $(F_{xx} - F_{yy})/2$  [%]", ylabel="dilation $(F_{xx} + F_{yy})/2 - 1$  [%]")
     whole.set_aspect("equal")
     whole.margins(0.06, 0.12)

@@ -41,7 +41,7 @@ MAPS = {
 }
 RIGHT = (Outcome.exact, Outcome.bounded, Outcome.tolerated)
 # Difficulties and quantities whose error and bound are drawn.
-SHOWN = (("small_strain", "linear_response"), ("near_singular", "transition_moduli"), ("short_edge", "stiffening"))
+SHOWN = (("contrast", "linear_response"), ("near_singular", "transition_moduli"), ("short_edge", "stiffening"))
 ULP = 2.0**-53
 WIDEST = 100.0
 

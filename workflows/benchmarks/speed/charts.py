@@ -47,7 +47,7 @@ def overview_figure(ds):
         # The panels, not their legends, share the width of the page.
         _legend(below, curves, default, styles).set_in_layout(False)
     sizes = " or ".join(f"{size:,}" for size in dict.fromkeys(size for size, _, _ in shown.values()))
-    _explain(figure, f"The default has the smallest error in the least time at $N_v$ = {sizes}")
+    _explain(figure, f"Error against time of every method at $N_v$ = {sizes}: lower left is better")
     return figure
 
 
@@ -132,7 +132,7 @@ def _legend(axes, curves, default, styles):
 
 def _explain(figure, first):
     figure.suptitle(
-        f"{first}\n(one network; lower left is better; dark blue: default, light blue: other methods,\n"
-        "dashed: other packages; processor time of one core, which other programs cannot lengthen)",
+        f"{first}\n(one network; dark blue: default, light blue: other methods of critflow,\n"
+        "dashed: other packages; processor time on one core)",
         fontsize=_TEXT + 1,
     )

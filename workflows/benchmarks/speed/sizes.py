@@ -68,11 +68,10 @@ def sizes_figure(ds):
     _draw_memory(by_memory, stages)
     lettered(*figure.axes)
     power, largest = fitted(stages, "configuration"), int(stages.n_vertices[-1])
+    made, taken = (duration(seconds(stages, name)[-1], 2) for name in ("generation", "configuration"))
+    growth = "" if np.isnan(power) else f", which grows as $N_v^{{{power:.2f}}}$"
     figure.suptitle(
-        f"One network of {largest:,} vertices is made in {duration(seconds(stages, 'generation')[-1], 2)}; a configuration takes "
-        f"{duration(seconds(stages, 'configuration')[-1], 2)}"
-        + ("" if np.isnan(power) else f", which grows as $N_v^{{{power:.2f}}}$"),
-        fontsize=TEXT + 1,
+        f"A network of {largest:,} vertices takes {made}, a configuration of it {taken}{growth}", fontsize=TEXT + 1
     )
     return figure
 
