@@ -54,7 +54,7 @@ def figure(ds):
     alone, pressed, _ = ds.amplification.values[:, :, first].T
     made, (axes,) = panels(
         1,
-        f"Tensions from a picture are {np.median(alone):.2g} times less accurate than its positions, "
+        f"Tensions have {np.median(alone):.2g} times the error of a picture's positions, "
         f"with pressures {np.median(pressed):.0f} times\n"
         f"({counted(ds)} of {parameters(ds)['n_vertices']} vertices: medians and 80 %)",
         height=3.3,
@@ -65,7 +65,7 @@ def figure(ds):
         axes.fill_between(noises, *np.quantile(error, [0.1, 0.9], axis=0), color=series(n)["color"], alpha=0.2)
     axes.loglog(noises, noises, ":", color="0.5", linewidth=0.8, label="error of the positions")
     axes.set(xlabel="error of the positions over the mean length", ylabel="relative error of σ")
-    axes.legend(fontsize=9, frameon=False, loc="upper left", labelspacing=0.25)
+    axes.legend(fontsize=9, frameon=False, loc="lower right", labelspacing=0.25)
     return made
 
 

@@ -62,7 +62,7 @@ def response_figure(ds):
         f"({counted(ds)} of {ds.sizes['vertex']} vertices where four edges meet; bars: medians)",
     )
     names = [str(name) for name in ds.population.values]
-    shown = [LABELS[name].replace(" ", "\n", 1) for name in names]
+    shown = [LABELS[name].replace("random", "rand.").replace(" ", "\n", 1) for name in names]
     panels = figure.subplots(2, 2, sharex=True)
     for axes, (name, label) in zip(panels.flat, PANELS.items(), strict=True):
         values = ds[name].transpose("population", "seed").values
