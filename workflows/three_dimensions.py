@@ -20,7 +20,7 @@ from .shared.checks import check_network, check_positive
 from .shared.figures import counted, lettered, page
 from .shared.measurements import identified, measured, table, verify
 from .shared.population_reports import described, of, summary
-from .shared.populations import LABELS, MEANING, NAMES, PAPER_POPULATIONS, configuration, prepared
+from .shared.populations import LABELS, MEANING, NAMES, PAPER_POPULATIONS, POPULATION_LABELS, configuration, prepared
 from .shared.reports import PAPER
 
 
@@ -28,7 +28,7 @@ def case(parameters, *, seed, population, wanted):
     """A critical configuration, and its moduli at the transition and along the strain path."""
     manifold = prepared(foam_network, parameters["n_vertices"], seed, parameters["hard_core"])
     # The least length variance of most foams is not attained: its limit is the optimum of the cone program.
-    method = "conic" if population == "length_variance" else "auto"
+    method = "conic" if population == "min_V_L" else "auto"
     found = configuration(manifold, parameters, seed, population, method)
     if not np.isfinite(found.value.coordinates).all():
         return identified(manifold.network, found)
@@ -43,10 +43,10 @@ def check(parameters, axes):
 
 
 PANELS = {
-    "bulk_modulus_0": "bulk modulus $B_0$  [k / length]",
-    "C_B_exact": "its growth $C_B$  [k / length]",
-    "shear_modulus_0": "shear modulus $G_0$  [k / length]",
-    "C_G_stress_corrected_exact": "its growth $C_G$, stress-corrected",
+    "B_0": "bulk modulus $B_0$  [k / length]",
+    "C_B": "its growth $C_B$  [k / length]",
+    "G_0": "shear modulus $G_0$  [k / length]",
+    "C_G_stress_corrected": "its growth $C_G$, stress-corrected",
 }
 # Up to this size growths have a linear axis, and larger ones a logarithmic one.
 LINEAR = 0.3
@@ -67,7 +67,7 @@ def response_figure(ds):
     for axes, (name, label) in zip(panels.flat, PANELS.items(), strict=True):
         values = ds[name].transpose("population", "seed").values
         _draw_points(axes, values)
-        if name == "shear_modulus_0":
+        if name == "G_0":
             axes.set_yscale("log")
             _draw_vanishing(axes, values)
         elif name.startswith("C_"):
@@ -107,13 +107,13 @@ def _draw_vanishing(axes, values):
 
 
 MEASURED = {
-    "bulk_modulus_0": "B_0 [k / length]",
-    "C_B_exact": "C_B [k / length]",
-    "shear_modulus_0": "G_0 of shear of x and y [k / length]",
-    "C_G_exact": "C_G, energy convention [k / length]",
-    "C_G_stress_corrected_exact": "C_G, stress-corrected [k / length]",
-    "length_variance": "V_L",
-    "tension_variance": "V_τ",
+    "B_0": "B_0 [k / length]",
+    "C_B": "C_B [k / length]",
+    "G_0": "G_0 of shear of x and y [k / length]",
+    "C_G": "C_G, energy convention [k / length]",
+    "C_G_stress_corrected": "C_G, stress-corrected [k / length]",
+    "V_L": "V_L",
+    "V_tau": "V_τ",
     "stressed_fraction": "part of the edges under tension",
 }
 
@@ -136,7 +136,7 @@ study = Study(
     references=f"{PAPER}, whose networks are planar",
     axes=(
         Axis("seed", range(20), "seed of the network", noun="network"),
-        Axis("population", PAPER_POPULATIONS, MEANING),
+        Axis("population", PAPER_POPULATIONS, MEANING, labels=POPULATION_LABELS),
     ),
     parameters={
         "n_vertices": 400,

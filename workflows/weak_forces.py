@@ -170,7 +170,7 @@ def figure(ds):
     middle.legend(fontsize=9, frameon=False, handlelength=1.2)
     _draw_exponents(right, ds, kappas)
     middle.set_ylim(None, 5 * middle.get_ylim()[1])
-    legend_below(made, left, 3)
+    legend_below(made, (left, right), 3)
     lettered(left, middle, right)
     return made
 
@@ -184,10 +184,6 @@ def _draw_exponents(axes, ds, kappas):
         mean, width = ds[name].mean("seed"), ds[name].std("seed")
         axes.errorbar(kappas, mean, width, label=label, capsize=2, markersize=4, **series(n))
         axes.axhline(exact, color=series(n)["color"], linewidth=0.8, linestyle=":")
-    axes.legend(
-        fontsize=9, frameon=False, loc="center left", bbox_to_anchor=(-0.03, 0.66), handlelength=1, labelspacing=0.1,
-        handletextpad=0.4,
-    )  # fmt: skip
     axes.set(xscale="log", xlabel="κ", ylabel="apparent exponent $a$", title="dotted: κ → 0")
 
 

@@ -98,7 +98,7 @@ def text_parts(study: Study, folder: Folder) -> list[Part]:
 def _figure(draw: Callable[[xr.Dataset], Figure], format: str, dataset: xr.Dataset) -> list[bytes]:
     file = io.BytesIO()
     with np.errstate(over="ignore", invalid="ignore"):  # axes in three dimensions compute with NaN of missing data
-        figure = draw(dataset)
+        figure = _noted(draw(dataset), dataset)
         if (engine := figure.get_layout_engine()) is not None:
             # `savefig` would draw all twice, the first time for the layout alone.
             engine.execute(figure)
@@ -112,7 +112,7 @@ def _figure(draw: Callable[[xr.Dataset], Figure], format: str, dataset: xr.Datas
 def _animation(frames: Callable[[xr.Dataset], Iterable[Figure]], dataset: xr.Dataset) -> list[bytes]:
     images, file = [], io.BytesIO()
     for figure in frames(dataset):
-        canvas = FigureCanvasAgg(figure)
+        canvas = FigureCanvasAgg(_noted(figure, dataset))
         canvas.draw()
         images.append(Image.fromarray(np.asarray(canvas.buffer_rgba())).convert("RGB"))
         plt.close(figure)
@@ -121,6 +121,19 @@ def _animation(frames: Callable[[xr.Dataset], Iterable[Figure]], dataset: xr.Dat
     durations = [_FRAME] * (len(images) - 1) + [_LAST_FRAME]
     images[0].save(file, "GIF", save_all=True, append_images=images[1:], duration=durations, loop=0)
     return [file.getvalue()]
+
+
+def code_note(dataset: xr.Dataset) -> str:
+    """The sentence about a dataset whose cases were computed by several versions of the code, else empty."""
+    if "code" not in dataset or "flag_meanings" not in dataset["code"].attrs:
+        return ""
+    return f"the cases are of {len(dataset['code'].attrs['flag_meanings'].split())} versions of the code"
+
+
+def _noted(figure: Figure, dataset: xr.Dataset) -> Figure:
+    if note := code_note(dataset):
+        figure.text(0.005, 0.002, note, fontsize=6, color="#C00000")
+    return figure
 
 
 def _claims_files(study: Study, dataset: xr.Dataset, claims: Iterable[Claim]) -> list[bytes]:
@@ -137,6 +150,8 @@ def _claims_files(study: Study, dataset: xr.Dataset, claims: Iterable[Claim]) ->
                 cells = (c.key, c.statement, c.paper, c.criterion, c.value, c.sample, c.verdict)
                 row = " | ".join(text.replace("|", "\\|") for text in cells)
                 lines.append(f"| {row} |".replace("\n", " "))
+    if note := code_note(dataset):
+        lines[1:1] = ["", f"{note[0].upper()}{note[1:]}."]
     reasons = [f"- **{c.key}** {c.verdict}: {c.because}" for c in stated if c.because]
     table = "\n".join([*lines, *(["", *reasons] if reasons else [])]) + "\n"
     return [_json([asdict(claim) for claim in stated]), table.encode()]

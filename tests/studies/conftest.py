@@ -29,7 +29,7 @@ SETTINGS = {
         *("fractions=0.3,0.6", "detailed_seeds=2", "n_starts=3", "thresholds=0.1,0.3"),
     ),
     "stiffening": (
-        *("seeds=0:1", "n_vertices=24", "sources=bulk_modulus,random_stress", "isogonal_vertices=24"),
+        *("seeds=0:1", "n_vertices=24", "sources=max_B_0,random_stress", "isogonal_vertices=24"),
         *("coefficients=0.1,0.3", "strains=0.01"),
     ),
     "tension_inference": ("seeds=0:3", "n_vertices=20", "noises=1e-6,1e-3"),

@@ -51,11 +51,13 @@ def lettered(*panels, letters="ABCDEFGH"):
         axes.set_title(f"$\\bf{{{letter}}}$  {title}".rstrip(), loc="left", fontsize=TEXT)
 
 
-def legend_below(figure, axes, ncols, **more):
-    """The legend of one panel below the figure."""
+def legend_below(figure, panels, ncols):
+    """The legend of one or several panels below the figure."""
+    panels = panels if isinstance(panels, tuple) else (panels,)
+    entries = [entry for axes in panels for entry in zip(*axes.get_legend_handles_labels(), strict=True)]
     figure.legend(
-        *axes.get_legend_handles_labels(), fontsize=TEXT, frameon=False, ncols=ncols, loc="outside lower center",
-        columnspacing=1.2, handletextpad=0.4, **more,
+        *zip(*entries, strict=True), fontsize=TEXT, frameon=False, ncols=ncols, loc="outside lower center",
+        columnspacing=1.2, handletextpad=0.4,
     )  # fmt: skip
 
 

@@ -58,7 +58,7 @@ def ascent_figure(ds):
     one = ds.isel(seed=0)
     for axes, letter, place in zip(bottom.subplots(1, 3), "EFG", _places(one), strict=True):
         _draw(axes, one.isel(step=place), width=0.55)
-        value = float(one.shear_modulus[place])
+        value = float(one.G_0_ascent[place])
         axes.set_title(
             f"$\\bf{{{letter}}}$  step {int(one.step[place])}, {100 * value / float(one.bound):.0f} % of the bound",
             fontsize=9, loc="left",
@@ -81,7 +81,7 @@ def _draw_modulus(axes, ds):
     bound = float(ds.bound.mean())
     axes.axhline(bound, color="0.25", linewidth=1.2, linestyle="--")
     axes.text(0.1, bound * 1.02, "closed-form bound", fontsize=9, color="0.25")
-    _band(axes, ds.shear_modulus, BLUE)
+    _band(axes, ds.G_0_ascent, BLUE)
     axes.set(ylabel="shear modulus $G_0$  [k]", ylim=(-0.005, 1.18 * bound))
 
 
@@ -104,7 +104,7 @@ def _draw_compression(axes, ds):
 def animation(ds):
     """One network during the ascent, with its modulus."""
     one = recorded(ds).isel(seed=0)
-    steps, moduli = one.step.values, one.shear_modulus.values
+    steps, moduli = one.step.values, one.G_0_ascent.values
     for place in range(len(steps)):
         figure = Figure(figsize=(WIDTH, 3.5), dpi=110, layout="constrained")
         network, curve = figure.subplots(1, 2, width_ratios=(1.15, 1))
@@ -123,7 +123,7 @@ def animation(ds):
 
 def _draw(axes, one, width):
     cell, sigma = one.cell.values, one.sigma.values.astype(float)
-    x = one.coordinates.values.astype(float)
+    x = one.position.values.astype(float)
     tail, head = one.edges.values.T
     L = x[head] - x[tail] + one.offsets.values @ cell
     tension = sigma * np.linalg.norm(L, axis=1)
@@ -133,7 +133,7 @@ def _draw(axes, one, width):
 
 def _places(one):
     """The first recorded steps beyond the drawn parts of the bound."""
-    parts = one.shear_modulus.values / float(one.bound)
+    parts = one.G_0_ascent.values / float(one.bound)
     return [int(np.argmax(parts >= part)) if parts.max() >= part else len(parts) - 1 for part in SHOWN]
 
 
@@ -235,8 +235,8 @@ def _draw_sizes(axes, ds):
     sizes = ds.n_vertices.values
     shown = [population for population in map(str, ds.population.values) if population in PAPER_POPULATIONS]
     for place, population in enumerate(shown):
-        values = by_size(ds.shear_modulus_0.sel(population=population))
-        fit, optimised = exponent(sizes, values, np.nanmedian), population == "shear_modulus"
+        values = by_size(ds.G_0.sel(population=population))
+        fit, optimised = exponent(sizes, values, np.nanmedian), population == "max_G_0"
         low, middle, high = np.nanquantile(values, (1 / 6, 0.5, 5 / 6), axis=1)
         style = series(place)
         axes.errorbar(
@@ -245,8 +245,8 @@ def _draw_sizes(axes, ds):
             markerfacecolor="none" if optimised else style["color"],
             label=f"{LABELS[population]}: {quoted(fit)}",
         )  # fmt: skip
-    others = [population for population in shown if population != "shear_modulus"]
-    middle = np.nanmedian(ds.shear_modulus_0.sel(population=others).isel(n_vertices=-1).values)
+    others = [population for population in shown if population != "max_G_0"]
+    middle = np.nanmedian(ds.G_0.sel(population=others).isel(n_vertices=-1).values)
     axes.plot(sizes, middle * sizes[-1] / sizes, color="0.5", linestyle=":", zorder=0)
     axes.text(0.03, 0.03, "dotted: $\\propto 1/N_v$", color="0.35", fontsize=9, transform=axes.transAxes)
     axes.set(xscale="log", yscale="log", xlabel="number of vertices $N_v$", ylabel="shear modulus $G_0$  [k]")
@@ -265,7 +265,7 @@ def _draw_thresholds(axes, ds):
     axes.axhline(bound, color="0.25", linestyle="--", linewidth=1.2)
     axes.text(0.02, 1.02 * bound, "bound for any sign", fontsize=9, transform=axes.get_yaxis_transform())
     for colour, style, size in zip(COLOURS[::2], STYLES, _shown_sizes(sizes), strict=False):
-        values = ds.shear_modulus_of_threshold.sel(n_vertices=size)
+        values = ds.G_0_of_threshold.sel(n_vertices=size)
         mean, width = values.mean("seed"), values.std("seed")
         axes.fill_between(ds.threshold, mean - width, mean + width, color=colour, alpha=0.2, linewidth=0)
         axes.plot(ds.threshold, mean, style, color=colour, linewidth=1.8, label=f"$N_v$ = {size:,}")

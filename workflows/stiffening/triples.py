@@ -18,7 +18,7 @@ from ..shared.populations import LABELS, PAPER_POPULATIONS, configuration
 from ..shared.reports import MISSED, parameters, series
 from ..shared.tables import bounded, numbers, outcomes, seconds, stacked, timed
 
-STIFFEST = "bulk_modulus"
+STIFFEST = "max_B_0"
 SOURCES = (*PAPER_POPULATIONS, "log-normal stress")
 NAMES = ("B_0", "C_B", "C_G")
 # Strains at which the growth is fitted by a parabola, and seeds of the networks that attain the targets.

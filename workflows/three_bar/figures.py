@@ -65,7 +65,7 @@ def _draw_examples(part, ds):
     span = span_of(ds)
     for axes, name in zip(part.subplots(4, 1), texts, strict=True):
         one = ds.isel(example=list(texts).index(name))
-        x, motion = one.example_coordinates.values / span, one.example_motion.values / span
+        x, motion = one.example_position.values / span, one.example_motion.values / span
         for frame in motion[np.isfinite(motion[:, 0, 0])]:
             axes.plot(*frame.T, color="0.8", linewidth=1.0, marker="o", markersize=2.5, zorder=1)
         sigma = one.example_sigma.values
@@ -250,7 +250,7 @@ def _draw_manifold(axes, ds, families):
     draw_surfaces(axes, [(polygons, FAMILIES[kind], opacity[kind]) for kind, polygons in _sheets(ds, families)])
     for name, letter in zip(("stretched", "folded", "branch"), "ABC", strict=True):
         if name in families:
-            x = ds.example_coordinates.values[("stretched", "folded", "branch").index(name), :, 0]
+            x = ds.example_position.values[("stretched", "folded", "branch").index(name), :, 0]
             at = (np.diff(x) / span_of(ds)) ** 2
             axes.plot(*at[:, None], "o", color="k", markersize=4, zorder=30)
             axes.text(*(at + 0.12), letter, fontsize=10, fontweight="bold", zorder=31)
@@ -306,7 +306,7 @@ def grid_lines(across, spacing=0.1, n=2001):
 
 def geometry_figure(ds):
     """`CriticalManifoldGeometry`: even grid lines of the chart on the stretched sheet, and the stress normal to it."""
-    figure = page(3.1, "The stress is normal to the critical manifold: stretched bars of the three-bar linkage")
+    figure = page(3.4, "The stress is normal to the critical manifold: stretched bars of the three-bar linkage")
     left, right, middle = figure.subfigures(1, 3, width_ratios=(1.1, 0.85, 1.35))
     chart, axes = left.add_subplot(), middle.add_subplot(projection="3d", computed_zorder=False)
     _paint_chart(chart, ds, alpha=0.35)
@@ -317,7 +317,7 @@ def geometry_figure(ds):
     draw_surfaces(axes, [(polygons, pale, 1.0) for _, polygons in _sheets(ds, ("stretched",), 1.1)]).set_zorder(1)
     _box(axes, 1.1)
     axes.view_init(elev=20, azim=-4)
-    axes.set_box_aspect((1, 1, 1), zoom=0.92)
+    axes.set_box_aspect((1, 1, 1), zoom=0.84)
     for across, colour in ((0, PURPLE), (1, COLOURS[3])):
         for line in grid_lines(across):
             sigma, squares = stretched(ds, line)
