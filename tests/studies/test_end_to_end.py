@@ -19,9 +19,8 @@ DIFFER = {
 }
 HOLD = {
     "ensemble": "LengthVariance",
-    "onset": "OnsetCoordination-triangular",
+    "stiffening": "stiffening-least",
     "shear": "ShearModulusSteepestDescent-bound",
-    "three_dimensions": "ResponseMetrics-C",
     "weak_forces": "soft-band",
 }
 
