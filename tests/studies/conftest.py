@@ -40,6 +40,7 @@ SETTINGS = {
         *("seeds=0:3", "n_vertices=40,80", "ascent_vertices=60", "steps=0,1,3,10,40,200", "n_steps=400"),
         *("fractions=0.3,0.6", "detailed_seeds=2", "n_starts=3", "thresholds=0.1,0.3"),
     ),
+    "statements": ("seeds=0:1", "n_vertices=40"),
     "tension_inference": ("seeds=0:3", "n_vertices=20", "noises=1e-6,1e-3"),
     "three_bar": ("s=-2.1:2.1:0.3", "span=2.0"),
     "weak_forces": ("seeds=0:1", "n_vertices=24", "kappas=0.00001,0.001"),

@@ -32,18 +32,15 @@ def test_every_panel_is_there_and_found(dataset):
 def test_claims_change_their_verdict_with_the_arrays(dataset):
     claims = load_study("gallery").study.claims
     for name, panel, factor, key in (
-        ("tension_variance", "tension_variance_inflated", 1 + 1e-9, "Networks-BC"),
-        ("bulk_modulus_0", "bulk_modulus_wave", 1 - 1e-11, "Networks-DEF"),
-        ("bulk_modulus_affine", "bulk_modulus", 1.01, "BulkModulusAffine"),
-        ("flat_directions", "bulk_modulus", 2, "BulkModulusHessian"),
-        ("shear_modulus_0", "shear_modulus_2", 0.1, "Networks-GHI"),
-        ("tension", "random_stress_1", 1.1, "Networks"),
-        ("stressed_fraction", "random_lengths", 0.99, "Networks-JK-spread"),
+        ("tension_variance", "tension_variance_inflated", 1 + 1e-9, "V_tau-degenerate"),
+        ("bulk_modulus_0", "bulk_modulus_wave", 1 - 1e-11, "B_0-degenerate"),
+        ("bulk_modulus_affine", "bulk_modulus", 1.01, "B_0-affine"),
+        ("flat_directions", "bulk_modulus", 2, "B_0-flat-directions"),
     ):
         changed = dataset.copy(deep=True)
         changed[name].loc[{"panel": panel}] *= factor
         assert {claim.key: claim.verdict for claim in claims(changed)}[key] == "differs", key
-    assert [claim.key for claim in claims(dataset.sel(panel=["random_stress_1"]))] == ["Networks"]
+    assert claims(dataset.sel(panel=["random_stress_1"])) == []
 
 
 def test_a_part_of_the_panels_makes_a_figure_too(dataset):

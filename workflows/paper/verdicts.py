@@ -37,7 +37,10 @@ def verdict(one: Statement, measured: Measurement) -> str:
         "at_least": lambda: (limit, math.inf),
         "near": lambda: (limit[0] - limit[1], limit[0] + limit[1]),
     }[rule]()
-    return "holds" if low <= value <= high else "differs"
+    if low <= value <= high:
+        return "holds"
+    # An interval that reaches into the range leaves it open.
+    return "undecided" if measured.low <= high and low <= measured.high else "differs"
 
 
 def _of_exponent(printed: float, measured: Measurement) -> str:
