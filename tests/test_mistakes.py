@@ -35,9 +35,9 @@ def dataset():
     arrays = {
         "edges": (("seed", "edge", "end"), [n.edges for n in networks]),
         "offsets": (("seed", "edge", "axis"), [n.offsets for n in networks]),
-        "cell": (("seed", "axis_", "axis"), [n.cell for n in networks]),
+        "cell": (("seed", "cell_vector", "axis"), [n.cell for n in networks]),
         "sigma": (("seed", "population", "edge"), [[c.sigma for c in row] for row in critical]),
-        "coordinates": (("seed", "population", "vertex", "axis"), [[c.coordinates for c in row] for row in critical]),
+        "position": (("seed", "population", "vertex", "axis"), [[c.coordinates for c in row] for row in critical]),
     }
     return xr.Dataset(arrays, {"seed": [0, 1], "population": ["max_B_0", "random_stress"]})
 
@@ -322,9 +322,12 @@ CALLS = {
         ),
         "a whole dataset": (
             lambda: cf.network_from(DATASET),
-            *(InputError, "choose one case of the dataset", "dataset.sel(seed="),
+            *(InputError, "choose one seed and one population", "dataset.sel(seed=0, population='max_B_0')"),
         ),
-        "several cases of a dataset": (lambda: cf.network_from(DATASET.sel(seed=1)), InputError),
+        "several cases of a dataset": (
+            lambda: cf.network_from(DATASET.sel(seed=1)),
+            *(InputError, "choose one population", "dataset.sel(population='max_B_0')"),
+        ),
         "unknown ending": (
             lambda: cf.write_network(BEST, "x.npz"),
             *(InputError, "the ending '.npz' of 'x.npz'", "choose one of .csv", ".graphml", ".vtu"),
@@ -390,6 +393,14 @@ COMMANDS = {
         "population misspelt": (
             ["run", "ensemble", "--set", "populations=random_stres"],
             *(2, "populations has no 'random_stres'", "did you mean 'random_stress'?"),
+        ),
+        "population of schema 3": (
+            ["run", "ensemble", "--set", "populations=bulk_modulus"],
+            *(2, "populations has no 'bulk_modulus'", "it is called 'max_B_0' now"),
+        ),
+        "variable of schema 3": (
+            ["run", "ensemble", "--set", "variables=bulk_modulus_0"],
+            *(2, "no variable 'bulk_modulus_0'", "it is called 'B_0' now"),
         ),
         "variable misspelt": (
             ["run", TINY, "--set", "variables=colour"],

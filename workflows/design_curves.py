@@ -31,10 +31,10 @@ def case(parameters, *, seed):
     paths = [cf.strain_path(one.value, STRAINS, throw=False).value for one in made]
     return {
         "status": cf.Status.ok,
-        "bulk_modulus": [path.bulk_modulus for path in paths],
-        "bulk_modulus_error_bound": [path.bulk_modulus_error for path in paths],
-        "shear_modulus": [path.shear_modulus for path in paths],
-        "shear_modulus_error_bound": [path.shear_modulus_error for path in paths],
+        "B": [path.bulk_modulus for path in paths],
+        "B_error_bound": [path.bulk_modulus_error for path in paths],
+        "G": [path.shear_modulus for path in paths],
+        "G_error_bound": [path.shear_modulus_error for path in paths],
         "kind_status": [one.status for one in made],
     }
 
@@ -46,10 +46,10 @@ def figure(ds):
         f"{ds.sizes['seed']} networks ($N_v$ = {parameters(ds)['n_vertices']}), each designed three times: "
         f"one topology, one $B_0$ = {MODULUS:g} k, three $C_B$",
     )
-    low, high = 100 * np.nanquantile(ds.bulk_modulus.values / MODULUS - 1, (0, 1))
+    low, high = 100 * np.nanquantile(ds.B.values / MODULUS - 1, (0, 1))
     for axes, name, label, title in (
-        (left, "bulk_modulus", "$B$  [k]", f"$B$ changes by {signed(round(low))} to +{high:.0f} %"),
-        (right, "shear_modulus", "$G$  [k]", "$G$ grows alike"),
+        (left, "B", "$B$  [k]", f"$B$ changes by {signed(round(low))} to +{high:.0f} %"),
+        (right, "G", "$G$  [k]", "$G$ grows alike"),
     ):
         for n, (kind, growth) in enumerate(GROWTH.items()):
             color, legend = series(n)["color"], f"{kind}: $C_B$ = {signed(growth)} k"
@@ -64,8 +64,8 @@ def figure(ds):
 
 def claims(ds):
     """The order of the three curves."""
-    start = ds.bulk_modulus.values[:, :, 0]
-    end = ds.bulk_modulus.values[:, :, np.argmin(np.abs(STRAINS - 0.01))]
+    start = ds.B.values[:, :, 0]
+    end = ds.B.values[:, :, np.argmin(np.abs(STRAINS - 0.01))]
     equal = np.abs(start - MODULUS).max()
     ordered = (end[:, 0] < end[:, 1]) & (end[:, 1] < end[:, 2]) & (end[:, 0] < MODULUS) & (end[:, 2] > MODULUS)
     return [
@@ -88,8 +88,8 @@ study = network_study(
         *outcomes(("seed", "kind"), kind_status="outcome of the design"),
         *bounded(
             ("seed", "kind", "strain"),
-            bulk_modulus="bulk modulus [k]",
-            shear_modulus="shear modulus, energy convention [k]",
+            B="bulk modulus [k]",
+            G="shear modulus, energy convention [k]",
         ),
     ),
     figures={"curves": figure},

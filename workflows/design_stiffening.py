@@ -106,7 +106,7 @@ def figure(ds):
 def claims(ds):
     """Errors and refusals, and the growth on strain paths."""
     error, time = ds.error.values, ds.target_seconds.values
-    stiffest = np.array(parameters(ds)["sources"]) == "bulk_modulus"
+    stiffest = np.array(parameters(ds)["sources"]) == "max_B_0"
     reached, refused = error <= 1e-8, (ds.target_status.values[:, stiffest] == cf.Status.infeasible).sum()
     growth = np.abs(ds.fitted.values - ds.achieved.values[:, 0]).max()
     return [

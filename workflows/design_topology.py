@@ -27,8 +27,8 @@ LAWS = {"largest": "largest tension", "smallest": "smallest tension", "random": 
 PATHS = {"dilation": "dilation", "simple_shear": "simple shear"}
 MEASURES = {
     "critical_strain": "onset $\\gamma_c$",
-    "bulk_modulus": "$B_0$ there  [k]",
-    "shear_modulus": "$G_0$ there  [k]",
+    "B_0": "$B_0$ there  [k]",
+    "G_0": "$G_0$ there  [k]",
     "alignment": "alignment",
     "taut_fraction": "part under tension",
 }
@@ -105,10 +105,10 @@ def measures(critical, strain, n_edges):
     return {
         "critical_strain": strain[0],
         "critical_strain_error_bound": strain[1],
-        "bulk_modulus": bulk,
-        "bulk_modulus_error_bound": bulk_error,
-        "shear_modulus": shear,
-        "shear_modulus_error_bound": shear_error,
+        "B_0": bulk,
+        "B_0_error_bound": bulk_error,
+        "G_0": shear,
+        "G_0_error_bound": shear_error,
         "alignment": abs(double.sum()) / critical.lengths[taut].sum(),
         "taut_fraction": taut.sum() / n_edges,
     }
@@ -256,8 +256,8 @@ study = network_study(
         *bounded(
             ("seed", "path", "law", "cut"),
             critical_strain="strain of the onset after each number of cuts",
-            bulk_modulus="bulk modulus B_0 at the onset [k]",
-            shear_modulus="shear modulus G_0 at the onset [k]",
+            B_0="bulk modulus B_0 at the onset [k]",
+            G_0="shear modulus G_0 at the onset [k]",
         ),
         *numbers(
             ("seed", "path", "law", "cut"),

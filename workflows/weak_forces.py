@@ -18,6 +18,7 @@ from critflow.springs.hessian import geometric_split
 from critflow.workflow import Claim, Coordinate, Study
 from critflow.workflow.study import plural
 
+from .paper.committed import committed_run
 from .paper.statements import Measurement
 from .paper.verdicts import claims_of
 from .shared.checks import voronoi_check
@@ -308,6 +309,7 @@ study = Study(
     name="weak_forces",
     title="Weak bending at the transition",
     references=SOURCES,
+    committed=committed_run("weak_forces"),
     axes=(networks(30),),
     parameters={"n_vertices": 60, "kappas": (1e-7, 1e-6, 1e-5, 1e-4, 1e-3)},
     coordinates=(Coordinate("kappa", "kappas", "strength of the angle springs"),),

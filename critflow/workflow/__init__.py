@@ -2,6 +2,6 @@
 
 from critflow.workflow.claim import Claim
 from critflow.workflow.plan import decimals, stable_rng
-from critflow.workflow.study import Axis, Coordinate, Study, Variable
+from critflow.workflow.study import Axis, AxisLabel, Coordinate, Study, Variable
 
-__all__ = ["Axis", "Claim", "Coordinate", "Study", "Variable", "decimals", "stable_rng"]
+__all__ = ["Axis", "AxisLabel", "Claim", "Coordinate", "Study", "Variable", "decimals", "stable_rng"]

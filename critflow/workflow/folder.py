@@ -182,7 +182,12 @@ class Folder:
             note = json.loads(text)
             if text != _note_text({key: value for key, value in note.items() if key != "sha256"}):
                 raise ValueError("it does not match its checksum")
-            if (version := note["schema_version"]) != SCHEMA_VERSION:
+            if type(version := note["schema_version"]) is int and version < SCHEMA_VERSION:
+                raise StudyError(
+                    f"{self.path} has the names of schema {version}, and this is schema {SCHEMA_VERSION}: choose "
+                    "another folder with --out; docs/howto/dataset.md converts its dataset (Files of schema 3)"
+                )
+            if version != SCHEMA_VERSION:
                 raise ValueError(f"its schema_version is {version}, not {SCHEMA_VERSION}")
         except OSError as error:
             raise EnvironmentFailure(f"cannot read {self.note}: {error.strerror}: correct this first") from error

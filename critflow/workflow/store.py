@@ -27,7 +27,7 @@ from critflow.workflow.plan import SEED_ENTROPY, Case
 from critflow.workflow.provenance import code_version, environment
 from critflow.workflow.study import Study
 
-SCHEMA_VERSION = 3
+SCHEMA_VERSION = 4
 PARTIAL = ".partial"  # suffix of temporary files; no pattern for results matches it
 
 _MARK = b"\nsealed sha256 "

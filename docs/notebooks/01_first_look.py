@@ -14,15 +14,6 @@ import xarray as xr
 from critflow.command.example_data import ensemble_path
 
 ensemble = xr.open_dataset(ensemble_path())
-LABELS = {
-    "length_variance": "min $V_L$",
-    "tension_variance": "min $V_\\tau$",
-    "bulk_modulus": "max $B_0$",
-    "shear_modulus": "max $G_0$",
-    "random_lengths": "random $\\ell$",
-    "random_stress": "random $\\sigma$",
-    "random_lengths_wide": "random $\\ell$, wide",
-}
 print(ensemble)
 
 # %% [markdown]
@@ -30,7 +21,8 @@ print(ensemble)
 #
 # - `seed`: the network. The same seed is the same network in every population and in every run.
 # - `population`: the choice of critical configuration: minimal variance of lengths or tensions, maximal
-#   bulk or shear modulus, random rest lengths (of two spreads), random stress.
+#   bulk or shear modulus, random rest lengths (in two states), random stress. `population_label`,
+#   `population_symbol` and `population_color` are coordinates along it, for tables and figures.
 # - `edge`, `vertex`: within a network. `end` is tail or head, `axis` is x or y.
 # - `strain`: steps past the transition, V(γ) = V(0)(1 + γ).
 #
@@ -58,7 +50,8 @@ print("parameters ", parameters)
 # %% [markdown]
 # ## Status before value
 #
-# Every configuration has a status, and 0 is good. Two others are common and physical:
+# Every configuration has a status, and 0 is good; `valid` is 1 where its numbers are sound. Two other statuses are
+# sound and physical:
 # `slack_edges` means that some edges carry no tension at these rest lengths, and `edge_collapse` that the minimal
 # tension variance requires an edge of zero length, a limit that no configuration attains. Undefined values are NaN:
 # the coefficients C_B and C_G at such a limit, for example, or with slack parts in the network. NaN never means "not
@@ -76,9 +69,7 @@ for population in ensemble.population.values:
     codes, counts = np.unique(
         ensemble.status.sel(population=population), return_counts=True
     )
-    undefined = int(
-        ensemble.C_B_exact.sel(population=population).isnull().sum()
-    )
+    undefined = int(ensemble.C_B.sel(population=population).isnull().sum())
     outcomes = ", ".join(
         f"{count} {meaning[code]}"
         for code, count in zip(codes, counts, strict=True)
@@ -88,17 +79,16 @@ for population in ensemble.population.values:
 # %% [markdown]
 # ## Selecting by label
 #
-# One configuration, one population, good members only. `where` turns the others into NaN, and `mean` skips NaN.
+# One configuration, one population, sound members only. `where` turns the others into NaN, and `mean` skips NaN. It is
+# applied to the variables in use: on the whole dataset it would copy `edges` to each population.
 
 # %%
-one = ensemble.sel(population="bulk_modulus", seed=ensemble.seed[0])
-print(
-    f"B_0 of the first network at its largest: {one.bulk_modulus_0.item():.4f} k"
-)
+one = ensemble.sel(population="max_B_0", seed=ensemble.seed[0])
+print(f"B_0 of the first network at its largest: {one.B_0.item():.4f} k")
 
-good = ensemble.where(ensemble.status == 0)
-table = xr.Dataset({"mean": good.bulk_modulus_0.mean("seed"), "std": good.bulk_modulus_0.std("seed"),
-                    "members": good.bulk_modulus_0.count("seed")})  # fmt: skip
+good = ensemble[["B_0", "B", "C_B"]].where(ensemble.valid)
+table = xr.Dataset({"mean": good.B_0.mean("seed"), "std": good.B_0.std("seed"),
+                    "members": good.B_0.count("seed")})  # fmt: skip
 for population in table.population.values:
     row = table.sel(population=population)
     print(
@@ -106,12 +96,11 @@ for population in table.population.values:
     )
 
 # %% [markdown]
-# The mean over good members is not the mean over all: random rest lengths of the wide spread leave edges slack in
-# nearly every network, so few or none of them are good. Their values are valid for a network with slack edges; to
-# include them, select by `status != missing` instead.
+# `status == 0` would select fewer: random rest lengths leave edges slack in nearly every network, and their values are
+# those of a network with slack edges.
 
 # %%
-finite = np.isfinite(ensemble.bulk_modulus_0)
+finite = np.isfinite(ensemble.B_0)
 print(
     "finite B_0:",
     {
@@ -135,7 +124,7 @@ bounds = {
 }
 for name, bound in bounds.items():
     print(f"{name:32s} error at most {float(ensemble[bound].max()):.0e}")
-G_0, error = ensemble.shear_modulus_0, ensemble[bounds["shear_modulus_0"]]
+G_0, error = ensemble.G_0, ensemble[bounds["G_0"]]
 print(
     f"G_0 > 0 by more than its error in {int((G_0 > error).sum())} of {int(G_0.count())} configurations"
 )
@@ -147,23 +136,11 @@ print(
 # the largest B_0 soften, C_B < 0.
 
 # %%
-COLOURS = (
-    "#0072B2",
-    "#56B4E9",
-    "#D55E00",
-    "#009E73",
-    "#E69F00",
-    "#CC79A7",
-    "#7F7F7F",
-)
 fig, (left, right) = plt.subplots(1, 2, figsize=(9, 3.8), layout="constrained")
-names = [str(name) for name in ensemble.population.values]
-for index, name in enumerate(names):
-    B_0, C_B = (
-        ensemble[v].sel(population=name).values
-        for v in ("bulk_modulus_0", "C_B_exact")
-    )
-    colour = COLOURS[index % len(COLOURS)]
+for index, name in enumerate(ensemble.population.values):
+    member = good.sel(population=name)
+    B_0, C_B = member.B_0.values, member.C_B.values
+    colour = member.population_color.item()
     if np.isfinite(B_0).any():
         body = left.violinplot(
             [B_0[np.isfinite(B_0)]], [index], showextrema=False, widths=0.8
@@ -179,11 +156,11 @@ for index, name in enumerate(names):
         color=colour,
         markersize=4,
         alpha=0.8,
-        label=LABELS[name],
+        label=member.population_symbol.item(),
     )
 left.set_xticks(
-    range(len(names)),
-    [LABELS[name].replace(" ", "\n", 1) for name in names],
+    range(ensemble.sizes["population"]),
+    [name.replace(" ", "\n", 1) for name in ensemble.population_symbol.values],
     fontsize=8,
 )
 left.set_ylabel("bulk modulus at the transition $B_0$  [$k$]")
@@ -200,23 +177,18 @@ plt.show()
 # change of the bulk modulus; their derivatives at γ = 0 are C_B/B_0, known without the path.
 
 # %%
-change = (
-    (good.bulk_modulus / good.bulk_modulus_0 - 1)
-    .mean("seed")
-    .dropna("population")
-)
+change = (good.B / good.B_0 - 1).mean("seed").dropna("population")
 fig, axes = plt.subplots(figsize=(6.5, 3.6), layout="constrained")
-for name in map(str, change.population.values):
-    colour = COLOURS[names.index(name) % len(COLOURS)]
-    curve = [0.0, *change.sel(population=name).values]
+for name in change.population.values:
+    member = change.sel(population=name)
     axes.plot(
         [0.0, *change.strain.values],
-        curve,
+        [0.0, *member.values],
         "o-",
-        color=colour,
+        color=member.population_color.item(),
         markersize=3,
         linewidth=1,
-        label=LABELS[name],
+        label=member.population_symbol.item(),
     )
 axes.axhline(0, color="0.7", linewidth=0.8, zorder=0)
 axes.set_xlabel("volumetric strain past the transition $\\gamma$")
@@ -225,5 +197,5 @@ fig.legend(loc="outside right upper", fontsize=7, frameon=False)
 plt.show()
 
 # %% [markdown]
-# Without Python: `critflow show results/ensemble/ensemble.nc --set seed=0 --set population=shear_modulus` draws one
+# Without Python: `critflow show results/ensemble/ensemble.nc --set seed=0 --set population=max_G_0` draws one
 # member, and `ncdump -h` lists the file.

@@ -18,36 +18,20 @@ from critflow.command.example_data import ensemble_path
 
 ensemble = xr.open_dataset(ensemble_path())
 names = [str(name) for name in ensemble.population.values]
-LABELS = {
-    "length_variance": "min $V_L$",
-    "tension_variance": "min $V_\\tau$",
-    "bulk_modulus": "max $B_0$",
-    "shear_modulus": "max $G_0$",
-    "random_lengths": "random $\\ell$",
-    "random_stress": "random $\\sigma$",
-    "random_lengths_wide": "random $\\ell$, wide",
-}
+SYMBOLS = dict(zip(names, ensemble.population_symbol.values, strict=True))
 STRUCTURE = {
-    "length_variance": "$V_L$",
-    "tension_variance": "$V_\\tau$",
-    "anisotropy_physical": "$\\langle\\kappa_{phys}\\rangle$",
-    "anisotropy_force": "$\\langle\\kappa_{force}\\rangle$",
+    "V_L": "$V_L$",
+    "V_tau": "$V_\\tau$",
+    "kappa_phys": "$\\langle\\kappa_{phys}\\rangle$",
+    "kappa_force": "$\\langle\\kappa_{force}\\rangle$",
 }
 RESPONSE = {
-    "bulk_modulus_0": "$B_0$",
-    "C_B_exact": "$C_B$",
-    "shear_modulus_0": "$G_0$",
-    "C_G_stress_corrected_exact": "$C_G$",
+    "B_0": "$B_0$",
+    "C_B": "$C_B$",
+    "G_0": "$G_0$",
+    "C_G_stress_corrected": "$C_G$",
 }
-COLOURS = (
-    "#0072B2",
-    "#56B4E9",
-    "#D55E00",
-    "#009E73",
-    "#E69F00",
-    "#CC79A7",
-    "#7F7F7F",
-)
+COLOURS = ensemble.population_color.values
 
 # %% [markdown]
 # ## The planes
@@ -69,12 +53,12 @@ for row, response in zip(grid, RESPONSE, strict=True):
                 color=colour,
                 markersize=2.5,
                 alpha=0.7,
-                label=LABELS[name],
+                label=SYMBOLS[name],
             )
-        if structure.endswith("variance"):
+        if structure.startswith("V_"):
             # Some variances are zero to rounding: they are at the left border.
             axes.set_xscale("symlog", linthresh=1e-3)
-        if response == "shear_modulus_0":
+        if response == "G_0":
             axes.set_yscale("log")
         axes.tick_params(labelsize=7)
 for axes, label in zip(grid[-1], STRUCTURE.values(), strict=True):
@@ -190,18 +174,18 @@ guess = (
     ensemble.sizes["edge"]
     * mean_length**2
     / (4 * xr.DataArray(volume, dims="seed"))
-    / (1 + ensemble.tension_variance)
+    / (1 + ensemble.V_tau)
 )
 fig, axes = plt.subplots(figsize=(4.8, 4.2), layout="constrained")
 for colour, name in zip(COLOURS, names, strict=False):
-    B_0 = ensemble.bulk_modulus_0.sel(population=name)
+    B_0 = ensemble.B_0.sel(population=name)
     axes.plot(
         guess.sel(population=name),
         B_0,
         "o",
         color=colour,
         markersize=3.5,
-        label=LABELS[name],
+        label=SYMBOLS[name],
     )
 ends = [float(np.nanmin(guess)), float(np.nanmax(guess))]
 axes.plot(ends, ends, color="0.5", linewidth=0.8, zorder=0)

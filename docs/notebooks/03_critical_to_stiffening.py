@@ -28,13 +28,13 @@ one = ensemble.isel(seed=0).sel(population="random_stress")
 # ## Back to a network
 #
 # Edges, image offsets and cell define the network; the stress σ defines the configuration, by force balance, which is
-# linear in the coordinates. The result must equal the stored coordinates.
+# linear in the coordinates. The result must equal the stored `position`.
 
 # %%
 network = Network(one.edges.values, one.offsets.values, one.cell.values)
 critical = CriticalManifold(network).configuration(one.sigma.values)
 print(
-    f"coordinates differ by {np.abs(critical.coordinates - one.coordinates.values).max():.1e}"
+    f"coordinates differ by {np.abs(critical.coordinates - one.position.values).max():.1e}"
 )
 print(f"unbalanced force over mean tension {critical.residual:.1e}")
 
@@ -80,12 +80,12 @@ plt.show()
 
 # %% [markdown]
 # The published window is γ ≤ 0.01. A straight line over it averages the derivative over a range in which B(γ) is
-# curved, which is why the file contains both `C_B` (fitted) and `C_B_exact`.
+# curved, which is why the file contains both `C_B_fit` and `C_B`, the exact one.
 
 # %%
 for name in ("C_B", "C_G", "C_G_stress_corrected"):
-    print(f"{name:22s} fitted {one[name].item():8.4f} ± {one[name + '_error'].item():.4f}   exact "
-          f"{one[name + '_exact'].item():8.4f}")  # fmt: skip
+    print(f"{name:22s} fitted {one[name + '_fit'].item():8.4f} ± "
+          f"{one[name + '_fit_standard_error'].item():.4f}   exact {one[name].item():8.4f}")  # fmt: skip
 
 # %% [markdown]
 # ## The linear solve by hand
@@ -207,8 +207,8 @@ for name, value in by_hand.items():
 # maximal B_0 has no non-affine motion, so only the first part remains, and C_B = −B_0/2 exactly.
 
 # %%
-best = ensemble.sel(population="bulk_modulus")
-ratio = best.C_B_exact / best.bulk_modulus_0
+best = ensemble.sel(population="max_B_0")
+ratio = best.C_B / best.B_0
 print(
     f"C_B/B_0 at the largest bulk modulus: {ratio.mean().item():.12f} ± {ratio.std().item():.1e}"
 )

@@ -32,10 +32,10 @@ from critflow.figures.plot import (
 from critflow.networks.faces import planar_faces
 
 ensemble = xr.open_dataset(ensemble_path())
-one = ensemble.isel(seed=0).sel(population="bulk_modulus")
+one = ensemble.isel(seed=0).sel(population="max_B_0")
 bare = Network(one.edges.values, one.offsets.values, one.cell.values)
 faces = planar_faces(
-    bare.edges, bare.bond_vectors(one.coordinates.values), bare.n_vertices
+    bare.edges, bare.bond_vectors(one.position.values), bare.n_vertices
 )
 network = Network(bare.edges, bare.offsets, bare.cell, faces=faces)
 start = CriticalManifold(network).configuration(one.sigma.values)

@@ -19,7 +19,7 @@ SETTINGS = {
     "design_poisson": ("seeds=0:1", "sizes=24", "ratios=-0.5,0.5"),
     "design_pruning": ("seeds=0:1", "n_vertices=40", "cuts=4"),
     "design_reach": ("seeds=0:1", "n_vertices=16", "directions=3", "samples=3", "thresholds=0.3", "ascent=10"),
-    "design_stiffening": ("seeds=0:1", "n_vertices=24", "sources=bulk_modulus,random_stress"),
+    "design_stiffening": ("seeds=0:1", "n_vertices=24", "sources=max_B_0,random_stress"),
     "design_topology": ("seeds=0:1", "n_vertices=24", "cuts=3"),
     "ensemble": ("seeds=0:3", "n_vertices=60"),
     "gallery": ("seeds=1:3", "n_vertices=60", "starts=2"),

@@ -60,8 +60,8 @@ def test_a_notebook_shows_its_pictures(execute, name):
     names, pictures, said = execute(name)
     assert len(pictures) == PICTURES[name]
     if name == "01_first_look":
-        shown = re.search(r"bulk_modulus +B_0 = +(\S+) ± (\S+)", said)
-        B_0 = names["ensemble"].bulk_modulus_0.sel(population="bulk_modulus").values
+        shown = re.search(r"max_B_0 +B_0 = +(\S+) ± (\S+)", said)
+        B_0 = names["ensemble"].B_0.sel(population="max_B_0").values
         np.testing.assert_allclose([float(shown[1]), float(shown[2])], [B_0.mean(), B_0.std()], rtol=0, atol=5e-5)
     if name == "03_critical_to_stiffening":
         # Errors fall with the window, as its first and second power.

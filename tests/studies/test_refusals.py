@@ -65,9 +65,12 @@ def test_settings_that_could_only_fail_are_refused(study, setting, word, tmp_pat
         ("boundary", "sigma", "sigma, force balance"),
         ("boundary", "sheared_cell", "sheared_cell at 0"),
         ("boundary", "sheared_bond_vectors", "sheared_bond_vectors at 0"),
-        *(("ensemble", name, name) for name in ("C_B", "energy", "stressed_fraction", "residual")),
-        *(("ensemble", name, word) for name, word in (("C_G_error", "C_G"), ("sigma", "force balance"))),
-        ("shear", "shear_modulus", "shear_modulus"),
+        *(("ensemble", name, name) for name in ("C_B_fit", "energy", "stressed_fraction", "residual")),
+        *(
+            ("ensemble", name, word)
+            for name, word in (("C_G_fit_standard_error", "C_G_fit"), ("sigma", "force balance"))
+        ),
+        ("shear", "G_0_ascent", "G_0_ascent"),
         ("shear", "longest_edge", "longest_edge"),
         ("shear", "least_tension", "least_tension"),
         ("shear", "compressed_edges", "compressed_edges"),

@@ -15,12 +15,12 @@ STUDY = "shear"
 
 
 def test_the_shear_modulus_is_kept_only_where_it_is_the_objective(dataset):
-    optimised = dataset.shear_modulus_0.sel(population="shear_modulus")
-    assert (optimised > dataset.shear_modulus_0.drop_sel(population="shear_modulus")).all()
+    optimised = dataset.G_0.sel(population="max_G_0")
+    assert (optimised > dataset.G_0.drop_sel(population="max_G_0")).all()
     assert (optimised < dataset.bound).all()
     detailed = dataset.isel(seed=slice(0, 2))
-    assert (detailed.shear_modulus_of_threshold.sel(threshold=0.1) == optimised.isel(seed=slice(0, 2))).all()
-    assert (detailed.shear_modulus_of_threshold.diff("threshold") < 0).all()
+    assert (detailed.G_0_of_threshold.sel(threshold=0.1) == optimised.isel(seed=slice(0, 2))).all()
+    assert (detailed.G_0_of_threshold.diff("threshold") < 0).all()
     assert np.isnan(dataset.objective_of_start.isel(seed=2)).all()
     assert (dataset.threshold_status.isel(seed=2) == Status.missing).all()
     for n_vertices in dataset.n_vertices.values:

@@ -46,7 +46,8 @@ def test_an_unknown_statement_or_rule_is_refused():
         ({"near": [0, 0.05]}, 0.36, (0.3, 0.46), "differs"),
         ({"chance": 0.05}, 0.03, (), "holds"),
         ({"chance": 0.05}, 0.46, (), "undecided"),
-        ({"chance": 0.05}, 0.9, (), "differs"),
+        ({"chance": 0.05}, 0.9, (), "undecided"),
+        ({"chance": 0.05}, 0.96, (), "differs"),
         # An exponent needs an interval that contains the number and is no wider than 0.15 to each side.
         ({"exponent": -1}, -1.05, (-1.17, -0.91), "holds"),
         ({"exponent": -1}, 0.59, (-2.22, 2.55), "undecided"),
@@ -89,6 +90,8 @@ def test_a_statement_is_one_claim_with_its_measurements_beneath():
     assert number.because.startswith("open: the end of the ascents")
     assert number.value == "FIRE: 0.53; L-BFGS: 0.65"
     assert [row["verdict"] for row in number.rows] == ["holds", "differs", ""]
+    (alone,) = claims_of([aside])
+    assert (alone.verdict, alone.value) == ("undecided", "3.0")
     (differs,) = claims_of([lbfgs, aside])
     assert (differs.verdict, differs.difference, differs.value) == ("differs", "number", "L-BFGS: 0.65")
 

@@ -16,21 +16,21 @@ from ..shared.verification import bond_vectors, configuration, contradictions
 
 # Name and characteristic number of every panel, in the order of the letters.
 CAPTIONS = {
-    "length_variance": (LABELS["length_variance"], "$V_L$ {V_L}, all $L$ = {length:.3f}"),
-    "tension_variance": (LABELS["tension_variance"], "$V_\\tau$ = {V_tau:.5f}, $V_L$ = {V_L}"),
-    "tension_variance_inflated": ("B, some faces inflated", "$V_\\tau$ = {V_tau:.5f}, $V_L$ = {V_L}"),
-    "bulk_modulus": ("max $B_0$, $\\sigma = k$", "$B_0$ = {B_0:.5f} $k$, $V_L$ = {V_L}"),
-    "bulk_modulus_wave": ("D after a smooth mode", "$B_0$ = {B_0:.5f} $k$, $V_L$ = {V_L}"),
-    "bulk_modulus_designed": ("D, some faces largest", "$B_0$ = {B_0:.5f} $k$, $V_L$ = {V_L}"),
-    "shear_modulus_1": ("max $G_0$, $r$ = {thresholds[0]:g}", "$G_0$ = {G_0:.3f} $k$"),
-    "shear_modulus_2": ("max $G_0$, $r$ = {thresholds[1]:g}", "$G_0$ = {G_0:.3f} $k$"),
-    "shear_modulus_3": ("max $G_0$, $r$ = {thresholds[2]:g}", "$G_0$ = {G_0:.3f} $k$"),
+    "min_V_L": (LABELS["min_V_L"], "$V_L$ {V_L}, all $L$ = {length:.3f}"),
+    "min_V_tau": (LABELS["min_V_tau"], "$V_\\tau$ = {V_tau:.5f}, $V_L$ = {V_L}"),
+    "min_V_tau_inflated": ("B, some faces inflated", "$V_\\tau$ = {V_tau:.5f}, $V_L$ = {V_L}"),
+    "max_B_0": ("max $B_0$, $\\sigma = k$", "$B_0$ = {B_0:.5f} $k$, $V_L$ = {V_L}"),
+    "max_B_0_wave": ("D after a smooth mode", "$B_0$ = {B_0:.5f} $k$, $V_L$ = {V_L}"),
+    "max_B_0_designed": ("D, some faces largest", "$B_0$ = {B_0:.5f} $k$, $V_L$ = {V_L}"),
+    "max_G_0_1": ("max $G_0$, $r$ = {thresholds[0]:g}", "$G_0$ = {G_0:.3f} $k$"),
+    "max_G_0_2": ("max $G_0$, $r$ = {thresholds[1]:g}", "$G_0$ = {G_0:.3f} $k$"),
+    "max_G_0_3": ("max $G_0$, $r$ = {thresholds[2]:g}", "$G_0$ = {G_0:.3f} $k$"),
     "random_lengths": (
         f"{LABELS['random_lengths']}: $s$ = {{spread:g}}",
         "$B_0$ = {B_0:.3f} $k$, {stressed} % stressed",
     ),
-    "random_lengths_wide": (
-        f"{LABELS['random_lengths_wide']}: $s$ = {{spread_wide:g}}",
+    "random_lengths_transition": (
+        f"{LABELS['random_lengths_transition']}: $s$ = {{spread_wide:g}}",
         "$B_0$ = {B_0:.3f} $k$, {stressed} % stressed",
     ),
     "random_stress_1": (LABELS["random_stress"], "$B_0$ = {B_0:.3f} $k$"),
@@ -38,11 +38,11 @@ CAPTIONS = {
 }
 PANELS = tuple(CAPTIONS)
 ISOGONAL = {
-    "tension_variance_inflated": "tension_variance",
-    "bulk_modulus_wave": "bulk_modulus",
-    "bulk_modulus_designed": "bulk_modulus",
+    "min_V_tau_inflated": "min_V_tau",
+    "max_B_0_wave": "max_B_0",
+    "max_B_0_designed": "max_B_0",
 }
-SHADED = ("tension_variance", "tension_variance_inflated", "bulk_modulus", "bulk_modulus_designed")
+SHADED = ("min_V_tau", "min_V_tau_inflated", "max_B_0", "max_B_0_designed")
 ROWS = (
     (
         PANELS[0:3],
@@ -109,7 +109,7 @@ def _draw(axes, one, ds, limits):
     if not np.isfinite(one.sigma.values).all():
         axes.set_axis_off()
         return None
-    edges, offsets, cell, x = (one[name].values for name in ("edges", "offsets", "cell", "coordinates"))
+    edges, offsets, cell, x = (one[name].values for name in ("edges", "offsets", "cell", "position"))
     tension = one.tension.values
     slack = tension <= NO_TENSION * tension.mean()
     lines = draw_network(axes, edges[~slack], offsets[~slack], cell, x, tension[~slack], limits=limits, width=0.95)
@@ -126,12 +126,12 @@ def _draw(axes, one, ds, limits):
 
 
 def _numbers(one, ds):
-    V_L = float(one.length_variance)
+    V_L = float(one.V_L)
     return {
         **parameters(ds),
         "V_L": f"{V_L:.3f}" if V_L > 1e-3 else "< $10^{" + f"{int(np.ceil(np.log10(max(V_L, 1e-30))))}" + "}$",
-        "length": float(one.length.mean()), "V_tau": float(one.tension_variance),
-        "B_0": float(one.bulk_modulus_0), "G_0": float(one.shear_modulus_0),
+        "length": float(one.length.mean()), "V_tau": float(one.V_tau),
+        "B_0": float(one.B_0), "G_0": float(one.G_0),
         "stressed": f"{100 * float(one.stressed_fraction):.3g}",
     }  # fmt: skip
 
@@ -154,7 +154,7 @@ def claims(ds):
     """The statements of the paper on isogonal changes; those on panels without a run are left out."""
     if "network" in parameters(ds):
         return []
-    have = {panel for panel in ds.panel.values if np.isfinite(ds.bulk_modulus_0.sel(panel=panel)).all()}
+    have = {panel for panel in ds.panel.values if np.isfinite(ds.B_0.sel(panel=panel)).all()}
     return claims_of(one for needs, measure in _MEASURES if have.issuperset(needs) for one in measure(ds))
 
 
@@ -163,10 +163,10 @@ def _values(ds, name, *panels):
 
 
 def _equal_tension_variance(ds):
-    V_tau = _values(ds, "tension_variance", "tension_variance", "tension_variance_inflated")
-    V_L = _values(ds, "length_variance", "tension_variance", "tension_variance_inflated")
+    V_tau = _values(ds, "V_tau", "min_V_tau", "min_V_tau_inflated")
+    V_L = _values(ds, "V_L", "min_V_tau", "min_V_tau_inflated")
     apart = np.abs(np.diff(V_tau, axis=0)).max()
-    status = ds.status.sel(panel="tension_variance").values
+    status = ds.status.sel(panel="min_V_tau").values
     lost = int(np.sum(status == Status.edge_collapse))
     yield Measurement(
         "V_tau-degenerate", float(apart) if (V_L[0] != V_L[1]).all() else np.inf,
@@ -178,10 +178,10 @@ def _equal_tension_variance(ds):
 def _moduli_of_forces(ds):
     off = 0.0
     for panel, origin in ISOGONAL.items():
-        for name in ("bulk_modulus_0", "shear_modulus_0"):
+        for name in ("B_0", "G_0"):
             one, other = _values(ds, name, panel, origin)
             # A shear modulus may be zero but for the shape of the cell, so both are measured by B_0.
-            off = max(off, float(np.abs((one - other) / _values(ds, "bulk_modulus_0", origin)[0]).max()))
+            off = max(off, float(np.abs((one - other) / _values(ds, "B_0", origin)[0]).max()))
     yield Measurement(
         "B_0-of-tensions", off, f"B_0 and G_0 change by less than {_bound(off)} B_0 from B to C, where neither is at "
         "its maximum, and from D to E and F",
@@ -189,14 +189,14 @@ def _moduli_of_forces(ds):
 
 
 def _equal_bulk_modulus(ds):
-    B_0 = _values(ds, "bulk_modulus_0", *_STIFFEST)
-    V_L = _values(ds, "length_variance", *_STIFFEST)
-    off = float(np.abs(B_0 / ds.bulk_modulus_bound.values - 1).max())
+    B_0 = _values(ds, "B_0", *_STIFFEST)
+    V_L = _values(ds, "V_L", *_STIFFEST)
+    off = float(np.abs(B_0 / ds.B_0_bound.values - 1).max())
     yield Measurement(
         "B_0-degenerate", off, f"B_0 = {B_0[0, 0]:.6f} k of all three, and the largest that any stress gives, within "
         f"{_bound(off)}; V_L = {V_L[0, 0]:.3f}, {V_L[1, 0]:.3f} and {V_L[2, 0]:.3f}",
     )  # fmt: skip
-    parted = _values(ds, "bulk_modulus_affine", *_STIFFEST) / B_0 - 1
+    parted = _values(ds, "B_0_affine", *_STIFFEST) / B_0 - 1
     affine = (np.abs(parted[0]) < EXACT) & (parted[1:] > 0).all(axis=0)
     yield Measurement(
         "B_0-affine", float(np.mean(affine)),
@@ -217,9 +217,9 @@ def _equal_bulk_modulus(ds):
     )  # fmt: skip
 
 
-_STIFFEST = ("bulk_modulus", "bulk_modulus_wave", "bulk_modulus_designed")
+_STIFFEST = ("max_B_0", "max_B_0_wave", "max_B_0_designed")
 _MEASURES = (
-    (("tension_variance", "tension_variance_inflated"), _equal_tension_variance),
+    (("min_V_tau", "min_V_tau_inflated"), _equal_tension_variance),
     ((*ISOGONAL, *ISOGONAL.values()), _moduli_of_forces),
     (_STIFFEST, _equal_bulk_modulus),
 )
@@ -251,7 +251,7 @@ def _checks(one):
     tension = one.sigma.values * length
     yield from configuration(one)
     yield "tension", np.allclose(tension * 2 * area / np.sum(tension * length), one.tension, rtol=1e-9, atol=1e-12)
-    yield "bulk_modulus_affine", np.isclose(np.sum(length**2) / (4 * area), one.bulk_modulus_affine, rtol=1e-10)
+    yield "B_0_affine", np.isclose(np.sum(length**2) / (4 * area), one.B_0_affine, rtol=1e-10)
 
 
 def _parallel(one, origin):

@@ -15,8 +15,8 @@ FINDINGS = (
         ("gallery", "B_0-degenerate"),
     ),
     (
-        "**Bounds in closed form.** B_0 has its largest value at σ = k; G_0 has a bound of the same kind, for stresses of "
-        "any sign",
+        "**Bounds in closed form.** B_0 has its largest value at σ = k; G_0 has a bound of the same kind, for stresses "
+        "of any sign",
         ("shear", "G_0-bound"),
     ),
     (

@@ -48,7 +48,7 @@ def statement_counts(reference: Path) -> str:
     of["number"] = "by a number"
     parts = [f"{kinds[kind]} {of[kind]}" for kind in DIFFERENCES if kinds[kind]]
     lines = [
-        f"Of {len(claims)} statements of the paper that were tested, {counted(verdicts)}. \"Differs\" is about the "
+        f'Of {len(claims)} statements of the paper that were tested, {counted(verdicts)}. "Differs" is about the '
         "paper, not about your run:",
         "its sentence and the measurement disagree" + (f", {', '.join(parts)}." if parts else "."),
     ]

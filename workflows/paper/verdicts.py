@@ -9,7 +9,7 @@ from .statements import STATEMENTS, Measurement, Statement, statement
 
 # An exponent is known if its 95 % interval is no wider than this to each side.
 WIDEST = 0.15
-LIKELY = 0.5  # a part of the cases above it leaves a share undecided, a probability above it leaves no trend
+LIKELY = 0.5  # a part of the cases above it leaves a share undecided
 
 
 def claims_of(measurements: Iterable[Measurement]) -> list[Claim]:
@@ -29,7 +29,7 @@ def verdict(one: Statement, measured: Measurement) -> str:
     if rule == "share":
         return "holds" if value >= limit else "undecided" if LIKELY < value and limit < 1 else "differs"
     if rule == "chance":
-        return "holds" if value < limit else "undecided" if value <= LIKELY else "differs"
+        return "holds" if value < limit else "undecided" if value <= 1 - limit else "differs"
     if rule == "exponent":
         return _of_exponent(limit, measured)
     low, high = {
@@ -66,11 +66,11 @@ def combined(one: Statement, verdicts: Iterable[str]) -> str:
 
 def _claim(one: Statement, measured: list[Measurement]) -> Claim:
     each = [verdict(one, row) for row in measured]
-    counting = [word for word, row in zip(each, measured, strict=True) if row.counts]
+    counting = [word for word, row in zip(each, measured, strict=True) if row.counts] or ["undecided"]
     result = combined(one, counting)
     # The value of the statement is that of the measurements which gave its verdict.
     shown = [row for row, word in zip(measured, each, strict=True) if row.counts and word == result]
-    shown = shown or [row for row in measured if row.counts]
+    shown = shown or measured
     reason = {"differs": one.because or "outside the criterion", "undecided": _open(one, counting)}
     notes = dict.fromkeys(row.note for row in measured if row.note)
     rows = [

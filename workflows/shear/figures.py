@@ -51,7 +51,7 @@ def ascent_figure(ds):
     one = ds.isel(seed=0)
     for axes, letter, place in zip(bottom.subplots(1, 3), "DEF", _places(one), strict=True):
         _draw(axes, one.isel(step=place), width=0.9)
-        value = float(one.shear_modulus[place])
+        value = float(one.G_0_ascent[place])
         axes.set_title(
             f"$\\bf{{{letter}}}$   step {int(one.step[place])}: $G_0$ = {value:.2g} $k$, "
             f"{100 * value / float(one.bound):.0f} % of the bound",
@@ -71,7 +71,7 @@ def _draw_modulus(axes, ds):
     bound = float(ds.bound.mean())
     axes.axhline(bound, color="0.25", linewidth=1.2, linestyle="--")
     axes.text(0.55, bound * 1.015, "closed-form bound", fontsize=8.5, color="0.25")
-    _band(axes, ds.shear_modulus, BLUE)
+    _band(axes, ds.G_0_ascent, BLUE)
     axes.set(ylabel="shear modulus $G_0$  [$k$]", ylim=(-0.005, 1.12 * bound))
 
 
@@ -107,7 +107,7 @@ def _on_log_axis(steps):
 def animation(ds):
     """One network during the ascent, with its modulus."""
     one = recorded(ds).isel(seed=0)
-    steps, moduli = _on_log_axis(one.step), one.shear_modulus.values
+    steps, moduli = _on_log_axis(one.step), one.G_0_ascent.values
     for place in range(len(steps)):
         figure = Figure(figsize=(7.2, 3.7), dpi=72, layout="constrained")
         network, curve = figure.subplots(1, 2, width_ratios=(1.15, 1))
@@ -125,7 +125,7 @@ def animation(ds):
 
 def _draw(axes, one, width):
     cell, sigma = one.cell.values, one.sigma.values.astype(float)
-    x = one.coordinates.values.astype(float)
+    x = one.position.values.astype(float)
     tail, head = one.edges.values.T
     L = x[head] - x[tail] + one.offsets.values @ cell
     tension = sigma * np.linalg.norm(L, axis=1)
@@ -135,7 +135,7 @@ def _draw(axes, one, width):
 
 def _places(one):
     """The first recorded steps beyond the drawn parts of the bound."""
-    parts = one.shear_modulus.values / float(one.bound)
+    parts = one.G_0_ascent.values / float(one.bound)
     return [int(np.argmax(parts >= part)) if parts.max() >= part else len(parts) - 1 for part in SHOWN]
 
 
@@ -231,8 +231,8 @@ def scaling_figure(ds):
 def _draw_sizes(axes, ds):
     sizes = ds.n_vertices.values
     for place, population in enumerate(map(str, ds.population.values)):
-        values = by_size(ds.shear_modulus_0.sel(population=population))
-        fit, optimised = exponent(sizes, values, np.nanmedian), population == "shear_modulus"
+        values = by_size(ds.G_0.sel(population=population))
+        fit, optimised = exponent(sizes, values, np.nanmedian), population == "max_G_0"
         low, middle, high = np.nanquantile(values, (1 / 6, 0.5, 5 / 6), axis=1)
         style = series(place)
         axes.errorbar(
@@ -241,8 +241,8 @@ def _draw_sizes(axes, ds):
             markerfacecolor="none" if optimised else style["color"],
             label=f"{LABELS[population]}: {quoted(fit)}",
         )  # fmt: skip
-    isotropic = [p for p in map(str, ds.population.values) if p != "shear_modulus"]
-    middle = np.nanmedian(ds.shear_modulus_0.sel(population=isotropic).isel(n_vertices=-1).values)
+    isotropic = [p for p in map(str, ds.population.values) if p != "max_G_0"]
+    middle = np.nanmedian(ds.G_0.sel(population=isotropic).isel(n_vertices=-1).values)
     axes.plot(sizes, middle * sizes[-1] / sizes, color="0.5", linestyle=":", zorder=0)
     axes.text(0.03, 0.03, "dotted: $\\propto 1/N_v$", color="0.35", transform=axes.transAxes)
     axes.set(xscale="log", yscale="log", xlabel="number of vertices $N_v$", ylabel="shear modulus $G_0$  [$k$]")
@@ -257,7 +257,7 @@ def _draw_thresholds(axes, ds):
     axes.axhline(float(ds.bound.mean()), color="0.25", linestyle="--", linewidth=1.2)
     axes.text(ds.threshold.values.min(), 1.02 * float(ds.bound.mean()), "bound for any stress", fontsize=8.5)
     for colour, style, size in zip(COLOURS[::2], STYLES, _shown_sizes(sizes), strict=False):
-        values = ds.shear_modulus_of_threshold.sel(n_vertices=size)
+        values = ds.G_0_of_threshold.sel(n_vertices=size)
         mean, width = values.mean("seed"), values.std("seed")
         axes.fill_between(ds.threshold, mean - width, mean + width, color=colour, alpha=0.2, linewidth=0)
         axes.plot(ds.threshold, mean, style, color=colour, linewidth=1.8, label=f"$N_v$ = {size}")

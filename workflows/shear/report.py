@@ -17,7 +17,7 @@ from .figures import ascent_ends, by_size, detailed, recorded
 
 # An objective within this relative distance of the best one found counts as the best.
 BEST = 1e-6
-BEST_POPULATION = "shear_modulus"
+BEST_POPULATION = "max_G_0"
 # An exponent of fewer networks, or of fewer sizes, has no interval: resampling repeats the same few.
 FEWEST_NETWORKS, FEWEST_SIZES = 8, 3
 
@@ -26,7 +26,7 @@ def claims(ds):
     """The statements of the paper on the shear modulus, and what its ascents and bounds are."""
     whole, detail = recorded(ds), detailed(ds)
     good = whole.isel(seed=np.isfinite(whole.bound.values))
-    finished = good.isel(seed=np.isfinite(good.shear_modulus.isel(step=-1).values))
+    finished = good.isel(seed=np.isfinite(good.G_0_ascent.isel(step=-1).values))
     last = finished.isel(step=-1)
     measured = [_rise(good), *_extremes(last), _onset(good), _compression(good, last), *_thresholds(detail, ds)]
     several = ds.sizes["n_vertices"] > 1
@@ -36,7 +36,7 @@ def claims(ds):
 
 
 def _rise(good):
-    start, end = good.shear_modulus.isel(step=0), good.shear_modulus_end
+    start, end = good.G_0_ascent.isel(step=0), good.G_0_end
     return Measurement(
         "G_0-rises", float((end > 10 * start).mean()),
         f"from {described(start)} to {spread(end)} at the end, {spread(100 * end / good.bound, 3)} % of the bound",
@@ -113,7 +113,7 @@ def _exponent(name, sizes, values, middle, variant, n, counts=True, more=""):
 
 def _thresholds(detail, ds):
     """G_0 and the longest edge against the threshold."""
-    mean, sizes = detail.shear_modulus_of_threshold.mean("seed"), ds.n_vertices.values
+    mean, sizes = detail.G_0_of_threshold.mean("seed"), ds.n_vertices.values
     n = plural(detail.sizes["seed"], "network")
     text = ", ".join(
         f"{float(mean.isel(n_vertices=-1, threshold=n)):.3g} at r = {r:g}"
@@ -135,7 +135,7 @@ def _sizes(ds):
     for population in map(str, ds.population.values):
         if population not in PAPER_POPULATIONS:
             continue
-        values = by_size(ds.shear_modulus_0.sel(population=population))
+        values = by_size(ds.G_0.sel(population=population))
         low, middle, high = np.nanquantile(values[-1], (1 / 6, 0.5, 5 / 6))
         more = f"; {middle:.2g} ({low:.2g} to {high:.2g}, 68 %) at {sizes[-1]}"
         n = f"{plural(int(np.isfinite(values).all(axis=0).sum()), 'network')} a size"
@@ -158,22 +158,22 @@ def _found(ds, whole, good, last, detail):
         if detail.sizes["start"] > 1 and detail.sizes["seed"]:
             yield _starts(detail)
     if BEST_POPULATION in ds.population.values:
-        part = 100 * ds.shear_modulus_0.sel(population=BEST_POPULATION) / ds.bound
+        part = 100 * ds.G_0.sel(population=BEST_POPULATION) / ds.bound
         yield Claim(
             "G_0-constrained-part", "how far the constrained optimum stays below the closed-form bound", "",
             f"at r = {parameters(ds)['threshold']:g} it has {spread(part, 3)} % of the bound; "
-            f"{spread(100 * ds.shear_modulus_of_threshold.isel(threshold=0) / ds.bound, 3)} % at "
+            f"{spread(100 * ds.G_0_of_threshold.isel(threshold=0) / ds.bound, 3)} % at "
             f"r = {float(ds.threshold[0]):g}", "measured",
         )  # fmt: skip
 
 
 def _bound(good):
     gap = float(np.abs(good.closed_form_gap).max())
-    exceeded = good.shear_modulus > good.bound * (1 + 1e-9)
+    exceeded = good.G_0_ascent > good.bound * (1 + 1e-9)
     return Claim.tested(
         "G_0-bound", "no stress of any sign has a larger G_0 than the closed form, which a configuration attains", "",
         f"bound {spread(good.bound)}; attained to {gap:.0e}; exceeded by {int(exceeded.sum())} of "
-        f"{good.shear_modulus.size} recorded steps",
+        f"{good.G_0_ascent.size} recorded steps",
         gap < 1e-9 and not bool(exceeded.any()), "some network lies above", criterion="1e-9 of the bound",
     )  # fmt: skip
 
@@ -184,19 +184,20 @@ def _singular(ds, good, last):
         "singular-prestress", "the ascent crosses stresses with a singular prestress matrix, and may end at one", "",
         f"{spread(good.crossings, 3)} steps cross; {spread(good.negative_pivots, 3)} negative eigenvalues at the end; "
         f"{runaway} of {ds.sizes['seed']} ascents end at a singular matrix, where lengths diverge and the modulus has "
-        f"a limit ({_limit(good)}); the others balance to {float(last.residual.max()):.0e} at the last step", "measured",
+        f"a limit ({_limit(good)}); the others balance to {float(last.residual.max()):.0e} at the last step",
+        "measured",
     )  # fmt: skip
 
 
 def _limit(good):
-    part = (100 * good.shear_modulus_end / good.bound).where(good.status == Status.singular)
+    part = (100 * good.G_0_end / good.bound).where(good.status == Status.singular)
     return f"{spread(part, 3)} % of the bound" if np.isfinite(part).any() else "none here"
 
 
 def _bounds(ds):
     """The part of the bound that the ascents reach, and the compressed length of configurations at the bound."""
     sizes = ds.n_vertices.values
-    part = (100 * ds.shear_modulus_of_end / ds.bound).mean("seed")
+    part = (100 * ds.G_0_ascent_of_end / ds.bound).mean("seed")
     reached = (
         f"{algorithm} {float(part.sel(algorithm=algorithm, n_vertices=size)):.0f} % at N_v = {size}"
         for algorithm in map(str, ds.algorithm.values)
@@ -240,7 +241,7 @@ def verify(ds):
 
 def _checks(one):
     tail, head = one.edges.values.T
-    sigma, x = one.sigma.values.astype(float), one.coordinates.values.astype(float)
+    sigma, x = one.sigma.values.astype(float), one.position.values.astype(float)
     L = x[:, head] - x[:, tail] + one.offsets.values @ one.cell.values
     square, area = np.sum(L**2, axis=2), abs(np.linalg.det(one.cell.values))
     length, compressed = np.sqrt(square), sigma < 0
@@ -248,10 +249,10 @@ def _checks(one):
     modulus = np.sum(sigma * L[..., 0] * L[..., 1], axis=1) ** 2 / np.sum(sigma**2 * square, axis=1) / area
     longest, least = length.max(axis=1) / np.sqrt(area), tension.min(axis=1) / np.abs(tension).max(axis=1)
     # The relative error 1e-7 of single precision grows with the lengths near a singular prestress matrix.
-    stored = np.isfinite(one.shear_modulus.values) & (longest < 10)
-    yield "shear_modulus", np.allclose(modulus[stored], one.shear_modulus.values[stored], rtol=2e-3)
+    stored = np.isfinite(one.G_0_ascent.values) & (longest < 10)
+    yield "G_0_ascent", np.allclose(modulus[stored], one.G_0_ascent.values[stored], rtol=2e-3)
     yield "longest_edge", np.allclose(longest[stored], one.longest_edge.values[stored], rtol=1e-4)
     yield "least_tension", np.allclose(least[stored], one.least_tension.values[stored], rtol=1e-3, atol=1e-6)
     yield "compressed_edges", (np.sum(compressed, axis=1)[stored] == one.compressed_edges.values[stored]).all()
     yield "compressed_length", np.allclose(squeezed[stored], one.compressed_length.values[stored], rtol=1e-3)
-    yield "bound", not (one.shear_modulus.values > float(one.bound) * (1 + 1e-9)).any()
+    yield "bound", not (one.G_0_ascent.values > float(one.bound) * (1 + 1e-9)).any()

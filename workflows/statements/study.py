@@ -11,6 +11,7 @@ from critflow.result import StudyError
 from critflow.workflow import Coordinate, Study, Variable
 from critflow.workflow.study import nearest, plural
 
+from ..paper.committed import committed_run
 from ..paper.statements import Measurement, statement
 from ..paper.verdicts import claims_of
 from ..shared.checks import voronoi_check
@@ -94,6 +95,7 @@ study = Study(
     name="statements",
     title="Statements of the paper that small networks decide",
     references=PAPER,
+    committed=committed_run("statements"),
     axes=(networks(10),),
     parameters={"n_vertices": 60, "statements": tuple(MEASURES)},
     coordinates=(Coordinate("statement", "statements", "statement of the paper"),),

@@ -65,7 +65,7 @@ def _draw_examples(part, ds):
     span = span_of(ds)
     for axes, name in zip(part.subplots(4, 1), texts, strict=True):
         one = ds.isel(example=list(texts).index(name))
-        x, motion = one.example_coordinates.values / span, one.example_motion.values / span
+        x, motion = one.example_position.values / span, one.example_motion.values / span
         for frame in motion[np.isfinite(motion[:, 0, 0])]:
             axes.plot(*frame.T, color="0.8", linewidth=1.0, marker="o", markersize=2.5, zorder=1)
         sigma = one.example_sigma.values
@@ -250,7 +250,7 @@ def _draw_manifold(axes, ds, families):
     draw_surfaces(axes, [(polygons, FAMILIES[kind], opacity[kind]) for kind, polygons in _sheets(ds, families)])
     for name, letter in zip(("stretched", "folded", "branch"), "ABC", strict=True):
         if name in families:
-            x = ds.example_coordinates.values[("stretched", "folded", "branch").index(name), :, 0]
+            x = ds.example_position.values[("stretched", "folded", "branch").index(name), :, 0]
             at = (np.diff(x) / span_of(ds)) ** 2
             axes.plot(*at[:, None], "o", color="k", markersize=4, zorder=30)
             axes.text(*(at + 0.12), letter, fontsize=10, fontweight="bold", zorder=31)

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from critflow.critical.manifold import CriticalConfiguration
-from critflow.extras.explore.model import POPULATIONS, Model
+from critflow.extras.explore.model import Model
 from critflow.extras.explore.source import check_size, imported_lines, opened
 from critflow.extras.files.convert import network_from
 from critflow.networks.network import Array
@@ -17,7 +17,7 @@ from critflow.result import InputError, Status
 from critflow.workflow.dataset import opened_dataset
 
 # Variables on the axes of the plane until others are chosen.
-_FIRST = ("bulk_modulus_0", "C_B_exact", "C_B")
+_FIRST = ("B_0", "C_B")
 # Series of the plane, each with its own colour and shape.
 _MOST_SERIES = 12
 
@@ -48,6 +48,10 @@ class Dataset:
             }
             self.shape = tuple(len(values) for values in self.axes.values())
             of_cases = [variable for variable in dataset.data_vars.values() if set(variable.dims) == set(self.axes)]
+            self.labels: dict[str, str] = {}
+            if "population_label" in dataset:
+                pairs = zip(dataset.population.values, dataset.population_label.values, strict=True)
+                self.labels = {str(name): str(label) for name, label in pairs}
             flat = {str(v.name): np.asarray(v.transpose(*self.axes).values).ravel() for v in of_cases}
             self.names = {str(v.name): str(v.attrs.get("long_name", v.name)) for v in of_cases}
         self.scalars: dict[str, Array] = {name: values for name, values in flat.items() if values.dtype.kind == "f"}
@@ -106,7 +110,7 @@ class Dataset:
         for number, label in enumerate(map(str, self.axes[names[group]][:_MOST_SERIES])):
             cases = np.flatnonzero(shown & (index == number))
             points = {"x": self.scalars[x][cases].tolist(), "y": self.scalars[y][cases].tolist()}
-            label = POPULATIONS.get(label, label)
+            label = self.labels.get(label, label)
             series.append({"label": label, "kind": number, **points, "cases": cases.tolist()})
         return [one for one in series if one["cases"]]
 

@@ -197,7 +197,7 @@ class Page:
         if self.dataset is None:
             return {"x": "B₀", "y": "C_B", "key": "", "own": True}
         x, y = self.dataset.variables(self.filter)
-        own = x == "bulk_modulus_0" and y in ("C_B_exact", "C_B")
+        own = x == "B_0" and y == "C_B"
         return {"x": x, "y": y, "key": f"{self.dataset.path.name} {self.filter}", "own": own}
 
     def _welcome(self) -> dict[str, Any]:

@@ -32,7 +32,7 @@ def _stress(seed: int, name: str) -> str:
     """The stress of a population."""
     noise = f'stable_rng({seed}, "{name}").standard_normal(network.n_edges)'
     if name in OPTIMA:
-        return f'optimize(manifold, "{name}", throw=False).value.sigma'
+        return f'optimize(manifold, "{OPTIMA[name]}", throw=False).value.sigma'
     if name == "random_stress":
         return f"manifold.solve(np.abs({noise})).value.sigma"
     return f"critical_from_lengths(manifold, 1 + {SPREAD} * {noise}, throw=False).value.sigma"

@@ -155,7 +155,7 @@ def test_a_dataset_shows_its_cases(data, dataset):
         assert not header(data, do="case", case=case)["error"]
         where = data.dataset.position(case)
         moduli = {number["key"]: number for number in precise(data)["numbers"]}
-        assert float(moduli["B_0"]["text"]) == pytest.approx(float(stored.bulk_modulus_0.sel(where)), rel=1e-11)
+        assert float(moduli["B_0"]["text"]) == pytest.approx(float(stored.B_0.sel(where)), rel=1e-11)
         assert np.allclose(data.session.state.critical.sigma, stored.sigma.sel(where), rtol=1e-12, atol=0)
     # The exported lines run where the dataset lies.
     with contextlib.chdir(dataset.parent):
@@ -166,10 +166,10 @@ def test_a_dataset_shows_its_cases(data, dataset):
 
 def test_filters_of_a_dataset(data):
     found = data.dataset
-    assert found.variables(Filter()) == ("bulk_modulus_0", "C_B_exact")
-    assert {s["label"] for s in found.points(Filter())} == {"max B₀", "random σ"}
+    assert found.variables(Filter()) == ("B_0", "C_B")
+    assert {s["label"] for s in found.points(Filter())} == {"max B_0", "random σ"}
     assert found.description()["statuses"] == {"ok": 4}
     assert found.mask(Filter(status="floppy")).sum() == 0 and found.points(Filter(status="floppy")) == []
-    plane = header(data, do="filter", x="C_B_exact", y="shear_modulus_0")["plane"]
-    assert plane["x"] == "C_B_exact" and not plane["own"] and len(plane["series"]) == 2
+    plane = header(data, do="filter", x="C_B", y="G_0")["plane"]
+    assert plane["x"] == "C_B" and not plane["own"] and len(plane["series"]) == 2
     assert "series" not in header(data, do="look", series=plane["key"])["plane"]

@@ -331,13 +331,17 @@ def test_a_case_of_a_dataset():
         "edges": network.edges,
         "offsets": network.offsets,
         "cell": network.cell,
-        "coordinates": x,
+        "position": x,
         "sigma": sigma,
     }
-    variables = {
-        name: (("seed", *(f"{name}{axis}" for axis in range(array.ndim))), array[None])
-        for name, array in arrays.items()
+    dims = {
+        "edges": ("edge", "end"),
+        "offsets": ("edge", "axis"),
+        "cell": ("cell_vector", "axis"),
+        "position": ("vertex", "axis"),
+        "sigma": ("edge",),
     }
+    variables = {name: (("seed", *dims[name]), array[None]) for name, array in arrays.items()}
     dataset = xr.Dataset(variables, coords={"seed": [3]})
     read = network_from(dataset.sel(seed=3))
     assert not read.repaired
@@ -345,8 +349,15 @@ def test_a_case_of_a_dataset():
         np.testing.assert_array_equal(getattr(read.network, name), arrays[name])
     np.testing.assert_array_equal(read.positions, x)
     np.testing.assert_array_equal(read.force_densities, sigma)
-    with pytest.raises(InputError, match="choose one case"):
+    critical = read.configuration
+    np.testing.assert_array_equal(critical.sigma, sigma)
+    assert critical.network is read.network and critical.residual < 1e-12
+    with pytest.raises(InputError, match="one seed"):
         network_from(dataset)
+    with pytest.raises(InputError, match="schema 3"):
+        network_from(dataset.sel(seed=3).rename(position="coordinates"))
+    with pytest.raises(InputError, match="force densities"):
+        _ = network_from(dataset.sel(seed=3).drop_vars("sigma")).configuration
     with pytest.raises(InputError, match="lacks"):
         network_from(dataset.sel(seed=3).drop_vars("edges"))
 
