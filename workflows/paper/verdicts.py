@@ -70,7 +70,7 @@ def _claim(one: Statement, measured: list[Measurement]) -> Claim:
     result = combined(one, counting)
     # The value of the statement is that of the measurements which gave its verdict.
     shown = [row for row, word in zip(measured, each, strict=True) if row.counts and word == result]
-    shown = shown or measured
+    shown = shown or [row for row in measured if row.counts] or measured
     reason = {"differs": one.because or "outside the criterion", "undecided": _open(one, counting)}
     notes = dict.fromkeys(row.note for row in measured if row.note)
     rows = [
