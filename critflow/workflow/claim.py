@@ -94,10 +94,13 @@ def verdict_sentence(claims: Sequence[Claim], kind: str, link: str) -> str:
     return f"Of {number} {of} that this study tests, {counted(verdicts)}{link}."
 
 
-def claims_files(title: str, claims: Iterable[Claim], sample: str) -> tuple[str, str]:
-    """The claims as JSON, and as Markdown: a table for each kind; `sample` for claims without one."""
+def claims_files(title: str, claims: Iterable[Claim], sample: str, note: str = "") -> tuple[str, str]:
+    """The claims as JSON, and as Markdown: a table for each kind; `sample` for claims without one.
+
+    note  a remark on the dataset, below the title
+    """
     stated = [replace(claim, sample=claim.sample or sample) for claim in claims]
-    lines = [f"# {title}"]
+    lines = [f"# {title}", *(["", f"{note[0].upper()}{note[1:]}."] if note else [])]
     for kind in KINDS:
         if of_kind := [claim for claim in stated if claim.kind == kind]:
             lines += ["", f"## {KINDS[kind].capitalize()}", ""]

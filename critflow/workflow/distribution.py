@@ -1,7 +1,7 @@
 """Worker processes by dask: a local cluster, a scheduler, or jobs of a batch system; and what follows if one dies.
 
-If a worker dies, its trace files name the case that ran; the other cases of the task are submitted again one by one,
-and the case itself fails after `ATTEMPTS` deaths.
+If a worker dies, its trace files name the case that ran.  The task is submitted again with this case as its last one,
+and the case fails after `ATTEMPTS` deaths.
 
 A local cluster listens on the loopback address with temporary TLS certificates.  The options of a batch system come
 from dask's configuration alone (`jobqueue.slurm` for `--cluster slurm`); each job has one worker process per core.
@@ -17,7 +17,7 @@ import signal
 import threading
 import time
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import CancelledError
 from contextlib import contextmanager
 from multiprocessing import resource_tracker
@@ -55,9 +55,9 @@ def _distributed(client: Client, job: Job, tasks: Sequence[Task], stopped: threa
     running: dict[Future, Task] = {}
     deaths = _Deaths(job)
 
-    def submit(task: Task) -> None:
+    def submit(task: Task, careful: bool = False) -> None:
         # A new key for every attempt: dask answers a known key with the stored result.
-        future = client.submit(run_cases, job, task, key=f"critflow-{uuid4().hex}", pure=False)
+        future = client.submit(run_cases, job, task, careful, key=f"critflow-{uuid4().hex}", pure=False)
         running[future] = task
         completed.add(future)
 
@@ -80,14 +80,15 @@ def _distributed(client: Client, job: Job, tasks: Sequence[Task], stopped: threa
             yield []
         for future in ended:
             if task := running.pop(future, ()):
+                again: Task = ()
                 try:
-                    outcomes, again = future.result(), list[Task]()
+                    outcomes = future.result()
                     deaths.unexplained = 0
                 except (KilledWorker, NoWorkerError, CancelledError) as error:
-                    outcomes, again = ([], []) if stopped.is_set() else deaths.explain(task, error)
+                    outcomes, again = ([], ()) if stopped.is_set() else deaths.explain(task, error)
                 yield outcomes
-                for part in again:
-                    submit(part)
+                if again:
+                    submit(again, careful=True)
 
 
 class _Deaths:
@@ -98,12 +99,12 @@ class _Deaths:
         self.of_case: Counter[str] = Counter()
         self.unexplained = 0  # in a row
 
-    def explain(self, task: Task, error: Exception) -> tuple[list[Outcome], list[Task]]:
-        """Failed cases of a task without a result, and the tasks to submit again; raises errors of the run."""
+    def explain(self, task: Task, error: Exception) -> tuple[list[Outcome], Task]:
+        """Failed cases of a task without a result, and those to submit again; raises errors of the run."""
         if not isinstance(error, KilledWorker):
             ended = "all workers" if isinstance(error, NoWorkerError) else "the scheduler"
             raise EnvironmentFailure(f"{ended} ended: run the same command again to resume") from error
-        failed, again, explained = list[Outcome](), list[Task](), False
+        failed, again, last, explained = list[Outcome](), list[Mapping](), list[Mapping](), False
         for values in task:
             case = self.job.case(self.study, values)
             if trace := take_trace(self.folder, case):
@@ -112,14 +113,16 @@ class _Deaths:
                 if self.of_case[case.id] == ATTEMPTS:
                     failed.append(record_failure(self.job, self.study, case, f"{trace}, in {ATTEMPTS} attempts"))
                     continue
-            again.append([values])
+                last.append(values)
+            else:
+                again.append(values)
         if explained:
             self.unexplained = 0
-            return failed, again
+            return failed, [*again, *last]
         self.unexplained += 1  # the task waited in a worker that died, or the worker cannot start
         if self.unexplained == _UNEXPLAINED:
             raise EnvironmentFailure("the worker processes end before they begin a case: try fewer, or --workers 0")
-        return [], [task]
+        return [], task
 
 
 @contextmanager

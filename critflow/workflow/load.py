@@ -14,7 +14,7 @@ from pathlib import Path
 from types import ModuleType
 
 from critflow.result import EnvironmentFailure, StudyError
-from critflow.workflow.provenance import STUDY_MODULE
+from critflow.workflow.code import STUDY_MODULE
 from critflow.workflow.study import Study, nearest
 
 _BENCHMARKS = ("failure_map", "speed")  # not part of the installed package

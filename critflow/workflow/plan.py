@@ -74,6 +74,11 @@ class Case:
         values = [f"{k}{v}" if isinstance(v, int) else _UNREADABLE.sub("_", v) for k, v in self.values.items()]
         return f"{'-'.join(values)[:80]}-{sha256(self.identity.encode()).hexdigest()[:16]}"
 
+    @cached_property
+    def shard(self) -> str:
+        """Name of the file that stores all cases with this value of the first axis and these parameters."""
+        return Case(self.study, self.version, self.parameters, dict([*self.values.items()][:1]), self.variables).id
+
 
 @dataclass(frozen=True)
 class Selection:

@@ -99,7 +99,7 @@ def text_parts(study: Study, folder: Folder) -> list[Part]:
 def _figure(draw: Callable[[xr.Dataset], Figure], format: str, dataset: xr.Dataset) -> list[bytes]:
     file = io.BytesIO()
     with np.errstate(over="ignore", invalid="ignore"):  # axes in three dimensions compute with NaN of missing data
-        figure = draw(dataset)
+        figure = _noted(draw(dataset), dataset)
         if (engine := figure.get_layout_engine()) is not None:
             # `savefig` would draw all twice, the first time for the layout alone.
             engine.execute(figure)
@@ -113,7 +113,7 @@ def _figure(draw: Callable[[xr.Dataset], Figure], format: str, dataset: xr.Datas
 def _animation(frames: Callable[[xr.Dataset], Iterable[Figure]], dataset: xr.Dataset) -> list[bytes]:
     images, file = [], io.BytesIO()
     for figure in frames(dataset):
-        canvas = FigureCanvasAgg(figure)
+        canvas = FigureCanvasAgg(_noted(figure, dataset))
         canvas.draw()
         images.append(Image.fromarray(np.asarray(canvas.buffer_rgba())).convert("RGB"))
         plt.close(figure)
@@ -124,10 +124,25 @@ def _animation(frames: Callable[[xr.Dataset], Iterable[Figure]], dataset: xr.Dat
     return [file.getvalue()]
 
 
+def code_note(dataset: xr.Dataset) -> str:
+    """The sentence about a dataset whose cases were computed by several versions of the code, else empty."""
+    if "code" not in dataset or "flag_meanings" not in dataset["code"].attrs:
+        return ""
+    return f"the cases are of {len(dataset['code'].attrs['flag_meanings'].split())} versions of the code"
+
+
+def _noted(figure: Figure, dataset: xr.Dataset) -> Figure:
+    if note := code_note(dataset):
+        figure.text(0.005, 0.002, note, fontsize=6, color="#C00000")
+    return figure
+
+
 def _claims_files(study: Study, dataset: xr.Dataset, claims: Iterable[Claim]) -> list[bytes]:
     """The claims as JSON, and as Markdown."""
     axis = study.axes[0]
-    return [text.encode() for text in claims_files(study.title, claims, axis.counted(dataset.sizes[axis.name]))]
+    note = code_note(dataset)
+    texts = claims_files(study.title, claims, axis.counted(dataset.sizes[axis.name]), note)
+    return [text.encode() for text in texts]
 
 
 def _json(value: Any) -> bytes:

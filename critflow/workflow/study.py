@@ -105,6 +105,12 @@ class Axis:
         """A number of values with their noun, as in "3 networks"."""
         return plural(number, self.noun) if self.noun else f"{number} {self.name if number == 1 else self.key}"
 
+    def place(self, value: Any) -> tuple[int, str]:
+        """Where a value stands in order: words as they are declared, and behind them former ones."""
+        if not self.is_words:
+            return (value, "")
+        return (list(self.values).index(value) if value in self.values else len(self.values), value)
+
     def ordered(self, values: Iterable[Any]) -> tuple:
         """Values of this axis in the order of every dataset: numbers increase, words are in the declared order."""
         return tuple(sorted(values, key=list(self.values).index if self.is_words else None))
@@ -201,13 +207,14 @@ class Study:
     # Variables that a figure, an animation, "claims", "summary" or "verify" reads; all variables without an entry.
     needs: Mapping[str, Sequence[str]] = field(default_factory=dict)
     workers: int | None = None  # largest number of simultaneous cases: 1 if cases measure time
+    extras: Sequence[str] = ()  # of critflow that cases use without an import or a name in the study
     left_out: Sequence[Variable] = ()  # rows of the table that are not stored; set by `storing`
 
     def __post_init__(self) -> None:
         name = f"study {self.name!r}"
         valid = re.fullmatch(r"[A-Za-z0-9][A-Za-z0-9_-]*", self.name) is not None
         require(valid, f"study name {self.name!r} must be letters, digits, - and _")
-        for key in ("axes", "variables", "coordinates", "left_out"):
+        for key in ("axes", "variables", "coordinates", "extras", "left_out"):
             object.__setattr__(self, key, tuple(getattr(self, key)))
         parameters = {key: _plain_parameter(key, value) for key, value in self.parameters.items()}
         object.__setattr__(self, "parameters", parameters)

@@ -150,23 +150,27 @@ def test_datasets_follow_the_conventions_that_they_state(tmp_path, run, source, 
     assert [line for line in found if not any(word in line for word in NOT_OURS)] == []
 
 
-def test_a_dataset_in_pieces_has_the_bytes_of_one_in_memory(tmp_path, run, source, monkeypatch):
+def test_a_dataset_in_pieces_has_the_contents_of_one_in_memory(tmp_path, run, source, monkeypatch):
     """With a variable of no axis, whose values all pieces share."""
     monkeypatch.setenv("SOURCE_DATE_EPOCH", "0")
     shared = ('Variable("status"', 'Variable("shared", ("edge",), "f8", long_name="shared"), Variable("status"')
     path = source(*shared, '"status":', '"shared": np.arange(float(n_edges)), "status":')
+    monkeypatch.setattr(dataset_module, "_CHUNK", 1)
     written = []
     for size in (2**26, 1):
         monkeypatch.setattr(dataset_module, "_PIECE", size)
         out = tmp_path / str(size)
         assert run(out, study=path) == 0
         assert main(["verify", str(out)]) == 0
-        written.append((out / "tiny.nc").read_bytes())
+        written.append(contents_of(out / "tiny.nc"))
     assert written[0] == written[1]
+    with xr.open_dataset(tmp_path / "1" / "tiny.nc", chunks={}) as ds:
+        assert ds.chunks["seed"] == (1, 1, 1, 1)
 
 
 def test_values_that_differ_between_pieces_are_an_error(tmp_path, run, source, monkeypatch, capsys):
-    monkeypatch.setattr(dataset_module, "_PIECE", 1)
+    for name in ("_PIECE", "_CHUNK"):
+        monkeypatch.setattr(dataset_module, name, 1)
     shared = ('Variable("status"', 'Variable("shared", (), "f8", long_name="shared"), Variable("status"')
     path = source(*shared, '"status":', '"shared": float(seed), "status":')
     assert run(tmp_path, study=path) == 4

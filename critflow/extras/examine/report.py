@@ -7,7 +7,7 @@ from functools import cached_property
 
 import numpy as np
 
-from critflow.certificates.counts import Rigidity
+from critflow.certificates.counts import Rigidity, n_rotations
 from critflow.certificates.spaces import zero_modes
 from critflow.critical.manifold import CriticalConfiguration
 from critflow.extras.cables.onset_end import CriticalStrain
@@ -111,12 +111,7 @@ class Examination(Record):
     @property
     def _rotations(self) -> int:
         """Rotations that keep all fixed vertices in place; the cell keeps a periodic network from rotating."""
-        pins = np.array(list(self.network.pins.values()))
-        if not len(pins) or self.network.offsets.any():
-            return 0
-        size = np.ptp(self.coordinates, axis=0).max()
-        across = self.network.dimension - int(np.linalg.matrix_rank(pins - pins[0], tol=_AT_REST * size))
-        return across * (across - 1) // 2
+        return n_rotations(self.network, self.coordinates)
 
     @property
     def rotates(self) -> bool:

@@ -21,8 +21,7 @@ from critflow.result import CritflowError, InputError
 from critflow.workflow import stable_rng
 
 OPTIMA = {"min_V_L": "V_L", "min_V_tau": "V_tau", "max_B_0": "B_0", "max_G_0": "G_0"}
-"""The quantity whose optimum each of these populations is."""
-
+"""The quantity of each population that is an optimum."""
 POPULATIONS = {
     "min_V_L": "min V_L",
     "min_V_tau": "min V_τ",
@@ -31,7 +30,7 @@ POPULATIONS = {
     "random_lengths": "random ℓ",
     "random_stress": "random σ",
 }
-"""Populations of the paper, by name, with their labels."""
+"""Populations of the paper, by their names in datasets, with their labels."""
 
 # Standard deviation of the random rest lengths, the largest that leaves every edge stressed.
 SPREAD = 0.1

@@ -98,9 +98,10 @@ def write_network(
     copies           of a periodic cell along each cell vector, one number or d numbers, as one larger network
 
     Many parameters: the state of a network is more than its graph.  Options: size (mm) and width or radius (mm) of
-    drawings and solids, which are cut at the border of the cell, and by_stiffness, with which the cross section of each
-    strut is that of its stiffness.  Raises `InputError` where the format cannot hold the
-    network, `EnvironmentFailure` where its package is missing.
+    drawings and solids, which are cut at the border of the cell, and by_stiffness: True, the cross section of each
+    strut is that of its stiffness; False, all have one; None, the first where k varies, and SVG has colours and a
+    legend.  Raises `InputError` where the format cannot hold the network, `EnvironmentFailure` where its package is
+    missing.
 
     >>> import critflow as cf
     >>> import tempfile

@@ -29,12 +29,12 @@ def make(
     out: Annotated[Path, typer.Option(metavar="OUT", help="The file to write; its ending names the format.")],
     hints: Hints,
     objective: Annotated[
-        str,
+        str | None,
         typer.Option(
             metavar="NAME",
             help="A quantity, such as B_0, G_0 or V_tau, or nearest to the positions; B_0 unless there are targets.",
         ),
-    ] = "",
+    ] = None,
     picture: Annotated[Path | None, typer.Option(metavar="PNG", help="Also draw the configuration.")] = None,
     target: Annotated[
         list[str],
@@ -45,6 +45,8 @@ def make(
 
     Many parameters: each is an option of the command.
     """
+    if objective == "":
+        raise InputError("--objective needs a name, such as B_0, G_0, V_tau or nearest: give one, or leave it out")
     if objective and target:
         raise InputError("--objective is for networks without --target: give NAME=largest or NAME=smallest as a target")
     objective = objective or "B_0"
@@ -63,6 +65,9 @@ def make(
     critical = solution.value
     print("\n".join(f"  {line}" for line in lines))
     if not np.isfinite(critical.coordinates).all():
+        return 3
+    if isinstance(solution, Design) and not solution.reached:
+        print("  nothing is written, since the targets are not reached: change them, or give limits LOW:HIGH")
         return 3
     print(f"  {certificate_text(critical, title, solution.status)}")
     write_network(critical, out)

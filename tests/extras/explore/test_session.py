@@ -233,7 +233,7 @@ SHORT = {
     "far below its error": (numbers.Number("V_L", 5e-32, 7.9e-30, numbers.PROOF), "0", "0"),
     "negative": (numbers.Number("C_B", -12.34567, 1e-9, numbers.ESTIMATE), "-12.35", "-12.34567000"),
     "small": (numbers.Number("residual", 1.234567e-16), "1.235e-16", "1.23457e-16"),
-    "count": (numbers.Number("zero modes", 123456), "123456", "123456"),
+    "count": (numbers.Number("floppy modes", 123456), "123456", "123456"),
     "none": (numbers.Number("G_0", np.nan), "—", "—"),
 }
 

@@ -39,8 +39,13 @@ def test_a_network_with_targets(tmp_path, capsys):
     exact = critflow.stiffening(critical).value
     assert abs(exact.C_B) < 1e-9 and 0.201 < exact.bulk_0 < 0.25 + 1e-9
     assert "C_B" in capsys.readouterr().out
-    assert main(["make", str(source), "--target", "C_B=-9", "--out", str(out)]) == 3
-    assert "at least" in capsys.readouterr().out
+    before = {path: path.read_bytes() for path in tmp_path.iterdir()}
+    words = ["--picture", str(tmp_path / "made.png"), "--out", str(out)]
+    assert main(["make", str(source), "--target", "C_B=-9", *words]) == 3
+    refused = capsys.readouterr().out
+    assert "at least" in refused and "nothing is written" in refused and "written to" not in refused
+    # What was there before stays, and no picture shows a configuration without the properties.
+    assert {path: path.read_bytes() for path in tmp_path.iterdir()} == before
     assert main(["make", str(source), "--target", "C_B", "--out", str(out)]) == 2
     assert "NAME=VALUE" in capsys.readouterr().err
     twice = ["make", str(source), "--target", "C_B=0", "--out", str(out)]
@@ -53,6 +58,8 @@ def test_a_network_with_targets(tmp_path, capsys):
     [
         (["make", "h.csv", "--out", "m.svg", "--objective", "colour"], "colour"),
         (["make", "h.csv", "--out", "m.csv", "--target", "B_0=0_1"], "0_1"),
+        (["make", "h.csv", "--out", "m.csv", "--objective", ""], "--objective needs a name"),
+        (["convert", "h.csv", "h.stl", "--radius", "1e300"], "--radius 1e+300 must be positive and at most"),
         (["make", "t.csv", "--out", "m.csv", "--target", "C_B=0"], "in Python, prune_towards("),
     ],
 )
