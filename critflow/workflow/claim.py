@@ -78,10 +78,11 @@ def tally(claims: Iterable[Claim], kind: str = "paper") -> Counter[str]:
 
 
 def counted(verdicts: Mapping[str, int]) -> str:
-    """The verdicts in words: "15 hold, 2 differ, 1 is undecided"."""
+    """The verdicts in words: "15 hold, 2 differ and 1 is undecided"."""
     forms = {"holds": ("holds", "hold"), "differs": ("differs", "differ")}
     forms["undecided"] = ("is undecided", "are undecided")
-    return ", ".join(f"{verdicts.get(name, 0)} {words[verdicts.get(name, 0) != 1]}" for name, words in forms.items())
+    parts = [f"{number} {words[number != 1]}" for name, words in forms.items() if (number := verdicts.get(name, 0))]
+    return " and ".join(filter(None, (", ".join(parts[:-1]), *parts[-1:])))
 
 
 def verdict_sentence(claims: Sequence[Claim], kind: str, link: str) -> str:
@@ -144,7 +145,7 @@ def _folded(claim: Claim) -> str:
     if not lines:
         return ""
     words = ["criterion"] if claim.criterion else []
-    words += [f"{len(claim.rows)} measurements"] if claim.rows else []
+    words += [f"{len(claim.rows)} measurement{'s' * (len(claim.rows) > 1)}"] if claim.rows else []
     text = "<br>".join(escape(line, quote=False) for line in lines)
     return f" <details><summary>{', '.join(words) or 'printed'}</summary>{text}</details>"
 

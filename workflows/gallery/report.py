@@ -193,8 +193,8 @@ def _equal_bulk_modulus(ds):
     V_L = _values(ds, "V_L", *_STIFFEST)
     off = float(np.abs(B_0 / ds.B_0_bound.values - 1).max())
     yield Measurement(
-        "B_0-degenerate", off, f"B_0 = {B_0[0, 0]:.6f} k of all three, and the largest that any stress gives, within "
-        f"{_bound(off)}; V_L = {V_L[0, 0]:.3f}, {V_L[1, 0]:.3f} and {V_L[2, 0]:.3f}",
+        "B_0-degenerate", off, f"B_0 = {B_0[0, 0]:.6f} k at V_L = {V_L[0, 0]:.3f}, {V_L[1, 0]:.3f} and "
+        f"{V_L[2, 0]:.3f}, which is the largest value of any stress, within {_bound(off)}",
     )  # fmt: skip
     parted = _values(ds, "B_0_affine", *_STIFFEST) / B_0 - 1
     affine = (np.abs(parted[0]) < EXACT) & (parted[1:] > 0).all(axis=0)

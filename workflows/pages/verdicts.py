@@ -62,11 +62,16 @@ def differences(reference: Path) -> str:
         for claim in of_the_paper(reference):
             if claim.verdict == verdict:
                 kind = DIFFERENCES.get(claim.difference, "undecided")
+                reason = claim.because.removeprefix("open: ")
                 lines.append(
-                    f"- **{claim.statement[0].upper()}{claim.statement[1:]}** ({claim.place}). {kind.capitalize()}. "
-                    f"Measured: {claim.value}. {claim.because.removeprefix('open: ').capitalize()}."
+                    f"- **{_capital(claim.statement)}** ({claim.place}). {_capital(kind)}. Measured: {claim.value}. "
+                    f"{'Open' if verdict == 'undecided' else 'Reason'}: {reason}."
                 )
     return "\n".join(lines) or "None."
+
+
+def _capital(text: str) -> str:
+    return text[:1].upper() + text[1:]
 
 
 def found(reference: Path) -> str:
@@ -92,9 +97,7 @@ def ensemble_statements(reference: Path) -> str:
 
 def of_committed_run(reference: Path, study: str) -> str:
     """The verdicts of a committed run, as the end of a run quotes them."""
-    claims = committed(reference).get(study, [])
-    verdicts = Counter(claim.verdict for claim in claims if claim.kind == "paper")
-    samples = Counter(claim.sample for claim in claims if claim.kind == "paper")
-    if not verdicts:
+    claims = [claim for claim in committed(reference).get(study, []) if _belongs(claim, study)]
+    if not claims:
         return ""
-    return f"In the committed run of {samples.most_common(1)[0][0]} {counted(verdicts)}."
+    return f"In the committed run of {claims[0].sample}, {counted(Counter(claim.verdict for claim in claims))}."
