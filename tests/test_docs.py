@@ -43,7 +43,7 @@ sys.path.append(str(ROOT / "docs" / "_ext"))
 import programs  # noqa: E402
 
 DOCS = ROOT / "docs"
-MADE = {path.with_suffix(".md") for path in (DOCS / "notebooks").glob("*.py")}  # by the site
+MADE = {path.with_suffix(".md") for path in (DOCS / "notebooks").glob("*.ipynb")}  # by the site
 BUILT = set((DOCS / "_build").rglob("*.md"))
 PAGES = [ROOT / "README.md", ROOT / "workflows" / "README.md", *sorted(set(DOCS.rglob("*.md")) - MADE - BUILT)]
 COLUMNS, SHOWN = 80, ("python", "console", "sh", "text")

@@ -337,8 +337,8 @@ def variable_attributes(variable: Variable) -> dict[str, Any]:
         attributes["flag_meanings"] = " ".join(flag.name for flag in variable.flags)
     elif variable.fill is not None:
         attributes["value_if_missing"] = np.array(variable.fill, variable.dtype)[()]
-    if variable.volatile:
-        attributes["comment"] = "differs from run to run"
+    if comment := "; ".join(filter(None, (variable.comment, "differs from run to run" * variable.volatile))):
+        attributes["comment"] = comment
     return attributes
 
 

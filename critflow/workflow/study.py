@@ -142,6 +142,7 @@ class Variable:
     flags: type[IntEnum] | None = field(default=None, kw_only=True)  # the meaning of integer codes
     fill: int | None = field(default=None, kw_only=True)  # stands for a missing integer; an end of the dtype by default
     volatile: bool = field(default=False, kw_only=True)  # differs between runs, for example a time
+    comment: str = field(default="", kw_only=True)  # what a reader must know beyond the long name
 
     def __post_init__(self) -> None:
         _identifier(self.name, "variable")

@@ -38,8 +38,9 @@ def article(page):
 
 
 def prose(page):
-    """The text of a page without code and equations."""
-    words = article(page).xpath(".//text()[not(ancestor::pre or ancestor::code or ancestor::math or ancestor::script)]")
+    """The text of a page without code, equations and values that a notebook shows as HTML."""
+    outside = "ancestor::pre or ancestor::code or ancestor::math or ancestor::script or ancestor::div[@class='value']"
+    words = article(page).xpath(f".//text()[not({outside})]")
     return " ".join(word for word in words if word.strip())
 
 

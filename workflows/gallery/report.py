@@ -26,11 +26,11 @@ CAPTIONS = {
     "max_G_0_2": ("max $G_0$, $r$ = {thresholds[1]:g}", "$G_0$ = {G_0:.3f} $k$"),
     "max_G_0_3": ("max $G_0$, $r$ = {thresholds[2]:g}", "$G_0$ = {G_0:.3f} $k$"),
     "random_lengths": (
-        f"{LABELS['random_lengths']}: $s$ = {{spread:g}}",
+        f"{LABELS['random_lengths']}, as recorded",
         "$B_0$ = {B_0:.3f} $k$, {stressed} % stressed",
     ),
     "random_lengths_transition": (
-        f"{LABELS['random_lengths_transition']}: $s$ = {{spread_wide:g}}",
+        LABELS["random_lengths_transition"],
         "$B_0$ = {B_0:.3f} $k$, {stressed} % stressed",
     ),
     "random_stress_1": (LABELS["random_stress"], "$B_0$ = {B_0:.3f} $k$"),
@@ -93,7 +93,9 @@ def gallery(ds):
         bar = figure.colorbar(
             lines, cax=figure.add_axes((0.25, 0.042, 0.5, 0.011)), orientation="horizontal", extend="max"
         )
-        label = "edge tension $\\tau$ at unit pressure;  dotted: no tension (K is the spread that the paper prints)"
+        label = (
+            "edge tension $\\tau$ at unit pressure;  dotted: no tension (K is exactly at the transition, J beyond it)"
+        )
         bar.set_label(label, fontsize=8, labelpad=2)
         bar.ax.tick_params(labelsize=7, length=2, pad=1.5)
     return figure

@@ -19,6 +19,11 @@ from .reports import finite, parameters, status_counts
 CONVENTIONS = {"C_G_stress_corrected": "stress-corrected", "C_G": "energy"}
 CLOSE = 1.05  # first over second median that follows closely
 METRICS = {"V_L": "V_L", "kappa_phys": "κ_phys", "V_tau": "V_τ", "kappa_force": "κ_force"}
+# The two states of random rest lengths that the text admits.
+READINGS = {
+    "random_lengths": "box of side √N_b, as the protocol records it",
+    "random_lengths_transition": "V = N_v, exactly at the transition",
+}
 PRINTED_SPREAD = 0.3  # of random rest lengths; others do not test the statements on them
 
 
@@ -59,7 +64,7 @@ def _readings(ds):
     for p, key in SPREADS.items():
         if p in ds.population.values and len(of(ds, "stressed_fraction", p)):
             spread = parameters(ds)[key]
-            yield p, f"{NAMES[p]} (s = {spread:g})", spread == PRINTED_SPREAD
+            yield p, f"{READINGS[p]}, s = {spread:g}", spread == PRINTED_SPREAD
 
 
 def population_measurements(ds) -> Iterator[Measurement]:

@@ -290,9 +290,7 @@ study = Study(
         "n_starts": 12,
         "detailed_seeds": 12,
         "threshold": 0.1,
-        "spread": 0.1,
-        "spread_wide": 0.3,
-        "protocol": "conic",
+        "spread": 0.3,
     },
     coordinates=(
         Coordinate("step", "steps", "step of the recorded ascent"),
