@@ -24,7 +24,7 @@ from .paper.verdicts import claims_of
 from .shared.checks import voronoi_check
 from .shared.figures import counted, legend_below, lettered, panels
 from .shared.populations import LABELS, NAMES, PAPER_POPULATIONS, configuration
-from .shared.reports import PAPER, parameters, series, spread
+from .shared.reports import PAPER, finite, parameters, series, spread
 from .shared.tables import networks, numbers, outcomes
 
 SOURCES = (
@@ -113,6 +113,8 @@ def designed(manifold, critical, kappa):
     """Relaxed moduli at the transition of a configuration and of one designed for a larger value, and the outcome."""
     modulus = WeakModulus(cf.AngleSprings(), kappa)
     now = cf.properties(critical, [modulus]).values[modulus.name]
+    if not np.isfinite(now):  # κ is beyond the theory of this network, so that there is nothing to raise
+        return {"design_modulus": np.full(2, np.nan), "design_status": cf.Status.undecided}
     found = cf.design(manifold, {modulus: RAISED * now})
     pair = (relaxed_modulus(each, kappa) if each is not None else np.nan for each in (critical, found.value))
     return {"design_modulus": np.array([*pair]), "design_status": found.status}
@@ -296,14 +298,16 @@ def _of_networks(ds):
     """Designs and populations."""
     kappas = np.array(parameters(ds)["kappas"])
     raised = (ds.design_modulus[:, 1] / ds.design_modulus[:, 0]).values
+    known = finite(raised)
     moduli = np.nan_to_num(ds.onset_modulus.mean("seed").values)
     stiffest = [NAMES[PAPER_POPULATIONS[n]] for n in moduli.argmax(axis=0)]
     return [
         Claim.tested(
             "weak-design", f"networks designed for {RAISED} × the modulus of max B_0 at κ = {kappas.max():.0e} have it",
-            f"{RAISED}", f"relaxed energies {spread(raised)}", (np.abs(raised - RAISED) <= 0.05).all(),
+            f"{RAISED}", f"relaxed energies {spread(raised)}",
+            bool((np.abs(known - RAISED) <= 0.05).all()) if known.size else None,
             "the design follows the full equation, whose terms left out grow with κ",
-            criterion="ratio of relaxed moduli within 0.05, every network",
+            criterion="ratio of relaxed moduli within 0.05, every network", sample=plural(len(known), "network"),
         ),
         Claim(
             "weak-stiffest", "the population with the largest mean modulus at the transition, where the theory holds",
