@@ -177,9 +177,8 @@ def run(
     other = "refuse" if recompute is None else "recompute" if recompute else "keep"
     if dry_run:
         return _print_plan(loaded, requested, folder, plan_run(folder, requested, retry_failed, other))
-    # For `history`: no folder and no address of this machine.
     words = ["critflow", "run", Path(study).name, *(f"--set={word}" for word in settings)]
-    origin = _origin(f"{shlex.join(words)} (in {place.place})")
+    origin = _origin(f"{shlex.join(words)} (in {place.place})")  # no folder and no address of this machine
     result = run_study(loaded, requested, folder, place, origin, retry_failed=retry_failed, other=other)
     return _print_result(requested, folder, result)
 
