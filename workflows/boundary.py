@@ -50,8 +50,8 @@ def case(parameters, *, seed):
         "boundary_vectors": network.boundary_vectors,
         "positions": network.positions,
         "sigma": critical.sigma,
-        "coordinates": critical.coordinates,
-        "coordinates_error_bound": critical.error_bound,
+        "position": critical.coordinates,
+        "position_error_bound": critical.error_bound,
         "bond_vectors": critical.bond_vectors,
         "sheared_cell": cells,
         "sheared_bond_vectors": [solved.bond_vectors for solved in sheared],
@@ -67,15 +67,15 @@ VARIABLES = (
     *numbers(
         ("seed", "vertex", "axis"),
         positions="vertices of the tessellation",
-        coordinates="vertex coordinates under that stress",
+        position="vertex coordinates under that stress",
     ),
     *numbers(
         ("seed", "edge", "axis"),
         boundary_vectors="boundary term b of each edge",
         bond_vectors="bond vectors under that stress",
     ),
-    *numbers(("seed",), coordinates_error_bound="bound on the error of coordinates"),
-    *numbers((*SHEARED, "axis", "axis_"), sheared_cell="cell vectors as rows after the shear"),
+    *numbers(("seed",), position_error_bound="bound on the error of position"),
+    *numbers((*SHEARED, "cell_vector", "axis"), sheared_cell="cell vectors as rows after the shear"),
     *numbers(
         (*SHEARED, "edge", "axis"),
         sheared_bond_vectors="bond vectors after the shear",
@@ -219,7 +219,7 @@ def verify(ds):
 
 def _checks(one):
     tail, head = one.edges.values.T
-    b, x, sigma = one.boundary_vectors.values, one.coordinates.values, one.sigma.values
+    b, x, sigma = one.boundary_vectors.values, one.position.values, one.sigma.values
     L = x[head] - x[tail] + b
     yield "sigma", np.isclose(np.sum(sigma**2), len(sigma), rtol=1e-10)
     yield "boundary_vectors", np.allclose(b, one.offsets.values @ one.cell.values, rtol=0, atol=1e-12)

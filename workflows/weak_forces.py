@@ -10,6 +10,7 @@ transition, and networks designed for a modulus at the largest κ with the netwo
 import numpy as np
 
 import critflow as cf
+from critflow.critical.transition import transition_modulus
 from critflow.extras.weak.soft_spectrum import soft_spectrum
 from critflow.extras.weak.weak_equilibrium import weak_equilibrium
 from critflow.extras.weak.weak_modulus import WeakModulus
@@ -18,7 +19,7 @@ from critflow.workflow import Claim, Coordinate, Study
 from critflow.workflow.study import plural
 
 from .shared.checks import voronoi_check
-from .shared.figures import legend_below, lettered, panels
+from .shared.figures import counted, legend_below, lettered, panels
 from .shared.populations import LABELS, NAMES, PAPER_POPULATIONS, configuration
 from .shared.reports import PAPER, parameters, series, spread
 from .shared.tables import networks, numbers, outcomes
@@ -52,9 +53,7 @@ def case(parameters, *, seed):
         **exponents(critical, angles, kappas),
         "band_deviation": np.array([band_deviation(critical, strain) for strain in STRAINS]),
         **designed(manifold, critical, kappas.max()),
-        "onset_modulus": np.array(
-            [onset_modulus(manifold, seed, name, kappas) for name in PAPER_POPULATIONS],
-        ),
+        **onset_moduli(manifold, seed, kappas),
     }
 
 
@@ -122,12 +121,16 @@ def relaxed_modulus(critical, kappa):
     return np.diff(relaxed.stress * (1 + strains))[0] / (2 * STEP)
 
 
-def onset_modulus(manifold, seed, population, kappas):
-    """Modulus along dilation at the transition, NaN where the population or the theory has none."""
-    found = configuration(manifold, NETWORK, seed, population)
-    if not found.ok:
-        return np.full(len(kappas), np.nan)
-    return cf.weak_forces(found.value, cf.AngleSprings()).value.modulus(0.0, kappas)
+def onset_moduli(manifold, seed, kappas):
+    """Moduli along dilation at the transition, with and without weak forces, NaN where a population has none."""
+    weak, stiff = np.full((len(PAPER_POPULATIONS), len(kappas)), np.nan), np.full(len(PAPER_POPULATIONS), np.nan)
+    dilation = transition_modulus(manifold.network, "dilation")
+    for n, population in enumerate(PAPER_POPULATIONS):
+        found = configuration(manifold, NETWORK, seed, population)
+        if found.ok:
+            weak[n] = cf.weak_forces(found.value, cf.AngleSprings()).value.modulus(0.0, kappas)
+            stiff[n] = cf.properties(found.value, [dilation]).values[dilation.name]
+    return {"onset_modulus": weak, "transition_modulus": stiff}
 
 
 def limit_of_smallest(exponents, kappas):
@@ -145,52 +148,61 @@ def scaling_function(strain):
 def figure(ds):
     """Scaling function, deviations at the transition, apparent exponents."""
     kappas = np.array(parameters(ds)["kappas"])
-    title = f"Weak bending at the transition: {ds.sizes['seed']} networks, $N_v$ = {parameters(ds)['n_vertices']:,}"
-    made, (left, middle, right) = panels(3, title)
+    made, (left, middle, right) = panels(
+        3,
+        "As κ → 0 tensions of all networks fall on one curve without a free parameter\n"
+        f"({counted(ds)} of {parameters(ds)['n_vertices']} vertices with weak bending κ)",
+        height=3.4,
+    )
     line = np.linspace(PLACES[0], PLACES[-1], 200)
     left.plot(line, scaling_function(line), color="k", linewidth=1, label="$t^3 - g t^2 = 1$")
     for n, kappa in enumerate(kappas):
-        t = (ds.relaxed / ds.unit).values[:, n]
-        left.plot(
-            PLACES,
-            np.nanmedian(t, axis=0),
-            linestyle="none",
-            markersize=4,
-            label=f"κ = $10^{{{np.log10(kappa):.3g}}}$",
-            **series(n),
-        )
-    left.set(xlabel="$g = \\gamma/\\gamma_\\times$", ylabel="$t = \\tau/T$", title="relaxed energies, scaled")
+        t, label = (ds.relaxed / ds.unit).values[:, n], f"κ = $10^{{{np.log10(kappa):.3g}}}$"
+        left.plot(PLACES, np.nanmedian(t, axis=0), linestyle="none", markersize=4, label=label, **series(n))
+    left.set(xlabel="$g = \\gamma/\\gamma_\\times$", ylabel="$t = \\tau/T$", title="tension (medians)")
     for n, name in enumerate(("cubic", "full")):
-        deviation = np.abs(ds.relaxed / ds[name] - 1).values[:, :, ONSET]
-        middle.loglog(kappas, np.nanmedian(deviation, axis=0), label=name, **series(n))
-        middle.fill_between(kappas, *np.nanquantile(deviation, [0.1, 0.9], axis=0), color=series(n)["color"], alpha=0.2)
-    middle.set(xlabel="κ", ylabel="deviation of the tension", title="at the transition")
-    middle.legend(fontsize=8.5, frameon=False)
-    shown = (("tension_exponent", "$\\tau \\propto \\kappa^a$ at $\\gamma = 0$", TENSION_EXPONENT),)
-    shown += (("below_exponent", "$M \\propto |\\gamma|^{-a}$ below", MODULUS_EXPONENT),)
-    shown += (("onset_exponent", "$M \\propto \\kappa^a$ at $\\gamma = 0$", 0.0),)
-    for n, (name, label, exact) in enumerate(shown):
-        right.errorbar(kappas, ds[name].mean("seed"), ds[name].std("seed"), label=label, capsize=2, **series(n))
-        right.axhline(exact, color=series(n)["color"], linewidth=0.8, linestyle=":")
-    right.set(xscale="log", xlabel="κ", ylabel="apparent exponent", title="exponents, and those of κ → 0")
-    right.legend(fontsize=8.5, frameon=False, loc="center left", bbox_to_anchor=(0, 0.62))
-    legend_below(made, left, len(kappas) + 1)
+        deviation = 100 * np.abs(ds.relaxed / ds[name] - 1).values[:, :, ONSET]
+        middle.loglog(kappas, np.nanmedian(deviation, axis=0), label=f"{name} equation", markersize=4, **series(2 * n))
+        middle.fill_between(
+            kappas, *np.nanquantile(deviation, [0.1, 0.9], axis=0), color=series(2 * n)["color"], alpha=0.2
+        )
+    middle.set(xlabel="κ", ylabel="error of the tension  [%]", title="at $\\gamma = 0$; 80 %")
+    middle.legend(fontsize=9, frameon=False, handlelength=1.2)
+    _draw_exponents(right, ds, kappas)
+    middle.set_ylim(None, 5 * middle.get_ylim()[1])
+    legend_below(made, (left, right), 3)
     lettered(left, middle, right)
     return made
 
 
+def _draw_exponents(axes, ds, kappas):
+    """Apparent exponents with their standard deviations, and those of κ → 0 dotted."""
+    shown = (("tension_exponent", "$\\tau \\propto \\kappa^a$, $\\gamma = 0$", TENSION_EXPONENT),)
+    shown += (("below_exponent", "$M \\propto |\\gamma|^{-a}$, $\\gamma < 0$", MODULUS_EXPONENT),)
+    shown += (("onset_exponent", "$M \\propto \\kappa^a$, $\\gamma = 0$", 0.0),)
+    for n, (name, label, exact) in enumerate(shown):
+        mean, width = ds[name].mean("seed"), ds[name].std("seed")
+        axes.errorbar(kappas, mean, width, label=label, capsize=2, markersize=4, **series(n))
+        axes.axhline(exact, color=series(n)["color"], linewidth=0.8, linestyle=":")
+    axes.set(xscale="log", xlabel="κ", ylabel="apparent exponent $a$", title="dotted: κ → 0")
+
+
 def population_figure(ds):
-    """Moduli of the populations at the transition against κ, and the soft bands."""
+    """Moduli of the populations at the transition against κ, over those without weak forces."""
     kappas = np.array(parameters(ds)["kappas"])
-    made, (left, right) = panels(2, "Populations at the transition, and the soft band past it")
+    parts = ds.onset_modulus / ds.transition_modulus
+    made, (axes,) = panels(
+        1,
+        "As κ → 0 weak bending leaves a third of the modulus at the transition, in every population\n"
+        f"({counted(ds)} of {parameters(ds)['n_vertices']} vertices; means)",
+        height=3.3,
+    )
     for n, name in enumerate(PAPER_POPULATIONS):
-        left.semilogx(kappas, ds.onset_modulus[:, n].mean("seed"), label=LABELS[name], **series(n))
-    left.set(xlabel="κ", ylabel="$M$ along dilation at $\\gamma = 0$  [k]", ylim=(0, None))
-    left.legend(fontsize=8.5, frameon=False)
-    right.loglog(STRAINS, ds.band_deviation.T, color=series(0)["color"], linewidth=0.6)
-    right.set(xlabel="volumetric strain", ylabel="largest deviation from $\\tau$ eig $P$", title="soft band")
-    left.set_title("modulus at the transition")
-    lettered(left, right)
+        axes.semilogx(kappas, parts[:, n].mean("seed"), label=LABELS[name], markersize=5, **series(n))
+    axes.axhline(1 / 3, color="k", linewidth=0.8, linestyle=":")
+    axes.text(kappas.max(), 1 / 3, "1/3", fontsize=9, ha="right", va="bottom")
+    axes.set(xlabel="strength of bending κ  [k]", ylabel="$M$ at $\\gamma = 0$ over $M$ past it, κ = 0", ylim=(0, None))
+    axes.legend(fontsize=9, frameon=False, ncols=2, loc="lower right", bbox_to_anchor=(1, 0.08))
     return made
 
 
@@ -313,6 +325,7 @@ study = Study(
         ),
         *numbers(("seed", "strain"), band_deviation="largest relative deviation of the soft band from τ eig P"),
         *numbers(("seed", "population", "kappa"), onset_modulus="modulus along dilation at the transition"),
+        *numbers(("seed", "population"), transition_modulus="modulus along dilation past it, without weak forces"),
         *numbers(("seed", "network"), design_modulus="relaxed modulus along dilation of max B_0 and of the design"),
         *outcomes(("seed",), status="outcome of the case", design_status="outcome of the design"),
     ),

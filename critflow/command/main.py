@@ -36,7 +36,7 @@ from critflow.workflow.folder import (
 from critflow.workflow.load import StudyFile, load_study, named_studies
 from critflow.workflow.plan import Selection, select, spelled
 from critflow.workflow.provenance import timestamp
-from critflow.workflow.study import KINDS, plural, tally
+from critflow.workflow.study import KINDS, Study, plural, tally
 from critflow.workflow.tasks import HOUR, Interrupted
 
 if TYPE_CHECKING:
@@ -165,10 +165,8 @@ def run(
     _check_out(out)
     timestamp()  # an invalid SOURCE_DATE_EPOCH is refused before the computation
     loaded = load_study(study)
-    if (scheduler or cluster) and workers is not None:
-        raise InputError("--workers counts local processes: leave it out with --scheduler or --cluster")
-    if (scheduler or cluster) and loaded.study.workers is not None:
-        raise InputError(f"study {study!r} measures time and cannot run on a cluster")
+    if scheduler or cluster:
+        _check_remote(loaded.study, workers)
     count = loaded.study.worker_count(workers, os.cpu_count() or 1)
     place = Workers(count, scheduler, cluster, jobs, insecure, time_limit, memory_limit)
     requested = select(loaded.study, settings)
@@ -181,6 +179,13 @@ def run(
     origin = _origin(f"{shlex.join(words)} (in {place.place})")  # no folder and no address of this machine
     result = run_study(loaded, requested, folder, place, origin, retry_failed=retry_failed, other=other)
     return _print_result(requested, folder, result)
+
+
+def _check_remote(study: Study, workers: int | None) -> None:
+    if workers is not None:
+        raise InputError("--workers counts local processes: leave it out with --scheduler or --cluster")
+    if study.workers is not None:
+        raise InputError(f"study {study.name!r} measures time and cannot run on a cluster")
 
 
 def _check_out(out: str | None) -> None:

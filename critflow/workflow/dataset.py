@@ -116,6 +116,10 @@ class Assembly:
             axis.name: xr.Variable(axis.name, list(self.selection.axes[axis.name]), _meaning(axis.long_name, "1"))
             for axis in self.selection.study.axes
         }
+        for axis in self.selection.study.axes:
+            for label in axis.labels:
+                texts = [label.texts[word] for word in self.selection.axes[axis.name]]
+                coordinates[label.name] = xr.Variable(axis.name, texts, _meaning(label.long_name, "1"))
         for c in self.selection.study.coordinates:
             labels = np.asarray(self.selection.parameters[c.parameter])
             coordinates[c.name] = xr.Variable(c.name, labels, _meaning(c.long_name, c.units))
@@ -316,6 +320,11 @@ def opened_dataset(path: Path) -> Iterator[xr.Dataset]:
     with dataset:
         if not {"study", "axes"} <= dataset.attrs.keys() or "status" not in dataset:
             raise IntegrityError(f"{path} was not written by `critflow run`: it has no study and no status")
+        if (schema := int(dataset.attrs.get("schema_version", 0))) < SCHEMA_VERSION:
+            raise StudyError(
+                f"{path} has the names of schema {schema}, and this is schema {SCHEMA_VERSION}: convert it with the "
+                "function in docs/howto/dataset.md (Files of schema 3), or run the study again with another --out"
+            )
         yield dataset
 
 
@@ -328,8 +337,8 @@ def variable_attributes(variable: Variable) -> dict[str, Any]:
         attributes["flag_meanings"] = " ".join(flag.name for flag in variable.flags)
     elif variable.fill is not None:
         attributes["value_if_missing"] = np.array(variable.fill, variable.dtype)[()]
-    if variable.volatile:
-        attributes["comment"] = "differs from run to run"
+    if comment := "; ".join(filter(None, (variable.comment, "differs from run to run" * variable.volatile))):
+        attributes["comment"] = comment
     return attributes
 
 

@@ -198,9 +198,10 @@ class Folder:
             if text != _note_text({key: value for key, value in note.items() if key != "sha256"}):
                 raise ValueError("it does not match its checksum")
             if (version := note["schema_version"]) != SCHEMA_VERSION:
-                advice = f"its files stay as they are; compute into a new folder with --out {self.path}-new"
                 raise OldFolderError(
-                    f"{self.path} contains results of schema {version}, not {SCHEMA_VERSION}: {advice}"
+                    f"{self.path} contains results of schema {version}, not {SCHEMA_VERSION}: its files stay as they "
+                    f"are; compute into a new folder with --out {self.path}-new, or convert its dataset by "
+                    "docs/howto/dataset.md (Files of schema 3)"
                 )
         except OSError as error:
             raise EnvironmentFailure(f"cannot read {self.note}: {error.strerror}: correct this first") from error

@@ -57,6 +57,15 @@ def require(condition: bool, message: str) -> None:
 
 
 @dataclass(frozen=True)
+class AxisLabel:
+    """A coordinate of the dataset along an axis of words: one text for each word, such as its name in print."""
+
+    name: str
+    long_name: str
+    texts: Mapping[str, str]
+
+
+@dataclass(frozen=True)
 class Axis:
     """An axis of the study: one case is computed for every combination of axis values.
 
@@ -68,6 +77,7 @@ class Axis:
     long_name: str
     key: str = ""  # word of `--set`; the name with an s by default
     noun: str = ""  # for one value, where they are counted; the name and the key by default
+    labels: Sequence[AxisLabel] = ()  # texts of every word
 
     def __post_init__(self) -> None:
         _identifier(self.name, "axis")
@@ -79,7 +89,12 @@ class Axis:
         require(kinds in ({int}, {str}), f"{name} needs whole numbers or words, all of one kind")
         negative = any(isinstance(value, int) and value < 0 for value in values)
         require(not negative, f"{name} needs whole numbers from zero")
+        for label in self.labels:
+            _identifier(label.name, "label")
+            bare = [value for value in values if value not in label.texts]
+            require(not bare, f"label {label.name!r} of {name} has no text for {''.join(map(str, bare[:1]))!r}: add it")
         object.__setattr__(self, "values", values)
+        object.__setattr__(self, "labels", tuple(self.labels))
         object.__setattr__(self, "key", self.key or f"{self.name}s")
 
     @property
@@ -127,6 +142,7 @@ class Variable:
     flags: type[IntEnum] | None = field(default=None, kw_only=True)  # the meaning of integer codes
     fill: int | None = field(default=None, kw_only=True)  # stands for a missing integer; an end of the dtype by default
     volatile: bool = field(default=False, kw_only=True)  # differs between runs, for example a time
+    comment: str = field(default="", kw_only=True)  # what a reader must know beyond the long name
 
     def __post_init__(self) -> None:
         _identifier(self.name, "variable")
@@ -289,6 +305,7 @@ class Study:
         """Raise unless names are unique and axes, parameters, coordinates and variables agree."""
         name, parameters = f"study {self.name!r}", self.parameters
         labels = [*self.axis_names, *(c.name for c in self.coordinates), *(v.name for v in self.variables)]
+        labels += [label.name for axis in self.axes for label in axis.labels]
         for names in (labels, ["variables", *(axis.key for axis in self.axes), *parameters]):
             twice = sorted({word for word in names if names.count(word) > 1})
             require(not twice, f"{name} uses the name {''.join(twice[:1])!r} twice")

@@ -20,7 +20,7 @@ def relocated(text: str, page: Path) -> str:
         made = next((made for source, made in ELSEWHERE.items() if target == ROOT / source), None)
         return f"]({up}{made}{found['anchor']})" if made else found[0]
 
-    text = re.sub(r"(\]\([./]*notebooks/0\w+)\.py\)", r"\1.md)", text)
+    text = re.sub(r"(\]\([./]*notebooks/0\w+)\.ipynb\)", r"\1.md)", text)
     return re.sub(r"\]\((?P<path>[^)#\s]+\.md)(?P<anchor>#[^)\s]*|)\)", link, text)
 
 

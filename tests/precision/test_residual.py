@@ -19,7 +19,7 @@ def test_displacement_to_the_balance_of_a_constant_stress(name, size):
     network = NETWORKS[name]()
     sigma = random_stress(network.n_edges, 1)
     manifold = CriticalManifold(network)
-    x = manifold.configuration(sigma).coordinates
+    x = manifold.configuration(sigma).coordinates.copy()
     x[network.free] += size * np.random.default_rng(2).standard_normal((len(network.free), network.dimension))
     found = exact_displacement(network, x, lambda _: sigma, manifold.prestress.factorize(sigma).solve)
     exact = reference.configuration(network, sigma).coordinates[network.free]
@@ -47,7 +47,7 @@ def test_remainder_contains_the_rounding_of_the_tensions(gamma):
 def balanced():
     """A network with its prestress matrix, a stress and the coordinates that it balances."""
     manifold, sigma = CriticalManifold(voronoi_network(40, seed=1)), random_stress(60, 1)
-    return manifold.network, manifold.prestress, sigma, manifold.configuration(sigma).coordinates
+    return manifold.network, manifold.prestress, sigma, manifold.configuration(sigma).coordinates.copy()
 
 
 def test_corrections_that_do_not_shrink_have_no_bound():

@@ -9,27 +9,27 @@ from critflow.networks.faces import planar_faces
 from critflow.result import Status
 from critflow.workflow import Claim
 
-from ..shared.populations import LABELS
+from ..shared.populations import LABELS, NAMES
 from ..shared.reports import parameters
 from ..shared.verification import bond_vectors, configuration, contradictions
 
 # Name and characteristic number of every panel, in the order of the letters.
 CAPTIONS = {
-    "length_variance": (LABELS["length_variance"], "$V_L$ {V_L}, all $L$ = {length:.3f}"),
-    "tension_variance": (LABELS["tension_variance"], "$V_\\tau$ = {V_tau:.5f}, $V_L$ = {V_L}"),
-    "tension_variance_inflated": ("B, some faces inflated", "$V_\\tau$ = {V_tau:.5f}, $V_L$ = {V_L}"),
-    "bulk_modulus": ("max $B_0$, $\\sigma = k$", "$B_0$ = {B_0:.5f} $k$, $V_L$ = {V_L}"),
-    "bulk_modulus_wave": ("D after a smooth mode", "$B_0$ = {B_0:.5f} $k$, $V_L$ = {V_L}"),
-    "bulk_modulus_designed": ("D, some faces largest", "$B_0$ = {B_0:.5f} $k$, $V_L$ = {V_L}"),
-    "shear_modulus_1": ("max $G_0$, $r$ = {thresholds[0]:g}", "$G_0$ = {G_0:.3f} $k$"),
-    "shear_modulus_2": ("max $G_0$, $r$ = {thresholds[1]:g}", "$G_0$ = {G_0:.3f} $k$"),
-    "shear_modulus_3": ("max $G_0$, $r$ = {thresholds[2]:g}", "$G_0$ = {G_0:.3f} $k$"),
+    "min_V_L": (LABELS["min_V_L"], "$V_L$ {V_L}, all $L$ = {length:.3f}"),
+    "min_V_tau": (LABELS["min_V_tau"], "$V_\\tau$ = {V_tau:.5f}, $V_L$ = {V_L}"),
+    "min_V_tau_inflated": ("B, some faces inflated", "$V_\\tau$ = {V_tau:.5f}, $V_L$ = {V_L}"),
+    "max_B_0": ("max $B_0$, $\\sigma = k$", "$B_0$ = {B_0:.5f} $k$, $V_L$ = {V_L}"),
+    "max_B_0_wave": ("D after a smooth mode", "$B_0$ = {B_0:.5f} $k$, $V_L$ = {V_L}"),
+    "max_B_0_designed": ("D, some faces largest", "$B_0$ = {B_0:.5f} $k$, $V_L$ = {V_L}"),
+    "max_G_0_1": ("max $G_0$, $r$ = {thresholds[0]:g}", "$G_0$ = {G_0:.3f} $k$"),
+    "max_G_0_2": ("max $G_0$, $r$ = {thresholds[1]:g}", "$G_0$ = {G_0:.3f} $k$"),
+    "max_G_0_3": ("max $G_0$, $r$ = {thresholds[2]:g}", "$G_0$ = {G_0:.3f} $k$"),
     "random_lengths": (
-        f"{LABELS['random_lengths']}: $s$ = {{spread:g}}",
+        f"{LABELS['random_lengths']}, as recorded",
         "$B_0$ = {B_0:.3f} $k$, {stressed} % stressed",
     ),
-    "random_lengths_wide": (
-        f"{LABELS['random_lengths_wide']}: $s$ = {{spread_wide:g}}",
+    "random_lengths_transition": (
+        LABELS["random_lengths_transition"],
         "$B_0$ = {B_0:.3f} $k$, {stressed} % stressed",
     ),
     "random_stress_1": (LABELS["random_stress"], "$B_0$ = {B_0:.3f} $k$"),
@@ -37,11 +37,11 @@ CAPTIONS = {
 }
 PANELS = tuple(CAPTIONS)
 ISOGONAL = {
-    "tension_variance_inflated": "tension_variance",
-    "bulk_modulus_wave": "bulk_modulus",
-    "bulk_modulus_designed": "bulk_modulus",
+    "min_V_tau_inflated": "min_V_tau",
+    "max_B_0_wave": "max_B_0",
+    "max_B_0_designed": "max_B_0",
 }
-SHADED = ("tension_variance", "tension_variance_inflated", "bulk_modulus", "bulk_modulus_designed")
+SHADED = ("min_V_tau", "min_V_tau_inflated", "max_B_0", "max_B_0_designed")
 ROWS = (
     (
         PANELS[0:3],
@@ -92,7 +92,9 @@ def gallery(ds):
         bar = figure.colorbar(
             lines, cax=figure.add_axes((0.25, 0.042, 0.5, 0.011)), orientation="horizontal", extend="max"
         )
-        label = "edge tension $\\tau$ at unit pressure;  dotted: no tension (K is the spread that the paper prints)"
+        label = (
+            "edge tension $\\tau$ at unit pressure;  dotted: no tension (K is exactly at the transition, J beyond it)"
+        )
         bar.set_label(label, fontsize=8, labelpad=2)
         bar.ax.tick_params(labelsize=7, length=2, pad=1.5)
     return figure
@@ -108,7 +110,7 @@ def _draw(axes, one, ds, limits):
     if not np.isfinite(one.sigma.values).all():
         axes.set_axis_off()
         return None
-    edges, offsets, cell, x = (one[name].values for name in ("edges", "offsets", "cell", "coordinates"))
+    edges, offsets, cell, x = (one[name].values for name in ("edges", "offsets", "cell", "position"))
     tension = one.tension.values
     slack = tension <= NO_TENSION * tension.mean()
     lines = draw_network(axes, edges[~slack], offsets[~slack], cell, x, tension[~slack], limits=limits, width=0.95)
@@ -125,12 +127,12 @@ def _draw(axes, one, ds, limits):
 
 
 def _numbers(one, ds):
-    V_L = float(one.length_variance)
+    V_L = float(one.V_L)
     return {
         **parameters(ds),
         "V_L": f"{V_L:.3f}" if V_L > 1e-3 else "< $10^{" + f"{int(np.ceil(np.log10(max(V_L, 1e-30))))}" + "}$",
-        "length": float(one.length.mean()), "V_tau": float(one.tension_variance),
-        "B_0": float(one.bulk_modulus_0), "G_0": float(one.shear_modulus_0),
+        "length": float(one.length.mean()), "V_tau": float(one.V_tau),
+        "B_0": float(one.B_0), "G_0": float(one.G_0),
         "stressed": f"{100 * float(one.stressed_fraction):.3g}",
     }  # fmt: skip
 
@@ -153,7 +155,7 @@ def claims(ds):
     """The statements of the paper on its figure; claims on panels without a run are left out."""
     if "network" in parameters(ds):
         return []
-    have = {panel for panel in ds.panel.values if np.isfinite(ds.bulk_modulus_0.sel(panel=panel)).all()}
+    have = {panel for panel in ds.panel.values if np.isfinite(ds.B_0.sel(panel=panel)).all()}
     return [claim for needs, make in _CLAIMS if have.issuperset(needs) for claim in make(ds)]
 
 
@@ -175,7 +177,7 @@ def _areas(ds):
 
 
 def _equal_lengths(ds):
-    V_L = _values(ds, "length_variance", "length_variance").max()
+    V_L = _values(ds, "V_L", "min_V_L").max()
     yield Claim.tested(
         "Networks-A", "the lengths of one configuration are all equal", "V_L ≲ 1e-7", f"V_L < {_bound(V_L, 1e-30)}",
         V_L < 1e-7, "equal lengths leave edges of this network slack", criterion="V_L ≤ 1e-7", kind="paper",
@@ -183,10 +185,10 @@ def _equal_lengths(ds):
 
 
 def _equal_tension_variance(ds):
-    V_tau = _values(ds, "tension_variance", "tension_variance", "tension_variance_inflated")
-    V_L = _values(ds, "length_variance", "tension_variance", "tension_variance_inflated")
+    V_tau = _values(ds, "V_tau", "min_V_tau", "min_V_tau_inflated")
+    V_L = _values(ds, "V_L", "min_V_tau", "min_V_tau_inflated")
     apart = np.abs(np.diff(V_tau, axis=0)).max()
-    status = ds.status.sel(panel="tension_variance").values
+    status = ds.status.sel(panel="min_V_tau").values
     lost = int(np.sum(status == Status.edge_collapse))
     yield Claim.tested(
         "Networks-BC", "configurations of least V_τ are degenerate along isogonal modes", "same V_τ",
@@ -200,10 +202,10 @@ def _equal_tension_variance(ds):
 def _moduli_of_forces(ds):
     off = 0.0
     for panel, origin in ISOGONAL.items():
-        for name in ("bulk_modulus_0", "shear_modulus_0"):
+        for name in ("B_0", "G_0"):
             one, other = _values(ds, name, panel, origin)
             # A shear modulus may be zero but for the shape of the cell, so both are measured by B_0.
-            off = max(off, float(np.abs((one - other) / _values(ds, "bulk_modulus_0", origin)[0]).max()))
+            off = max(off, float(np.abs((one - other) / _values(ds, "B_0", origin)[0]).max()))
     yield Claim.tested(
         "BulkModulus", "B_0 cannot be written as a function of the tensions alone, so its degeneracy surprises",
         "to be studied", f"B_0 and G_0 change by less than {_bound(off)} B_0 from B to C, where neither is at its "
@@ -214,9 +216,9 @@ def _moduli_of_forces(ds):
 
 
 def _equal_bulk_modulus(ds):
-    B_0 = _values(ds, "bulk_modulus_0", *_STIFFEST)
-    V_L = _values(ds, "length_variance", *_STIFFEST)
-    bound = ds.bulk_modulus_bound.values
+    B_0 = _values(ds, "B_0", *_STIFFEST)
+    V_L = _values(ds, "V_L", *_STIFFEST)
+    bound = ds.B_0_bound.values
     off = np.abs(B_0 / bound - 1).max()
     yield Claim.tested(
         "Networks-DEF", "configurations of largest B_0 are degenerate along isogonal modes", "same B_0",
@@ -224,7 +226,7 @@ def _equal_bulk_modulus(ds):
         f"V_L = {V_L[0, 0]:.3f}, {V_L[1, 0]:.3f} and {V_L[2, 0]:.3f}", off < 1e-12, "B_0 changed along the modes",
         criterion="1e-12", kind="paper",
     )  # fmt: skip
-    parted = _values(ds, "bulk_modulus_affine", *_STIFFEST) / B_0 - 1
+    parted = _values(ds, "B_0_affine", *_STIFFEST) / B_0 - 1
     yield Claim.tested(
         "BulkModulusAffine", "σ = k is the most affine configuration of largest B_0: no non-affine part", "0",
         f"(B_aff − B_0)/B_0 is below {_bound(np.abs(parted[0]).max())} at σ = k, {parted[1, 0]:.3f} and "
@@ -247,8 +249,8 @@ def _equal_bulk_modulus(ds):
 
 
 def _shear(ds):
-    panels = ("shear_modulus_1", "shear_modulus_2", "shear_modulus_3")
-    G_0, r = _values(ds, "shear_modulus_0", *panels), parameters(ds)["thresholds"]
+    panels = ("max_G_0_1", "max_G_0_2", "max_G_0_3")
+    G_0, r = _values(ds, "G_0", *panels), parameters(ds)["thresholds"]
     converged = bool((ds.status.sel(panel=list(panels)) == Status.ok).all())
     order = np.argsort(r)[::-1]
     yield Claim.tested(
@@ -260,25 +262,26 @@ def _shear(ds):
 
 
 def _random_lengths(ds):
-    for panel, key in (("random_lengths", "spread"), ("random_lengths_wide", "spread_wide")):
+    s = parameters(ds)["spread"]
+    for panel in ("random_lengths", "random_lengths_transition"):
         if panel in ds.panel:
             stressed = _values(ds, "stressed_fraction", panel)[0]
             yield Claim.tested(
-                f"Networks-JK-{key}", f"random rest lengths of spread s = {parameters(ds)[key]:g} leave every edge "
-                "stressed", "full rigidity percolation", f"{100 * stressed.min():.4g} % of the edges",
-                stressed.min() == 1, "the cone program, whose answer is global, leaves the other edges slack",
+                f"Networks-JK-{panel}", f"{NAMES[panel]} (s = {s:g}) stress every edge", "full rigidity percolation",
+                f"{100 * stressed.min():.4g} % of the edges", stressed.min() == 1,
+                "the other edges are slack, or compressed where the state lies beyond the transition",
                 criterion="every edge", kind="paper",
             )  # fmt: skip
 
 
-_STIFFEST = ("bulk_modulus", "bulk_modulus_wave", "bulk_modulus_designed")
+_STIFFEST = ("max_B_0", "max_B_0_wave", "max_B_0_designed")
 _CLAIMS = (
     ((), _pressure),
-    (("length_variance",), _equal_lengths),
-    (("tension_variance", "tension_variance_inflated"), _equal_tension_variance),
+    (("min_V_L",), _equal_lengths),
+    (("min_V_tau", "min_V_tau_inflated"), _equal_tension_variance),
     ((*ISOGONAL, *ISOGONAL.values()), _moduli_of_forces),
     (_STIFFEST, _equal_bulk_modulus),
-    (("shear_modulus_1", "shear_modulus_2", "shear_modulus_3"), _shear),
+    (("max_G_0_1", "max_G_0_2", "max_G_0_3"), _shear),
     ((), _random_lengths),
 )
 
@@ -309,7 +312,7 @@ def _checks(one):
     tension = one.sigma.values * length
     yield from configuration(one)
     yield "tension", np.allclose(tension * 2 * area / np.sum(tension * length), one.tension, rtol=1e-9, atol=1e-12)
-    yield "bulk_modulus_affine", np.isclose(np.sum(length**2) / (4 * area), one.bulk_modulus_affine, rtol=1e-10)
+    yield "B_0_affine", np.isclose(np.sum(length**2) / (4 * area), one.bulk_modulus_affine, rtol=1e-10)
 
 
 def _parallel(one, origin):

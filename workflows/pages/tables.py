@@ -20,15 +20,15 @@ ROOT = Path(__file__).parents[2]
 REFERENCE = ROOT / "results" / "reference"
 # Both conventions of C_G: the sign that the paper states of max G_0 is that of the stress-corrected one.
 MODULI = {
-    "bulk_modulus_0": "B_0",
-    "C_B_exact": "C_B",
-    "shear_modulus_0": "G_0",
-    "C_G_exact": "C_G, energy",
-    "C_G_stress_corrected_exact": "C_G, stress-corrected",
+    "B_0": "B_0",
+    "C_B": "C_B",
+    "G_0": "G_0",
+    "C_G": "C_G, energy",
+    "C_G_stress_corrected": "C_G, stress-corrected",
 }
 STRUCTURE = {
-    "length_variance": "V_L",
-    "tension_variance": "V_τ",
+    "V_L": "V_L",
+    "V_tau": "V_τ",
     "stressed_fraction": "stressed edges",
 }
 # Other programs in the study of speed; the names of their methods begin with these.

@@ -27,7 +27,7 @@ def claims(ds):
 
 def _ascent_claims(ds):
     good = ds.isel(seed=np.isfinite(ds.bound.values))
-    finished = good.isel(seed=np.isfinite(good.shear_modulus.isel(step=-1).values))
+    finished = good.isel(seed=np.isfinite(good.G_0_ascent.isel(step=-1).values))
     last = finished.isel(step=-1)
     return [*_bound(good), *_extremes(last), *_onset(good), *_compression(good, last), _singular(ds, good, last)]
 
@@ -35,18 +35,18 @@ def _ascent_claims(ds):
 def _bound(good):
     yield Claim.tested(
         "ShearModulusSteepestDescent-A", "without constraints the shear modulus keeps rising to a finite value",
-        "rises", f"from {described(good.shear_modulus.isel(step=0))} to {spread(good.shear_modulus_end)} at the end, "
-        f"{spread(100 * good.shear_modulus_end / good.bound, 3)} % of the bound",
-        bool((good.shear_modulus_end > 10 * good.shear_modulus.isel(step=0)).all()),
+        "rises", f"from {described(good.G_0_ascent.isel(step=0))} to {spread(good.G_0_end)} at the end, "
+        f"{spread(100 * good.G_0_end / good.bound, 3)} % of the bound",
+        bool((good.G_0_end > 10 * good.G_0_ascent.isel(step=0)).all()),
         "so few steps do not lead far", criterion="ten times the start, every network", kind="paper",
     )  # fmt: skip
     gap = float(np.abs(good.closed_form_gap).max())
-    exceeded = good.shear_modulus > good.bound * (1 + 1e-9)
+    exceeded = good.G_0_ascent > good.bound * (1 + 1e-9)
     satisfied = gap < 1e-9 and not bool(exceeded.any())
     yield Claim(
         "ShearModulusSteepestDescent-bound", "no stress of any sign has a larger G_0 than the closed form, which a "
         "configuration attains", "not stated", f"bound {spread(good.bound)}; attained to {gap:.0e}; exceeded by "
-        f"{int(exceeded.sum())} of {good.shear_modulus.size} recorded steps",
+        f"{int(exceeded.sum())} of {good.G_0_ascent.size} recorded steps",
         "holds" if satisfied else "differs", "" if satisfied else "some network lies above", "1e-9 of the bound",
         kind="check",
     )  # fmt: skip
@@ -108,7 +108,7 @@ def _singular(ds, good, last):
 
 
 def _limit(good):
-    part = (100 * good.shear_modulus_end / good.bound).where(good.status == Status.singular)
+    part = (100 * good.G_0_end / good.bound).where(good.status == Status.singular)
     return f"{spread(part, 3)} % of the bound" if np.isfinite(part).any() else "none here"
 
 
@@ -130,7 +130,7 @@ def _exponents(ds):
         for label, values in ascent_ends(ds, name):
             algorithm, end = label.lower().split(", ")
             holds, text = judged(sizes, values, printed)
-            part = (100 * ds.shear_modulus_of_end / ds.bound).sel(algorithm=algorithm).median("seed").values
+            part = (100 * ds.G_0_ascent_of_end / ds.bound).sel(algorithm=algorithm).median("seed").values
             unequal = "steps" in end and np.ptp(part) > UNEQUAL
             yield Claim.tested(
                 f"ShearModulusSteepestDescent-{key}-{algorithm}-{end.split()[0]}", f"{words} ({label})",
@@ -145,7 +145,7 @@ def _exponents(ds):
 def _bounds(ds):
     """The part of the bound that the ascents reach, and the compressed length of configurations at the bound."""
     sizes = ds.n_vertices.values
-    part = (100 * ds.shear_modulus_of_end / ds.bound).mean("seed")
+    part = (100 * ds.G_0_ascent_of_end / ds.bound).mean("seed")
     reached = (
         f"{algorithm} {float(part.sel(algorithm=algorithm, n_vertices=size)):.0f} % at N_v = {size}"
         for algorithm in map(str, ds.algorithm.values)
@@ -171,7 +171,7 @@ def _scaling_claims(ds):
     sizes, detail = ds.n_vertices.values, detailed(ds)
     if len(sizes) > 1:
         yield from _size_claims(ds, sizes)
-    mean = detail.shear_modulus_of_threshold.mean("seed")
+    mean = detail.G_0_of_threshold.mean("seed")
     falling = bool((mean.diff("threshold") < 0).all())
     text = ", ".join(
         f"{float(mean.isel(n_vertices=-1, threshold=n)):.3g} at r = {r:g}"
@@ -192,20 +192,20 @@ def _scaling_claims(ds):
     )  # fmt: skip
     if detail.sizes["start"] > 1 and detail.sizes["seed"]:
         yield _start_claim(detail)
-    if "shear_modulus" in ds.population.values:
-        part = 100 * ds.shear_modulus_0.sel(population="shear_modulus") / ds.bound
+    if "max_G_0" in ds.population.values:
+        part = 100 * ds.G_0.sel(population="max_G_0") / ds.bound
         yield Claim(
             "ShearModulusScaling-bound", "how far the constrained optimum stays below the closed-form bound",
             "not stated", f"at r = {parameters(ds)['threshold']:g} it has {spread(part, 3)} % of the bound; "
-            f"{spread(100 * ds.shear_modulus_of_threshold.isel(threshold=0) / ds.bound, 3)} % at "
+            f"{spread(100 * ds.G_0_of_threshold.isel(threshold=0) / ds.bound, 3)} % at "
             f"r = {float(ds.threshold[0]):g}", "measured",
         )  # fmt: skip
 
 
 def _size_claims(ds, sizes):
     for population in map(str, ds.population.values):
-        values = by_size(ds.shear_modulus_0.sel(population=population))
-        kept = population == "shear_modulus"
+        values = by_size(ds.G_0.sel(population=population))
+        kept = population == "max_G_0"
         holds, text = judged(sizes, values, 0 if kept else -1)
         low, middle, high = np.nanquantile(values[-1], (1 / 6, 0.5, 5 / 6))
         if kept:  # so many networks resolve changes of a few per cent over all sizes
@@ -249,7 +249,7 @@ def verify(ds):
 
 def _checks(one):
     tail, head = one.edges.values.T
-    sigma, x = one.sigma.values.astype(float), one.coordinates.values.astype(float)
+    sigma, x = one.sigma.values.astype(float), one.position.values.astype(float)
     L = x[:, head] - x[:, tail] + one.offsets.values @ one.cell.values
     square, area = np.sum(L**2, axis=2), abs(np.linalg.det(one.cell.values))
     length, compressed = np.sqrt(square), sigma < 0
@@ -257,10 +257,10 @@ def _checks(one):
     modulus = np.sum(sigma * L[..., 0] * L[..., 1], axis=1) ** 2 / np.sum(sigma**2 * square, axis=1) / area
     longest, least = length.max(axis=1) / np.sqrt(area), tension.min(axis=1) / np.abs(tension).max(axis=1)
     # The relative error 1e-7 of single precision grows with the lengths near a singular prestress matrix.
-    stored = np.isfinite(one.shear_modulus.values) & (longest < 10)
-    yield "shear_modulus", np.allclose(modulus[stored], one.shear_modulus.values[stored], rtol=2e-3)
+    stored = np.isfinite(one.G_0_ascent.values) & (longest < 10)
+    yield "G_0_ascent", np.allclose(modulus[stored], one.G_0_ascent.values[stored], rtol=2e-3)
     yield "longest_edge", np.allclose(longest[stored], one.longest_edge.values[stored], rtol=1e-4)
     yield "least_tension", np.allclose(least[stored], one.least_tension.values[stored], rtol=1e-3, atol=1e-6)
     yield "compressed_edges", (np.sum(compressed, axis=1)[stored] == one.compressed_edges.values[stored]).all()
     yield "compressed_length", np.allclose(squeezed[stored], one.compressed_length.values[stored], rtol=1e-3)
-    yield "bound", not (one.shear_modulus.values > float(one.bound) * (1 + 1e-9)).any()
+    yield "bound", not (one.G_0_ascent.values > float(one.bound) * (1 + 1e-9)).any()
