@@ -75,7 +75,7 @@ class _Watch:
             return
         self.asked = now
         try:
-            workers = self.client.sync(self.client.nthreads, asynchronous=True, callback_timeout=_WORKERS_START)
+            workers = self.client.nthreads(callback_timeout=_WORKERS_START)
         except TimeoutError as error:
             raise EnvironmentFailure(f"the scheduler does not answer: {_AGAIN}") from error
         if workers:
