@@ -342,7 +342,7 @@ def show(
         Path | None, typer.Option(metavar="PNG", help="Figure to write; by default named after the case, next to FILE.")
     ] = None,
 ) -> None:
-    """Draw one configuration of a dataset, chosen by its labels, and print its certificate."""
+    """Print what a dataset is, or draw one configuration of it, chosen by --set, and print its certificate."""
     from critflow.command.show import show_configuration
     from critflow.figures.drawing import require_picture
     from critflow.workflow.dataset import opened_dataset
@@ -353,6 +353,9 @@ def show(
     if out is not None:
         require_picture(out)
     with opened_dataset(file) as dataset:
+        if not settings and out is None:
+            print(dataset.attrs["summary"])
+            return
         case = choose_case(dataset, settings)
         print(show_configuration(case, out or file.parent / f"{case_title(case)}.png"))
 

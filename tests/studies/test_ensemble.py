@@ -51,14 +51,6 @@ def test_random_populations_do_not_depend_on_other_populations(dataset, run_stud
         np.testing.assert_array_equal(one.B, other.B)
 
 
-def test_too_few_strains_for_a_line_leave_the_fits_out(run_study, tmp_path):
-    few = run_study(STUDY, tmp_path, "n_vertices=40", "seeds=1", "strains=0.001,0.002")
-    assert np.isnan(few.C_B_fit).all() and np.isfinite(few.C_B.drop_sel(population=SLACK)).all()
-    claims = {claim["key"]: claim for claim in json.loads((tmp_path / "claims.json").read_text())}
-    assert claims["ModulusStrainScaling"]["verdict"] == "measured"
-    assert "undefined" in claims["ModulusStrainScaling"]["value"]
-
-
 def test_the_scatter_about_a_line_is_no_error_and_the_error_bar_of_a_parabola_contains_the_coefficient(
     dataset, run_study, tmp_path
 ):
