@@ -21,7 +21,7 @@ from critflow.workflow import Axis, Coordinate, Study, decimals
 
 from .paper.committed import committed_run
 from .paper.verdicts import claims_of
-from .shared.checks import check_deformation, check_network, check_positive
+from .shared.checks import check_deformation, check_fit, check_network, check_positive
 from .shared.figures import violins
 from .shared.measurements import DRAWN, identified, measured, table, verify
 from .shared.own_network import check_own, own_manifold, own_network, with_digest
@@ -64,6 +64,7 @@ def check(parameters, axes):
     """Refuse settings that could only fail, before anything runs."""
     check_strains(parameters["strains"])
     check_positive(parameters, "threshold", "spread", "hard_core", "fit_window", "fit_degree")
+    check_fit(parameters)
     check_deformation(parameters["deformation"])
     if network := own_network(parameters):
         check_own(network)

@@ -53,13 +53,6 @@ def test_random_populations_do_not_depend_on_other_populations(dataset, run_stud
         np.testing.assert_array_equal(one.B, other.B)
 
 
-def test_too_few_strains_for_a_line_leave_the_fits_out(run_study, tmp_path):
-    few = run_study(STUDY, tmp_path, "n_vertices=40", "seeds=1", "strains=0.001,0.002")
-    assert np.isnan(few.C_B_fit).all() and np.isfinite(few.C_B.drop_sel(population=SLACK)).all()
-    claims = {claim["key"]: claim for claim in json.loads((tmp_path / "claims.json").read_text())}
-    assert "at γ = 0.001" in claims["linear-growth"]["value"]
-
-
 def test_the_statements_of_the_paper_follow_the_arrays(dataset):
     """The same verdicts at any size, and others where the arrays are others."""
     claims = load_study(STUDY).study.claims
