@@ -25,7 +25,7 @@ def test_a_table_follows_its_summary(tmp_path):
     rows = dict.fromkeys(MODULI, measures)
     rows["shear_modulus_0"] = {"n": 3, "median": 1e-15, "q05": 0.0, "q95": 2e-15}
     rows["C_G_exact"] = measures | {"n": 2, "median": -0.5, "q05": -0.6, "q95": -0.4}
-    summary = {"networks": 3, "parameters": {"n_vertices": 60}, "populations": {"bulk_modulus": rows}}
+    summary = {"networks": 3, "parameters": {"n_vertices": 60}, "populations": {"max_B_0": rows}}
     (tmp_path / "ensemble" / "summary.json").write_text(json.dumps(summary))
     page = filled("before\n<!-- populations: generated -->\nold\n<!-- /populations -->\nafter\n", tmp_path)
     shown = "0.25 (0.2 to 0.3)"
