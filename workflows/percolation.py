@@ -283,42 +283,38 @@ def _finding(ds):
 
 
 def claims(ds):
-    """What the paper says of its spread, in its box and at the transition, and where stress ceases to percolate."""
-    yield from printed_claims(ds)
-    sizes, halves = ds.n_vertices.values, half_points(ds, "transition")
+    """Where stress ceases to percolate, by size, and the states of the printed spread.
+
+    The statements of the paper on this spread are those of the study `ensemble`.
+    """
+    sizes, rows = ds.n_vertices.values, readings(ds)
+    n = f"{plural(ds.sizes['seed'], 'network')} a size"
     yield Claim(
-        "percolation-size", "how full percolation depends on size", "not stated",
-        "the spread at which half of the networks lose it at the transition changes as N_v^p, p = "
-        + shown((threshold_power(sizes, halves), *threshold_interval(ds))), "measured",
-        sample=f"{plural(ds.sizes['seed'], 'network')} a size",
+        "percolation-threshold", "the spread of rest lengths at which half of the networks have slack edges", "",
+        f"{_by_size(sizes, half_points(ds, 'transition'))} at the transition", "measured", sample=n,
     )  # fmt: skip
-
-
-def printed_claims(ds):
-    """The sentences on s = 0.3 for each state, which no state satisfies together, and the spread that comes closest."""
-    rows = readings(ds)
+    power = shown((threshold_power(sizes, half_points(ds, "transition")), *threshold_interval(ds)))
+    yield Claim("percolation-size", "its power of the size, at the transition", "", power, "measured", sample=n)
     at = {row["state"]: row for row in rows if abs(row["spread"] - PRINTED_SPREAD) < 1e-9}
     box = at.get("box_N_b")
     if box is None:
         return
-    networks = f"{plural(box['networks'], 'network')}, N_v = {int(ds.n_vertices.values[-1])}"
+    networks = f"{plural(box['networks'], 'network')}, N_v = {int(sizes[-1])}"
     close = [r["spread"] for r in rows if r["state"] == "box_N_b" and abs(r["gap"] - PRINTED_GAP) <= HALF_DIGIT]
-    agreeing = f"; within {HALF_DIGIT} points at s = {', '.join(f'{s:g}' for s in close)}" if close else ""
-    yield Claim.tested(
-        "percolation-bulk", "max B_0 is about 10 % above random rest lengths of spread 0.3", f"{PRINTED_GAP} %",
-        _listed(at, "gap") + agreeing, abs(box["gap"] - PRINTED_GAP) <= HALF_DIGIT,
-        "the number belongs to a narrower spread in the printed box; V = N_v is farther off",
-        criterion=f"median in the box of side √N_b within {HALF_DIGIT} points", sample=networks, kind="paper",
+    agreeing = f"; within {HALF_DIGIT} points of {PRINTED_GAP} % at s = " + ", ".join(f"{s:g}" for s in close)
+    yield Claim(
+        "percolation-gap", f"how far max B_0 lies above random rest lengths of spread {PRINTED_SPREAD:g}", "",
+        _listed(at, "gap") + (agreeing if close else ""), "measured", sample=networks,
     )  # fmt: skip
-    halves = half_points(ds, "box_N_b")
-    text = ", ".join(f"s = {half:.3f} at N_v = {size}" for half, size in zip(halves, ds.n_vertices.values, strict=True))
-    yield Claim.tested(
-        "percolation-threshold", "a spread of 0.3 is the largest with every edge stressed", "all edges",
+    yield Claim(
+        "percolation-stressed", f"stressed edges at spread {PRINTED_SPREAD:g}", "",
         f"{_listed(at, 'stressed')} of the edges, {_listed(at, 'full')} of the networks; in the box of side √N_b half "
-        f"of the networks lose it at {text}", box["full"] > 50,
-        "in the printed box nearly every edge is stressed at this spread, but full percolation ends before it",
-        criterion="half of the largest networks in the box of side √N_b", sample=networks, kind="paper",
+        f"of the networks lose it at {_by_size(sizes, half_points(ds, 'box_N_b'))}", "measured", sample=networks,
     )  # fmt: skip
+
+
+def _by_size(sizes, halves):
+    return ", ".join(f"s = {half:.3f} (N_v = {size})" for half, size in zip(halves, sizes, strict=True))
 
 
 def _listed(at, name):

@@ -43,7 +43,7 @@ def test_equal_rest_lengths_are_min_V_L_at_the_transition_and_near_it_in_the_box
     assert rows["transition", 0.3]["gap"] > rows["box_N_b", 0.3]["gap"] > rows["box_N_b", 0]["gap"]
     assert summary(ds)["printed"]["gap"] == 10
     assert {claim["key"] for claim in json.loads((tmp_path / "claims.json").read_text())} == {
-        "percolation-bulk", "percolation-threshold", "percolation-size",
+        "percolation-threshold", "percolation-size", "percolation-gap", "percolation-stressed",
     }  # fmt: skip
 
 
