@@ -16,7 +16,7 @@ from critflow.paths.strain_path import check_strains
 from critflow.workflow import Axis, Claim, Coordinate, Study, decimals
 from critflow.workflow.study import plural
 
-from .shared.checks import check_network, check_positive
+from .shared.checks import check_fit, check_network, check_positive
 from .shared.figures import counted, lettered, page
 from .shared.measurements import identified, measured, table, verify
 from .shared.population_reports import described, of, summary
@@ -39,6 +39,7 @@ def check(parameters, axes):
     """Refuse settings that could only fail, before anything runs."""
     check_strains(parameters["strains"])
     check_positive(parameters, "threshold", "spread", "hard_core", "fit_window")
+    check_fit(parameters)
     check_network(check_foam, parameters["n_vertices"], parameters["hard_core"])
 
 
