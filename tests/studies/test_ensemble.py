@@ -1,7 +1,5 @@
 """The ensemble study end to end, small: what it stores, whether the stored arrays bear out the stored numbers."""
 
-import json
-
 import numpy as np
 
 from critflow import CriticalManifold, Status, voronoi_network
