@@ -20,6 +20,7 @@ import typer
 
 from critflow.command.subcommands import Subcommands
 from critflow.result import CritflowError, EnvironmentFailure, InputError, IntegrityError
+from critflow.workflow.claim import KINDS, MEANING, verdict_sentence
 from critflow.workflow.code import code_version
 from critflow.workflow.folder import (
     CHANGED,
@@ -36,7 +37,7 @@ from critflow.workflow.folder import (
 from critflow.workflow.load import StudyFile, load_study, named_studies
 from critflow.workflow.plan import Selection, select, spelled
 from critflow.workflow.provenance import timestamp
-from critflow.workflow.study import KINDS, Study, plural, tally
+from critflow.workflow.study import Study, plural
 from critflow.workflow.tasks import HOUR, Interrupted
 
 if TYPE_CHECKING:
@@ -216,6 +217,9 @@ def _print_result(requested: Selection, folder: Folder, result: RunResult) -> in
         _warn(message)
     _print_report(folder, result.report)
     if not result.failed:
+        print("The dataset is complete.")
+    _print_verdicts(requested.study, folder, result.report)
+    if not result.failed:
         return 0
     for case_id, reason in list(result.failed.items())[:_MOST_FAILURES]:
         print(f"  {case_id}: {reason}", file=sys.stderr)
@@ -331,7 +335,9 @@ def figures(
     _, selection = results.selection()
     if not results.dataset(selection.study.name).exists():
         _warn(write_partial_dataset(results, _origin("critflow figures")))
-    _print_report(results, write_report(selection.study, results, format))
+    report = write_report(selection.study, results, format)
+    _print_report(results, report)
+    _print_verdicts(selection.study, results, report)
 
 
 @app.command()
@@ -365,6 +371,15 @@ def _print_report(folder: Folder, report: Report) -> None:
         print(f"{folder.path}: {', '.join(report.written)}")
     if report.left_out:
         print(f"{folder.path}: not made, because the run does not store their variables: {', '.join(report.left_out)}")
-    if report.claims:
-        counts = [f"{KINDS[kind]}: {count}" for kind, count in tally(report.claims).items()]
-        print(f"{folder.path / 'claims.md'}: {'; '.join(counts) or 'nothing was tested'}")
+
+
+def _print_verdicts(study: Study, folder: Folder, report: Report) -> None:
+    """The verdicts of a report in words, and those of the committed run of the study."""
+    if not report.claims:
+        return
+    link = f": see {folder.path / 'claims.md'}"
+    texts = [text for kind in KINDS if (text := verdict_sentence(report.claims, kind, link))]
+    for text in texts or [f"Measured values, without a verdict{link}."]:
+        print(text)
+    if verdict_sentence(report.claims, "paper", ""):
+        print(f"{MEANING} {study.committed}".rstrip())

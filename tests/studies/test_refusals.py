@@ -11,7 +11,7 @@ SETTINGS = {
     "boundary": {"n_vertices=7": "n_vertices"},
     "ensemble": {
         **{"n_vertices=61": "even", "n_vertices=2": "even", "n_vertices=1000000000": "vertices"},
-        **{"hard_core=1.2": "", "strains=0": "", "threshold=0.0": "positive", "protocol=quick": "conic"},
+        **{"hard_core=1.2": "", "strains=0": "", "threshold=0.0": "positive"},
         **{"deformation=uniaxial_free": "simple_shear", "strains=0.001,0.002": "contains 2 of the strains"},
         **{"fit_window=0.0025": "need 3"},
     },
