@@ -70,6 +70,10 @@ def entry(path: str, place: Listed) -> str:
     """The text of the page of a function or class."""
     module, _, name = path.rpartition(".")
     lines = [
+        *(
+            ":orphan:",
+            "",
+        ),  # lists of the reference lead to it; 150 lines more in the contents of each page hide the rest
         *(name, "=" * len(name), "", f"``from {module} import {name}``", ""),
         *(autodoc(path), *pictures_of(name), *links_of(name)),
         f"In the group :doc:`{place.heading} </reference/{place.page}>`.",
