@@ -73,6 +73,8 @@ def draw(
     >>> axes = cf.draw(cf.optimize(cf.lattice("honeycomb", 2, 2), 'B_0'))
     >>> axes.figure.clear()
     """
+    if isinstance(ax, str | Path):
+        raise InputError(f"ax must be an Axes, not {str(ax)!r}: draw(...).figure.savefig({str(ax)!r}) saves a picture")
     ax = of_kind(Axes, None, ax=ax)
     of_kind(np.ndarray, None, color=color, vertices=vertices)
     cmap = of_kind(str, Colormap, cmap=cmap)

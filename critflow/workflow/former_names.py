@@ -39,6 +39,8 @@ POPULATIONS = {
     "bulk_modulus": "max_B_0",
     "shear_modulus": "max_G_0",
     "random_lengths_wide": "random_lengths_transition",
+    # Rest lengths of spread 0.1 at the transition are no population of the studies any more.
+    "random_lengths": "random_lengths_narrow",
 }
 
 

@@ -24,12 +24,21 @@ def choose_case(dataset: xr.Dataset, words: Sequence[str]) -> xr.Dataset:
         require(name in axes, f"the dataset has no axis {name!r}: {nearest(name, axes, 'axes')}")
         require(name not in chosen, f"{name} is set twice: a case has one value of it")
         labels = [str(label) for label in dataset[name].values]
-        require(text in labels, f"{name} has no {text!r} here: {nearest(text, labels, f'values of {name}')}")
+        require(text in labels, f"{name} has no {text!r} here: {_choices(name, text, dataset[name].values, labels)}")
         chosen[name] = labels.index(text)
     for name in axes:
         clear, example = name in chosen or dataset.sizes[name] == 1, dataset[name].values[0]
         require(clear, f"which {name}? add --set {name}={example}, or another of its values")
     return dataset.isel({name: chosen.get(name, 0) for name in axes})
+
+
+def _choices(name: str, text: str, values: np.ndarray, labels: Sequence[str]) -> str:
+    """The values of an axis: the first and last of consecutive numbers, else the nearest word, or all of them."""
+    if values.dtype.kind in "iu" and len(values) > 1 and (np.diff(values) == 1).all():
+        return f"{name}s are {labels[0]} to {labels[-1]}"
+    if values.dtype.kind in "iuf":
+        return f"the values of {name} are {', '.join(labels)}"
+    return nearest(text, labels, f"values of {name}")
 
 
 def case_title(case: xr.Dataset, separator: str = "-") -> str:

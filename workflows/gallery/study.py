@@ -1,8 +1,8 @@
 """One network in thirteen critical configurations: the figure `Networks` of the paper.
 
 A least V_L.  B, C least V_τ, C after an isogonal change.  D largest B_0 at σ = k.  E, F two isogonal changes of D.
-G, H, I largest G_0 at three thresholds r.  J, K random rest lengths: of a spread that leaves every edge stressed, and
-of the printed one, which does not.  L, M random stresses.
+G, H, I largest G_0 at three thresholds r.  J, K random rest lengths of the printed spread: as the protocol of the paper
+records them in its box, and exactly at the transition, which leaves more edges slack.  L, M random stresses.
 
 The least V_τ need not be attained: in about one network of six some edge shrinks to zero length
 (`edge_collapse`).  The network drawn, seed 0, attains it.
@@ -21,11 +21,13 @@ from critflow.generators.random_networks import check_voronoi
 from critflow.result import StudyError
 from critflow.workflow import Axis, Study, stable_rng
 
+from ..paper.committed import committed_run
 from ..shared.checks import check_network, check_positive
 from ..shared.measurements import moduli_with_bounds, stressed_fraction
 from ..shared.own_network import check_own, own_manifold, own_network, with_digest
 from ..shared.populations import OPTIMA, STREAMS, random_lengths
 from ..shared.reports import PAPER
+from ..shared.strain_protocol import critical_in_printed_box
 from ..shared.structure import relative_variance
 from ..shared.tables import NETWORK, bounded, numbers, outcomes
 from .report import PANELS, claims, gallery, verify
@@ -74,8 +76,9 @@ def configuration(manifold, chosen, parameters, seed, panel) -> tuple[cf.Solutio
     if kind == "random_stress":
         return manifold.solve(np.abs(rng.standard_normal(network.n_edges))), amplitudes
     if panel.startswith("random_lengths"):
-        spread = parameters["spread_wide" if variant == "transition" else "spread"]
-        lengths = random_lengths(rng, network.n_edges, spread)
+        lengths = random_lengths(rng, network.n_edges, parameters["spread"])
+        if panel == "random_lengths":
+            return critical_in_printed_box(manifold, lengths), amplitudes
         return cf.critical_from_lengths(manifold, lengths, throw=False), amplitudes
 
     found = cf.optimize(manifold, OPTIMA[kind], throw=False)
@@ -145,7 +148,7 @@ def check(parameters, axes):
         raise StudyError(f"thresholds={parameters['thresholds']} must be three positive numbers, for panels G, H and I")
     if not 0 < parameters["fraction"] < 1:
         raise StudyError(f"fraction={parameters['fraction']} must lie between 0 and 1, where the first edge vanishes")
-    check_positive(parameters, "spread", "spread_wide", "shortest", "starts", "hard_core")
+    check_positive(parameters, "spread", "shortest", "starts", "hard_core")
     if network := own_network(parameters):
         check_own(network, planar_faces_needed=True)
     else:
@@ -192,6 +195,7 @@ study = Study(
     version=3,
     title="One network in thirteen critical configurations",
     references=f"{PAPER}, figure Networks",
+    committed=committed_run("gallery"),
     axes=(
         Axis("seed", (0,), "seed of the network", noun="network"),
         Axis("panel", PANELS, "critical configuration, by its panel in the figure"),
@@ -201,8 +205,7 @@ study = Study(
         "hard_core": 0.82,
         "thresholds": (0.1, 0.03, 0.01),
         "starts": 4,
-        "spread": 0.1,
-        "spread_wide": 0.3,
+        "spread": 0.3,
         "fraction": 0.9,
         "shortest": 0.15,
         "network": "",

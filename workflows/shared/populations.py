@@ -11,11 +11,12 @@ from critflow import CriticalConfiguration, CriticalManifold, Solution, critical
 from critflow.figures.plot import COLOURS
 from critflow.workflow import AxisLabel, stable_rng
 
-from .strain_protocol import critical_by_strain
+from .strain_protocol import critical_in_printed_box
 
 # The quantity whose optimum each of these populations is.
 OPTIMA = {"min_V_L": "V_L", "min_V_tau": "V_tau", "max_B_0": "B_0", "max_G_0": "G_0"}
-# The populations of the paper; `random_lengths_transition` follows the printed spread of the rest lengths.
+# The populations of the paper.  Its random rest lengths are recorded beyond the transition, see `strain_protocol`;
+# `random_lengths_transition` has the same rest lengths, exactly there.
 PAPER_POPULATIONS = (*OPTIMA, "random_lengths", "random_stress")
 POPULATIONS = (*PAPER_POPULATIONS, "random_lengths_transition")
 # Names in print, as mathematics and as plain text.
@@ -43,12 +44,12 @@ STREAMS = {
     "min_V_tau": "tension_variance",
     "max_B_0": "bulk_modulus",
     "max_G_0": "shear_modulus",
-    "random_lengths": "random_lengths",
+    "random_lengths": "random_lengths_wide",
     "random_stress": "random_stress",
     "random_lengths_transition": "random_lengths_wide",
 }
 # The parameter with the spread of the rest lengths of each population.
-SPREADS = {"random_lengths": "spread", "random_lengths_transition": "spread_wide"}
+SPREADS = {"random_lengths": "spread", "random_lengths_transition": "spread"}
 
 
 @lru_cache(maxsize=2)
@@ -72,10 +73,9 @@ def configuration(
         )
     if population == "random_stress":
         return manifold.solve(np.abs(rng.standard_normal(manifold.network.n_edges)))
-    spread = parameters["spread_wide" if population == "random_lengths_transition" else "spread"]
-    lengths = random_lengths(rng, manifold.network.n_edges, spread)
-    if parameters.get("protocol") == "strain":
-        return critical_by_strain(manifold, lengths)
+    lengths = random_lengths(rng, manifold.network.n_edges, parameters["spread"])
+    if population == "random_lengths":
+        return critical_in_printed_box(manifold, lengths)
     return critical_from_lengths(manifold, lengths, throw=False)
 
 

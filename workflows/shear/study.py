@@ -24,6 +24,7 @@ from critflow.response.elasticity import elasticity
 from critflow.result import Status, StudyError
 from critflow.workflow import Axis, Coordinate, Study, Variable, stable_rng
 
+from ..paper.committed import committed_run
 from ..shared.checks import check_network
 from ..shared.populations import MEANING, POPULATIONS, configuration, prepared
 from ..shared.reports import PAPER
@@ -271,6 +272,7 @@ study = Study(
     name="shear",
     title="The shear modulus at the transition: unconstrained ascents, size, threshold and starts",
     references=f"{PAPER}, figures ShearModulusSteepestDescent, ShearModulusScaling and Movie 1",
+    committed=committed_run("shear"),
     axes=(
         Axis("seed", range(100), "seed of the network", noun="network"),
         Axis("n_vertices", (50, 100, 200, 500, 1000), "number of vertices", key="n_vertices"),
@@ -288,9 +290,7 @@ study = Study(
         "n_starts": 12,
         "detailed_seeds": 12,
         "threshold": 0.1,
-        "spread": 0.1,
-        "spread_wide": 0.3,
-        "protocol": "conic",
+        "spread": 0.3,
     },
     coordinates=(
         Coordinate("step", "steps", "step of the recorded ascent"),
