@@ -3,12 +3,13 @@
 Given rest lengths ℓ, shrinking them uniformly (the same as expanding the box) leads the network to a critical
 configuration, which is unique.
 
-1. Where all edges may be stressed, the iteration of `length_iteration` gives σ and t = ⟨|L|/ℓ⟩ roughly.
+1. Where few edges or none may be slack, the iteration of `length_iteration` gives σ and t = ⟨|L|/ℓ⟩ roughly.
 2. Newton's method on all edges solves |L| = (1 + s) t ℓ and gᵀ(σ ∘ L) = 0 for x, σ and s → 0 (`taut_edges`).  Positive
    tensions in balance at the right lengths prove that every edge is stressed.
-3. Else, or if that fails, the cone program min t, |L| ≤ t ℓ, gives t, σ and a guess of the slack edges (`cone`), and
-   Newton's method decides which edges are stressed (`taut_set`).
-4. The exact balance of the stress of the last step is the configuration.
+3. If that fails, further steps give a guess of the slack edges (`few_slack`), and Newton's method decides which edges
+   are stressed (`taut_set`).  Where the others are not longer, |L| ≤ t ℓ, that is the solution of the cone program.
+4. Else, or if that fails, the cone program min t, |L| ≤ t ℓ, gives t, σ and the guess (`cone`), as in 3.
+5. The exact balance of the stress of the last step is the configuration.
 
 Status, note and accuracy are those of `critflow.lengths.lengths_end`.
 """
@@ -27,6 +28,7 @@ from critflow.critical.edge_lengths import COLLAPSED
 from critflow.critical.manifold import CriticalConfiguration, CriticalManifold
 from critflow.lengths.boundary import Expansion
 from critflow.lengths.cone import fit_lengths
+from critflow.lengths.few_slack import few_slack
 from critflow.lengths.length_iteration import NEAR, iterate_lengths
 from critflow.lengths.lengths_end import FromLengths, configuration_of, not_separated, too_short
 from critflow.lengths.taut_edges import OnsetState, newton_taut
@@ -36,8 +38,8 @@ from critflow.networks.checks import edge_values
 from critflow.networks.network import Array, Network
 from critflow.result import Solution
 
-# Spread of log ℓ above which most networks of 1,000 vertices have slack edges (study `percolation`).
-EVEN = 0.16
+# Spread of log ℓ above which more edges of most networks are slack than `few_slack` serves.
+EVEN = 0.25
 # Exponents of the unit of lengths, so that one is the unit of lengths of the size of the network.
 COARSE = 8
 
@@ -97,16 +99,23 @@ class Attempt:
 
 
 def _attempts(boundary: Expansion, lengths: Array) -> Iterator[Attempt]:
-    """Ends of Newton's method from one start after another (1 to 3)."""
-    network = boundary.network
+    """Ends of Newton's method from one start after another (1 to 4)."""
+    network, manifold = boundary.network, boundary.manifold
     if float(np.std(np.log(lengths))) < EVEN:
-        for steps, (balance, deviation) in enumerate(iterate_lengths(boundary.manifold, lengths), 1):
+        steps, balance = 0, None
+        for steps, (balance, deviation) in enumerate(iterate_lengths(manifold, lengths), 1):
             if deviation < NEAR:
                 ratio = float((np.linalg.norm(balance.bond_vectors, axis=1) / lengths).mean())
                 taut = np.ones(network.n_edges, bool)
                 start = OnsetState(0.0, np.zeros(0), balance.coordinates, balance.sigma, taut)
                 yield Attempt(newton_taut(boundary, ratio * lengths, start), ratio, steps)
                 break
+        guess = balance and few_slack(manifold, lengths, balance)
+        if guess:
+            balance, ratio, slack, more = guess
+            sigma = np.where(slack, 0.0, balance.sigma)
+            start = OnsetState(0.0, np.zeros(0), balance.coordinates, sigma, ~slack)
+            yield Attempt(polish_taut(boundary, ratio * lengths, start), ratio, steps + more)
     for tolerance in EXACT_CONE:
         cone = fit_lengths(network.free_incidence, network.boundary_vectors, lengths, tolerance)
         if not cone.solved:
@@ -116,7 +125,7 @@ def _attempts(boundary: Expansion, lengths: Array) -> Iterator[Attempt]:
 
 
 def _balanced(boundary: Expansion, lengths: Array, attempt: Attempt) -> Solution[CriticalConfiguration] | None:
-    """The configuration in exact balance under the stress of the taut edges (4); None where it is no solution.
+    """The configuration in exact balance under the stress of the taut edges (5); None where it is no solution.
 
     Newton's method reduces the errors of lengths and forces together.  Vertices off the taut edges keep their
     coordinates.

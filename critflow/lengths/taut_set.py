@@ -58,10 +58,10 @@ def polish_taut(path: Boundary, lengths: Array, start: OnsetState) -> OnsetState
             continue
         unstressed = candidate & ~stressed(end)
         released |= unstressed
-        longer = _longer(path, lengths, end) & ~released
+        longer = _longer(path, lengths, end)
         if longer.any():
             end = settled(path, lengths, end)
-            longer &= _longer(path, lengths, end)
+            longer &= _longer(path, lengths, end) & ~released
         if not unstressed.any() and longer.sum() < least:
             best, least = end, longer.sum()
         if not (unstressed.any() or longer.any()):

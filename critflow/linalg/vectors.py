@@ -42,6 +42,16 @@ def norms(vectors: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.sqrt(dot(vectors, vectors))
 
 
+def largest(values: NDArray[np.float64]) -> float:
+    """The largest size of all numbers, NaN with one that is; 0 without any."""
+    return float(np.maximum.reduce(np.abs(values), axis=None, initial=0.0))
+
+
+def mean(values: NDArray[np.float64]) -> float:
+    """The mean of numbers (n,): the bits of `numpy.mean`."""
+    return float(np.add.reduce(values) / values.size)
+
+
 def power_of_two(size: float, step: int = 1) -> float:
     """The power of two nearest a size > 0, as a unit: products with it are exact; `step` of its exponents."""
     return float(2.0 ** (step * np.round(np.log2(size) / step)))
@@ -57,22 +67,27 @@ def set_read_only(record: object, *names: str) -> None:
             object.__setattr__(record, name, array)
 
 
-_KERNELS = {"csr": (csr_matvec, csr_matvecs), "csc": (csc_matvec, csc_matvecs)}
-
-
-def product(matrix: sp.csr_array | sp.csc_matrix, x: Array) -> Array:
+def product(matrix: sp.csr_array, x: Array) -> Array:
     """A x for x (n,) or (n, d) of floats: the bits of `matrix @ x`."""
-    return add_product(matrix, x, np.zeros((matrix.shape[0], *x.shape[1:])))
+    return add_product(matrix, x, np.zeros((matrix.indptr.size - 1, *x.shape[1:])))
 
 
-def add_product(matrix: sp.csr_array | sp.csc_matrix, x: NDArray[Any], y: NDArray[Any]) -> NDArray[Any]:
-    """y + A x in place of y (n,) or (n, d), all of the same precision."""
-    rows, cols = matrix.shape
-    one, several = _KERNELS[matrix.format]
-    # Of a transposed array `ravel` alone takes longer than the product.
-    x = np.ascontiguousarray(x)
-    if x.size == cols:
-        one(rows, cols, matrix.indptr, matrix.indices, matrix.data, x.ravel(), y.ravel())
+def add_product(matrix: sp.csr_array, x: NDArray[Any], y: NDArray[Any]) -> NDArray[Any]:
+    """y + A x in place of a contiguous y (n,) or (n, d), all of the same precision."""
+    parts = matrix.indptr, matrix.indices, matrix.data
+    if x.ndim == 1:
+        csr_matvec(y.size, x.size, *parts, x, y)
     else:
-        several(rows, cols, x.shape[1], matrix.indptr, matrix.indices, matrix.data, x.ravel(), y.ravel())
+        csr_matvecs(*y.shape[:1], *x.shape, *parts, x.ravel(), y.ravel())
+    return y
+
+
+def column_product(matrix: sp.csc_matrix, x: Array) -> Array:
+    """As `product`, of a matrix stored by columns."""
+    y = np.zeros((matrix.shape[0], *x.shape[1:]))
+    parts = matrix.indptr, matrix.indices, matrix.data
+    if x.ndim == 1:
+        csc_matvec(*matrix.shape, *parts, x, y)
+    else:
+        csc_matvecs(*matrix.shape, x.shape[1], *parts, x.ravel(), y.ravel())
     return y

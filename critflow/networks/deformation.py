@@ -142,11 +142,13 @@ class Deformation:
     def dilation(cls, dimension: int) -> Deformation:
         """F = (1 + γ)^{1/d} 1: volumetric strain γ."""
 
+        power, one = 1 / dimension, np.eye(dimension)
+        factors = 1.0, power, power * (power - 1)
+
         def derivative(strain: float, order: int) -> Array:
-            factor = float(np.prod([1 / dimension - n for n in range(order)]))
             # A negative volume has no real root; NaN is refused with a sentence.
             volume = 1 + strain if strain > -1 else np.nan
-            return factor * volume ** (1 / dimension - order) * np.eye(dimension)
+            return np.asarray(factors[order] * volume ** (power - order) * one)
 
         return cls("dilation", dimension, derivative)
 

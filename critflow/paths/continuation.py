@@ -31,6 +31,7 @@ import numpy as np
 
 from critflow.linalg.factor import Factor, FixedPattern
 from critflow.linalg.tolerances import EPS
+from critflow.linalg.vectors import largest, mean
 from critflow.networks.deformation import Deformation
 from critflow.networks.network import Array, Network
 from critflow.paths.start import Beginning
@@ -250,7 +251,8 @@ def advance(problem: PathProblem, point: PathPoint, strain: float) -> Interval:
     smallest = max(_SMALLEST_PART * abs(strain - here.strain), EPS)
     if point.stress is not None:
         point = with_departure_velocity(problem, point, point.stress, strain)
-    point = replace(point, stride=max(point.stride, smallest))
+    if point.stride < smallest:
+        point = replace(point, stride=smallest)
     interval = Interval(point, strain, Attempt(here, point.state), smallest=smallest)
     for _ in range(_MOST_STEPS):
         interval = step(problem, interval)
@@ -268,7 +270,7 @@ def step(problem: PathProblem, interval: Interval) -> Interval:
     ahead = min(point.stride, abs(left))
     strain = target if ahead >= _WHOLE * abs(left) else point.cell.strain + np.copysign(ahead, left)
     end = attempt(problem, point, strain)
-    interval = replace(interval, end=end, iterations=interval.iterations + end.iterations)
+    iterations = interval.iterations + end.iterations
     if end.ok:
         arrived = strain == target
         stride = 2 * ahead if not arrived or ahead == point.stride else point.stride
@@ -277,8 +279,9 @@ def step(problem: PathProblem, interval: Interval) -> Interval:
             end.cell, end.state, point.predictor.extended(strain, z, end.velocity, end.predicted), stride
         )
         inserted = interval.inserted + (not arrived)
-        return replace(interval, point=accepted, ended=arrived, inserted=inserted, failed=None)
+        return Interval(accepted, target, end, arrived, interval.smallest, iterations, inserted)
     failed = (interval.failed or end) if end.retry_smaller else end
+    interval = replace(interval, end=end, iterations=iterations)
     if not end.retry_smaller or 0.5 * ahead < interval.smallest:
         return replace(interval, end=failed, ended=True)
     return replace(interval, point=replace(point, stride=0.5 * ahead), failed=failed)
@@ -384,9 +387,9 @@ def keeps_lengths(state: SpringState, strain: float) -> bool:
 
 def weakly_stressed(state: SpringState, strain: float) -> bool:
     """Whether the stress is far below that of a strain which the springs resist."""
-    return bool(np.abs(state.sigma).max() <= WEAK * abs(strain) * state.stiffness_scale)
+    return largest(state.sigma) <= WEAK * abs(strain) * state.stiffness_scale
 
 
 def distance(one: SpringState, other: SpringState) -> float:
     """The largest difference of two states' bond vectors, in units of the mean length."""
-    return float(np.abs(one.bond_vectors - other.bond_vectors).max() / one.lengths.mean())
+    return largest(one.bond_vectors - other.bond_vectors) / mean(one.lengths)

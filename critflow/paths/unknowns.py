@@ -83,8 +83,8 @@ class Vertices:
     def moved(self, state: SpringState, here: Cell, cell: Cell, change: Array) -> SpringState:
         """A state in a cell after a change of y (n_free·d,) and the affine motion to another."""
         before, after = here.gradient, cell.gradient
-        state = state.moved(change.reshape(-1, len(before)) @ before.T)
-        return state.deformed_to(self.reference.deformed(after), after @ here.inverse)
+        displacement = change.reshape(-1, len(before)) @ before.T
+        return state.deformed_to(self.reference.deformed(after), after @ here.inverse, displacement)
 
     def corrected(self, start: SpringState, cell: Cell) -> Correction:
         """The equilibrium from a prediction."""

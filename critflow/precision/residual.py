@@ -18,7 +18,7 @@ import scipy.sparse as sp
 
 from critflow.linalg.factor import Factor
 from critflow.linalg.tolerances import EPS
-from critflow.linalg.vectors import product, quasi_random
+from critflow.linalg.vectors import largest, product, quasi_random
 from critflow.networks.network import Array, Network
 from critflow.precision.double_double import Extended, edge_differences, two_product, two_sum
 from critflow.precision.refinement import UNSEEN
@@ -60,7 +60,7 @@ def exact_displacement(
     series, and adds the effect of the rounded σ: a rounding of the largest tension, times the largest displacement per
     force that a correction had.
     """
-    rounding = float(EPS * np.abs(coordinates).max())
+    rounding = EPS * largest(coordinates)
     enough, noise = UNSEEN * rounding, 0.0 if regularised else rounding
     D = np.zeros((len(network.free), network.dimension))
     L, change = exact_bond_vectors(network, coordinates, D), np.zeros_like(D)
@@ -72,14 +72,14 @@ def exact_displacement(
         forces = exact_forces(network, sigma, L)
         correction = solve(forces)
         change = product(network.free_incidence, correction)
-        size, force = float(np.abs(correction).max()), float(np.abs(forces).max())
+        size, force = largest(correction), largest(forces)
         if size == 0.0:
             remainder = 0.0
             break
         compliance = max(compliance, size / force)
         if not size / before < CONTRACTION:
             # Corrections of the size of rounding do not shrink; those of soft modes are small by the shift alone.
-            rounded = force <= ROUNDED_FORCE * float(np.abs(sigma * L.high.T).max())
+            rounded = force <= ROUNDED_FORCE * largest(sigma * L.high.T)
             remainder = 2 * size if size <= max(noise, enough) and (rounded or not regularised) else np.inf
             break
         D = D + correction
@@ -90,7 +90,7 @@ def exact_displacement(
         before = size
     else:
         remainder = np.inf
-    remainder += EPS * compliance * float(np.abs(sigma * L.high.T).max())
+    remainder += EPS * compliance * largest(sigma * L.high.T)
     return Displacement(D, L.high + (L.low + change), remainder, correction)
 
 
@@ -144,8 +144,8 @@ def exact_sums(matrix: sp.csr_array, vectors: Extended, less: Array | float = 0.
 
 def _leading(values: Array) -> Array:
     """Values rounded to a grid common to all, 2⁻²⁶ of the largest."""
-    largest = float(np.abs(values).max(initial=0.0))
-    if not largest:
+    size = largest(values)
+    if not size:
         return values
-    grid = 1.5 * 2.0 ** (np.ceil(np.log2(largest)) + 27)
+    grid = 1.5 * 2.0 ** (np.ceil(np.log2(size)) + 27)
     return np.asarray((values + grid) - grid)

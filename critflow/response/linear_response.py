@@ -49,7 +49,7 @@ class LinearResponse(Solution[Elasticity]):
     def relaxation(self, strain: Array) -> Array:
         """dx/dε (n_free, d) under a strain of components (m,) in `strain_basis`, relative to the affine motion."""
         weights = (basis_change(self.value.dimension) @ strain)[list(self.strains)]
-        return np.einsum("n,ndi->di", weights, self.responses).T
+        return (weights @ self.responses.reshape(len(weights), -1)).reshape(self.responses.shape[1:]).T
 
 
 def linear_response(
@@ -82,8 +82,7 @@ def linear_response(
         raise InputError("a shear needs at least two dimensions")
     pattern, strains = pattern or state.pattern(), strains or tuple(range(len(unit_strains(d))))
     # Without negative eigenvalues any factor near the state will do; convergence shows whether it is near enough.
-    definite = bool((state.sigma >= 0).all() and (state.edge_stiffness >= 0).all())
-    found = _responses(state, factor, volume, strains) if factor is not None and definite else None
+    found = _responses(state, factor, volume, strains) if factor is not None and not state.softens else None
     if factor is None or found is None or not found.converged:
         factor = state.factorize(pattern)
         found = _responses(state, factor, volume, strains) if factor.sound and not factor.n_negative else None
@@ -193,40 +192,65 @@ def _responses(state: SpringState, factor: Factor, volume: float, strains: tuple
 
     The first of them is the dilation, the last one the last shear.
     """
-    network, sigma, square = state.network, state.sigma, state.lengths**2
+    network, sigma = state.network, state.sigma
     d, m, n = network.dimension, len(strains), network.n_edges
     # Edges are the last axis: NumPy is several times slower where that is short.
     L, K = np.ascontiguousarray(state.bond_vectors.T), state.modified_stiffness
     affine = (unit_strains(d)[list(strains)].reshape(m * d, d) @ L).reshape(m, d, n)
+    divergence, incidence = network.divergence, network.free_incidence
     rate, direct, least = affine, np.zeros((m, m)), _NO_RELAXATION * state.length_scale
     u, scale, energy = np.zeros((m, d * len(network.free))), np.zeros(m), np.zeros(m)
     for refinement in range(_MOST_CORRECTIONS + 1):
-        hdot = np.einsum("ie,aie->ae", L, rate)
+        hdot = np.add.reduce(L * rate, axis=1)
         tension = times(K, hdot)
         stressed = sigma * rate
         pulls = tension[:, None] * L + stressed
-        force = np.array([-product(network.divergence, pull.T).ravel() for pull in pulls])
+        # The forces of all strains in one product.
+        force = -product(divergence, pulls.reshape(m * d, n).T)
+        force = force.reshape(-1, m, d).swapaxes(0, 1).reshape(m, -1)
         stretching = hdot @ tension.T
         form = stretching + stressed.reshape(m, -1) @ rate.reshape(m, -1).T
         direct = direct if refinement else form
         correction = np.array([factor.solve(each) for each in force])
         gained = force @ correction.T
-        moved, size = _largest(correction), _largest(force)
-        u, scale = u + correction, np.maximum(scale, size)
-        small = bool((moved <= _CONVERGED * np.maximum(_largest(u), least)).all())
+        size, u = _largest(force), u + correction
+        scale = np.maximum(scale, size)
+        small = bool((_largest(correction) <= _CONVERGED * np.maximum(_largest(u), least)).all())
         before, energy = energy, np.abs(gained.diagonal())
         # The energy that a correction leaves is its gain times the contraction, and must be rounding.
         unfinished = energy * _contraction(energy, before)
         if refinement and small and (unfinished <= 4 * EPS * stretching.diagonal()).all():
             break
-        rate = affine + np.array([state.edge_rates(motion).T for motion in u])
+        motion = u.reshape(m, -1, d).swapaxes(0, 1).reshape(-1, m * d)
+        rate = affine + np.ascontiguousarray(product(incidence, motion).T).reshape(m, d, n)
     relaxations = u.reshape(m, -1, d).swapaxes(1, 2)
-    form = (form - gained) / volume
-    speed = np.sqrt(np.einsum("aie,aie->ae", rate, rate))
+    speed = np.sqrt(np.add.reduce(rate * rate, axis=1))
     noise, first = _rounding(state, speed, relaxations, tension)
     unfinished = np.sqrt(np.outer(unfinished, unfinished))
-    form_rounding = (noise + unfinished) / volume + 4 * EPS * np.abs(form)
+    return _Responses(
+        _elasticity(state, volume, strains, (form - gained, direct), (noise, unfinished), first),
+        relaxations,
+        correction[0],
+        float((size / np.maximum(scale, 1e-300)).max()),
+        small,
+    )
 
+
+def _elasticity(
+    state: SpringState,
+    volume: float,
+    strains: tuple[int, ...],
+    forms: tuple[Array, Array],
+    errors: tuple[Array, Array],
+    first: Array,
+) -> Elasticity:
+    """Tensor, moduli and their errors from V C_ab (m, m), relaxed and affine, rounding and unfinished relaxation.
+
+    first  parts (N_b,) of the rounding of the first form, that of the dilation
+    """
+    (noise, unfinished), d, form = errors, state.network.dimension, forms[0] / volume
+    sigma, square, L = state.sigma, state.lengths**2, state.bond_vectors.T
+    form_rounding = (noise + unfinished) / volume + 4 * EPS * np.abs(form)
     T, stress = basis_change(d)[list(strains)], (sigma * L) @ L.T / volume
     stress_rounding = float(accumulated_rounding(2 * state.stress_rounding * square)) / volume
     # Dilation (1 + γ)^{1/d} is curved: b̈ = (1/d)(1/d − 1) b.
@@ -239,14 +263,8 @@ def _responses(state: SpringState, factor: Factor, volume: float, strains: tuple
     tensor = T.T @ form @ T
     rounding = np.abs(T).T @ form_rounding @ np.abs(T) + 4 * EPS * np.abs(tensor)
     rounding += (stress_rounding + 4 * EPS * float(np.abs(stress).max())) * stress_products(d)
-    errors = Errors(0.5 * (rounding + rounding.T), bulk_rounding, shear_rounding, corrected_rounding)
-    return _Responses(
-        Elasticity(tensor, T.T @ direct @ T / volume, stress, volume, errors, bulk),
-        relaxations,
-        correction[0],
-        float((size / np.maximum(scale, 1e-300)).max()),
-        small,
-    )
+    bounds = Errors(0.5 * (rounding + rounding.T), bulk_rounding, shear_rounding, corrected_rounding)
+    return Elasticity(tensor, T.T @ forms[1] @ T / volume, stress, volume, bounds, bulk)
 
 
 def _contraction(energy: Array, before: Array) -> float:
@@ -254,10 +272,9 @@ def _contraction(energy: Array, before: Array) -> float:
 
     The largest of all strains with a margin, since the first correction may shrink faster than those after it.
     """
-    ratio = max(
-        (one / other if other > 0 else 1.0 for one, other in zip(energy.tolist(), before.tolist(), strict=True))
-    )
-    return float(min(1.0, _CONTRACTION_MARGIN * np.sqrt(ratio)))
+    positive = before > 0
+    ratio = float(np.maximum.reduce(np.where(positive, energy, 1.0) / np.where(positive, before, 1.0)))
+    return min(1.0, _CONTRACTION_MARGIN * float(np.sqrt(ratio)))
 
 
 def _rounding(state: SpringState, speed: Array, u: Array, tension: Array) -> tuple[Array, Array]:
@@ -268,7 +285,7 @@ def _rounding(state: SpringState, speed: Array, u: Array, tension: Array) -> tup
     """
     network, sigma, length = state.network, np.abs(state.sigma), state.lengths
     vertex_speed = np.zeros((len(u), network.n_vertices))
-    vertex_speed[:, network.free_rows] = np.sqrt(np.einsum("avi,avi->ai", u, u))
+    vertex_speed[:, network.free_rows] = np.sqrt(np.add.reduce(u * u, axis=1))
     tail, head = np.ascontiguousarray(network.edges.T)
     rate_rounding = EPS * (speed + vertex_speed.take(tail, 1) + vertex_speed.take(head, 1) + length)
     pull = np.abs(tension) * length + sigma * speed
@@ -284,7 +301,7 @@ def _accumulated_products(one: Array, other: Array) -> Array:
 
 def _largest(vectors: Array) -> Array:
     """Largest component of each of the vectors (m, n), (m,)."""
-    return np.abs(vectors).max(axis=1, initial=0.0)
+    return np.maximum.reduce(np.abs(vectors), axis=-1, initial=0.0)
 
 
 def accumulated_rounding(errors: Array) -> Any:
@@ -294,4 +311,4 @@ def accumulated_rounding(errors: Array) -> Any:
     than 1 % of sums.  On lattices symmetric edges round alike and their errors add coherently, of which ¼ Σ e allows
     for a quarter.  The rigorous bound Σ e exceeds typical errors by √n.
     """
-    return 3 * np.sqrt((errors * errors).sum(axis=-1)) + 0.25 * errors.sum(axis=-1)
+    return 3 * np.sqrt(np.add.reduce(errors * errors, axis=-1)) + 0.25 * np.add.reduce(errors, axis=-1)

@@ -11,6 +11,7 @@ from critflow.arguments import of_kind
 from critflow.calls import running
 from critflow.linalg.factor import Factor, FixedPattern
 from critflow.linalg.tolerances import EPS
+from critflow.linalg.vectors import largest
 from critflow.networks.network import Array
 from critflow.optimisation.minimize import Fire, Function, Point, minimise
 from critflow.precision.double_double import two_sum
@@ -138,7 +139,7 @@ def _by_newton(
     if not solution.ok:
         return _with_collapse(solution), None
     factor = end.factor
-    if end.indefinite or compressed_edges(end.state).any():
+    if end.indefinite or (end.state.softens and compressed_edges(end.state).any()):
         # The path passed other branches, so the correction needs a factor at the last state.
         factor = minimum_factor(end.state, pattern)
     bounded, nearby = with_bounds(solution, pattern, factor, corrected=True, condition=condition)
@@ -210,22 +211,21 @@ def with_bounds(
     """
     state = solution.value
     correction, factor = _correction(state, pattern, factor)
-    error = correction.displacement
-    if corrected and np.isfinite(correction.remainder):
+    error, corrected = correction.displacement, corrected and bool(np.isfinite(correction.remainder))
+    if corrected:
         x, free = state.coordinates.copy(), state.network.free_rows
         x[free], error = two_sum(state.coordinates[free], correction.displacement)
         state = state.placed(x, correction.bond_vectors)
-        apart = 0.5 * EPS * float(np.abs(correction.bond_vectors).max())
+        apart = 0.5 * EPS * largest(correction.bond_vectors)
     else:
-        apart = float(np.abs(state.bond_vectors - correction.bond_vectors).max())
-    bound = max(float(np.abs(error).max()), apart) + 2 * correction.remainder
+        apart = largest(state.bond_vectors - correction.bond_vectors)
+    bound = max(largest(error), apart) + 2 * correction.remainder
     number = state.largest_stiffness * inverse_norm(factor, correction.last) if condition else np.nan
     stats = replace(solution.stats, residual=state.max_force, error_bound=bound, condition=number)
     if np.isfinite(bound):
         solution = replace(solution, value=state, stats=stats)
         if judged:
-            here = state.bond_vectors is correction.bond_vectors
-            exact = state if here else state.placed(state.coordinates, correction.bond_vectors)
+            exact = state if corrected else state.placed(state.coordinates, correction.bond_vectors)
             solution = as_minimum(solution, *stability_of(exact, pattern))
         return solution, factor
     note = "rounding hides the distance to the exact equilibrium: go further from the transition"

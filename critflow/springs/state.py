@@ -20,7 +20,7 @@ from critflow.arguments import of_kind
 from critflow.linalg.factor import Factor, FixedPattern
 from critflow.linalg.matrices import block_laplacian, edge_blocks
 from critflow.linalg.tolerances import EPS
-from critflow.linalg.vectors import dot, norms, product, set_read_only
+from critflow.linalg.vectors import dot, largest, mean, norms, product, set_read_only
 from critflow.networks.checks import edge_values
 from critflow.networks.network import Array, Network, validated_coordinates
 from critflow.precision.double_double import Extended, less_squares, two_square
@@ -93,7 +93,7 @@ class SpringState(Record):
     @cached_property
     def energy(self) -> float:
         """E, the sum over the springs (`EnergyConstraints`); infinite where one is longer than it can be."""
-        return float(np.sum(self.law.energy(self.extension, self.rest_lengths, self.stiffness)))
+        return float(np.add.reduce(self.law.energy(self.extension, self.rest_lengths, self.stiffness)))
 
     # Edges: their stress, and the matrix K that couples them.
 
@@ -159,12 +159,12 @@ class SpringState(Record):
         """⟨k⟩ times the largest factor of stiffening of a spring; times a length, the unit of force."""
         k, now = self.stiffness, self.spring_stiffness
         # The forces of stiffened springs have larger rounding errors.
-        return float(k.mean()) * (1.0 if now is k else max(1.0, float(np.max(now / k))))
+        return mean(k) * (1.0 if now is k else max(1.0, float(np.max(now / k))))
 
     @cached_property
     def length_scale(self) -> float:
         """Mean length at rest."""
-        return float(self.rest_lengths.mean())
+        return mean(self.rest_lengths)
 
     @property
     def stress_rounding(self) -> Array:
@@ -185,7 +185,12 @@ class SpringState(Record):
     @cached_property
     def max_force(self) -> float:
         """Largest component of the unbalanced forces, in units of k times length."""
-        return float(np.abs(self.forces).max(initial=0.0))
+        return largest(self.forces)
+
+    @cached_property
+    def softens(self) -> bool:
+        """Whether some σ or E'' is negative, which may make the Hessian indefinite."""
+        return not (np.minimum.reduce(self.sigma) >= 0 and np.minimum.reduce(self.edge_stiffness) >= 0)
 
     @property
     def largest_stiffness(self) -> float:
@@ -195,7 +200,7 @@ class SpringState(Record):
 
     def taut(self, least: float = TAUT) -> bool:
         """Whether all σ exceed `least` in units of k: the Hessian is then not below P(σ), of a connected network."""
-        return bool(self.sigma.min() > least * self.stiffness_scale and self.edge_stiffness.min() >= 0)
+        return not self.softens and bool(np.minimum.reduce(self.sigma) > least * self.stiffness_scale)
 
     def collapsing_edge(self) -> int | None:
         """An edge that shrinks to zero length in a relaxation that failed: none, since its spring resists that."""
@@ -209,7 +214,7 @@ class SpringState(Record):
         components of the cell, and nowhere above that of the springs.  An equilibrium without compressed springs is its
         minimum, where both energies are equal.
         """
-        return self.law.convex and (self.law.one_sided or bool((self.extension >= 0).all()))
+        return self.law.convex and (self.law.one_sided or bool(np.minimum.reduce(self.extension) >= 0))
 
     def edge_rates(self, motion: Array) -> Array:
         """Changes (N_b, d) of the bond vectors by a motion, of as many components as `forces`."""
@@ -234,17 +239,25 @@ class SpringState(Record):
 
     def moved(self: State, displacement: Array) -> State:
         """The state after displacing the free vertices by u (n_free, d)."""
+        return self.placed(*self._displaced(displacement))
+
+    def _displaced(self, displacement: Array) -> tuple[Array, Array]:
+        """Coordinates and bond vectors after displacing the free vertices by u (n_free, d)."""
         x = self.coordinates.copy()
         x[self.network.free_rows] += displacement
-        return self.placed(x, self.bond_vectors + product(self.network.free_incidence, displacement))
+        return x, self.bond_vectors + product(self.network.free_incidence, displacement)
 
     def deformed(self: State, gradient: Array) -> State:
         """The state after the affine deformation F of boundary and vertices, with the same springs."""
         return self.deformed_to(self.network.deformed(gradient), gradient)
 
-    def deformed_to(self: State, network: Network, gradient: Array) -> State:
-        """As `deformed`, in a network that has the deformed boundary: many steps accumulate rounding in the cell."""
-        return self.placed(self.coordinates @ gradient.T, self.bond_vectors @ gradient.T, network)
+    def deformed_to(self: State, network: Network, gradient: Array, displacement: Array | None = None) -> State:
+        """As `deformed`, in a network that has the deformed boundary: many steps accumulate rounding in the cell.
+
+        displacement  of the free vertices before the deformation, u (n_free, d)
+        """
+        x, L = (self.coordinates, self.bond_vectors) if displacement is None else self._displaced(displacement)
+        return self.placed(x @ gradient.T, L @ gradient.T, network)
 
     def placed(self: State, coordinates: Array, bond_vectors: Array, network: Network | None = None) -> State:
         """The same springs elsewhere."""

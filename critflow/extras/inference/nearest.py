@@ -20,7 +20,8 @@ from typing import Any, NamedTuple
 import numpy as np
 import scipy.sparse as sp
 from numpy.typing import ArrayLike
-from scipy.linalg import cho_factor, cho_solve
+from scipy.linalg import cho_factor
+from scipy.linalg.blas import dsymv
 from scipy.linalg.lapack import dpotri
 from scipy.sparse.linalg import ArpackNoConvergence, LinearOperator, eigsh, splu
 
@@ -315,10 +316,11 @@ def _inverse_without_scale(gram: Array) -> tuple[Array, Array]:
     start = np.random.default_rng(0).standard_normal(m)
     try:
         # The null vector gets the mean eigenvalue, which is subtracted from the inverse.
-        factor = cho_factor(gram + mean / m, lower=True)
-        inverse = LinearOperator(gram.shape, lambda v: cho_solve(factor, v - v.mean()))
-        weakest = eigsh(inverse, k=1, which="LA", v0=start - start.mean())[1]
-        variances = np.diag(dpotri(factor[0], lower=1)[0]) - 1 / (m * mean)
+        inverse = dpotri(cho_factor(gram + mean / m, lower=True)[0], lower=1)[0]
+        # Products with the inverse read half of it once, solves with the factor twice.
+        across = LinearOperator(gram.shape, lambda v: dsymv(1.0, inverse, v - v.mean(), lower=1))
+        weakest = eigsh(across, k=1, which="LA", v0=start - start.mean())[1]
+        variances = np.diag(inverse) - 1 / (m * mean)
         if (variances > 0).all():
             return variances, weakest[:, 0]
     except (np.linalg.LinAlgError, ArpackNoConvergence):

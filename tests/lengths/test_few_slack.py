@@ -1,0 +1,40 @@
+"""Few slack edges: found without the cone program, with the answer of it; many are left to it."""
+
+import numpy as np
+import pytest
+
+from critflow import CriticalManifold, Status, critical_from_lengths, voronoi_network
+from critflow.lengths import from_lengths
+from critflow.lengths.few_slack import few_slack
+
+
+def uneven(network, spread, seed):
+    return np.exp(spread * np.random.default_rng(seed + 50).standard_normal(network.n_edges))
+
+
+def refuse(*_arguments):
+    raise AssertionError("the cone program is solved")
+
+
+@pytest.mark.parametrize(("seed", "spread"), [(2, 0.15), (2, 0.2), (5, 0.2)])
+def test_the_answer_is_that_of_the_cone_program(monkeypatch, seed, spread):
+    network = voronoi_network(n_vertices=400, seed=seed)
+    lengths = uneven(network, spread, seed)
+    with monkeypatch.context() as patched:
+        patched.setattr(from_lengths, "EVEN", 0.0)
+        expected = critical_from_lengths(network, lengths, throw=False)
+    monkeypatch.setattr(from_lengths, "fit_lengths", refuse)
+    found = critical_from_lengths(network, lengths, throw=False)
+    assert found.status is expected.status is Status.slack_edges
+    assert found.slack_edges.tolist() == expected.slack_edges.tolist()
+    assert found.ratio == pytest.approx(expected.ratio, rel=1e-14)
+    np.testing.assert_allclose(found.value.sigma, expected.value.sigma, rtol=1e-11, atol=1e-13)
+    slack = found.slack_edges
+    held = found.value.lengths[slack] <= found.ratio * lengths[slack] * (1 + 1e-8)
+    assert held.all()
+
+
+def test_many_slack_edges_are_left_to_the_cone_program():
+    manifold = CriticalManifold(voronoi_network(n_vertices=400, seed=0))
+    ones = manifold.balance(np.ones(600))
+    assert few_slack(manifold, uneven(manifold.network, 0.4, 0), ones) is None
