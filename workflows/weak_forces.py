@@ -18,10 +18,13 @@ from critflow.springs.hessian import geometric_split
 from critflow.workflow import Claim, Coordinate, Study
 from critflow.workflow.study import plural
 
+from .paper.committed import committed_run
+from .paper.statements import Measurement
+from .paper.verdicts import claims_of
 from .shared.checks import voronoi_check
 from .shared.figures import counted, legend_below, lettered, panels
 from .shared.populations import LABELS, NAMES, PAPER_POPULATIONS, configuration
-from .shared.reports import PAPER, parameters, series, spread
+from .shared.reports import PAPER, finite, parameters, series, spread
 from .shared.tables import networks, numbers, outcomes
 
 SOURCES = (
@@ -38,6 +41,7 @@ WINDOWS, LEAST_KAPPA = (1.0, 0.1, 0.01), 1e-13
 STRAINS = (1e-4, 1e-5)
 NETWORK = {"threshold": 0.1, "spread": 0.1}
 RAISED = 1.1  # the modulus of a design, relative to that of max B_0
+THIRD = 0.005  # of the modulus at the transition over B_0: half of the last digit of 0.33
 STEP = 1e-4  # strain of the differences of relaxed stresses: their error is 1e-5 of the modulus
 TENSION_EXPONENT, MODULUS_EXPONENT = 2 / 3, 3 / 2  # mean field: τ ∝ κ^{2/3} at γ = 0, M ∝ κ|γ|^{-φ} below
 
@@ -109,6 +113,8 @@ def designed(manifold, critical, kappa):
     """Relaxed moduli at the transition of a configuration and of one designed for a larger value, and the outcome."""
     modulus = WeakModulus(cf.AngleSprings(), kappa)
     now = cf.properties(critical, [modulus]).values[modulus.name]
+    if not np.isfinite(now):  # κ is beyond the theory of this network, so that there is nothing to raise
+        return {"design_modulus": np.full(2, np.nan), "design_status": cf.Status.undecided}
     found = cf.design(manifold, {modulus: RAISED * now})
     pair = (relaxed_modulus(each, kappa) if each is not None else np.nan for each in (critical, found.value))
     return {"design_modulus": np.array([*pair]), "design_status": found.status}
@@ -207,38 +213,60 @@ def population_figure(ds):
 
 
 def claims(ds):
-    """Agreement with relaxed energies, exponents of mean field, soft bands, the stiffest population."""
-    return [*_of_equations(ds), *_exponents(ds), *_of_networks(ds)]
+    """The soft band, as the paper states it; agreement with relaxed energies, exponents, the limit of the modulus."""
+    return [*claims_of([_soft_band(ds)]), *_of_equations(ds), *_exponents(ds), _third(ds), *_of_networks(ds)]
+
+
+def _soft_band(ds):
+    """Deviations of the soft band from τ eig P at strains ten times apart."""
+    ratios = (ds.band_deviation[:, 0] / ds.band_deviation[:, 1]).values
+    proportional = np.abs(ratios / (STRAINS[0] / STRAINS[1]) - 1) <= 0.1
+    text = f"deviations at strains ten times apart are {spread(ratios)} to 1"
+    return Measurement("soft-modes", float(np.mean(proportional)), text, plural(len(ratios), "network"))
+
+
+def _third(ds):
+    """The modulus at the transition over B_0 for κ → 0."""
+    kappas = np.array(parameters(ds)["kappas"])
+    order = np.argsort(kappas)
+    parts = (ds.onset_modulus / ds.transition_modulus).values[:, :, order].reshape(-1, len(kappas))
+    known = parts[np.isfinite(parts).all(axis=1)]
+    limit = limit_of_smallest(known, np.sort(kappas))
+    return Claim.tested(
+        "weak-third", "as κ → 0 the modulus at the transition tends to B_0/3, in every population", "",
+        f"{spread(limit)} B_0 in the limit, {spread(known[:, 0], 3)} B_0 at κ = {kappas.min():.0e}",
+        len(known) > 0 and abs(float(np.mean(limit)) - 1 / 3) <= THIRD, "corrections are not powers of κ^(1/3)",
+        criterion=f"mean of the limit within {THIRD} of 1/3", sample=plural(len(known), "configuration"),
+    )  # fmt: skip
 
 
 def _of_equations(ds):
-    """Tensions of both equations against those of relaxed energies."""
+    """Tensions of both equations against those of relaxed energies, measured."""
     kappas = np.array(parameters(ds)["kappas"])
+    at = f"at κ = {', '.join(f'{k:.0e}' for k in kappas)}"
     ok = (ds.tension_status == cf.Status.ok) & np.isfinite(ds.relaxed)
     ratio = (np.abs(ds.relaxed - ds.full) / ds.full_error_bound).where(ok)
-    onset = np.abs(ds.relaxed / ds.full - 1)[:, :, ONSET]
-    cubic = np.abs(ds.relaxed / ds.cubic - 1)[:, :, ONSET]
+    full, cubic = (np.abs(ds.relaxed / ds[name] - 1)[:, :, ONSET] for name in ("full", "cubic"))
     return [
-        Claim.tested(
-            "weak-error", "tensions of relaxed energies deviate by at most twice the stated error", "2",
-            f"largest {float(ratio.max()):.2f}, median {float(ratio.median()):.2f}",
-            ratio.max() <= 2,
-            "the estimate has the first terms that are left out alone",
-            criterion="twice the error, every tension", sample=plural(int(ok.sum()), "tension"), kind="check",
+        Claim(
+            "weak-onset", "deviations of the full equation at the transition from relaxed energies", "",
+            f"medians {_percent(full.median('seed'))}, largest {_percent(full.max('seed'))} {at}: terms beyond the "
+            "equation grow as κ^(1/3)", "measured",
         ),
-        Claim.tested(
-            "weak-onset", "the full equation has the tension at the transition to 1 %", "1 %",
-            f"largest deviations {', '.join(f'{100 * float(x):.2g} %' for x in onset.max('seed'))}, medians "
-            f"{', '.join(f'{100 * float(x):.2g} %' for x in onset.median('seed'))} at κ = "
-            f"{', '.join(f'{k:.0e}' for k in kappas)}", onset.max() <= 0.01,
-            "terms beyond the equation grow as κ^(1/3), and differ between networks",
-            criterion="1 % in every network, at every κ",
+        Claim(
+            "weak-error", "deviations of the full equation over its stated error", "",
+            f"largest {float(ratio.max()):.2f}, median {float(ratio.median()):.2f}", "measured",
+            sample=plural(int(ok.sum()), "tension"),
         ),
         Claim(
             "weak-cubic", "deviations of the cubic equation at the transition", "",
-            f"medians {', '.join(f'{100 * float(x):.2g} %' for x in cubic.median('seed'))}", "measured",
+            f"medians {_percent(cubic.median('seed'))} {at}", "measured",
         ),
     ]  # fmt: skip
+
+
+def _percent(values):
+    return ", ".join(f"{100 * float(x):.2g} %" for x in values)
 
 
 def _exponents(ds):
@@ -267,23 +295,19 @@ def _exponents(ds):
 
 
 def _of_networks(ds):
-    """Soft bands, designs and populations."""
+    """Designs and populations."""
     kappas = np.array(parameters(ds)["kappas"])
-    ratios = (ds.band_deviation[:, 0] / ds.band_deviation[:, 1]).values
     raised = (ds.design_modulus[:, 1] / ds.design_modulus[:, 0]).values
+    known = finite(raised)
     moduli = np.nan_to_num(ds.onset_modulus.mean("seed").values)
     stiffest = [NAMES[PAPER_POPULATIONS[n]] for n in moduli.argmax(axis=0)]
     return [
         Claim.tested(
-            "soft-band", "the soft band deviates from τ eig P in proportion to the strain", "10",
-            spread(ratios), (np.abs(ratios - 10) <= 1).all(), "terms of higher order",
-            criterion="ratio at strains ten times apart within 1 of 10, every network",
-        ),
-        Claim.tested(
             "weak-design", f"networks designed for {RAISED} × the modulus of max B_0 at κ = {kappas.max():.0e} have it",
-            f"{RAISED}", f"relaxed energies {spread(raised)}", (np.abs(raised - RAISED) <= 0.05).all(),
+            f"{RAISED}", f"relaxed energies {spread(raised)}",
+            bool((np.abs(known - RAISED) <= 0.05).all()) if known.size else None,
             "the design follows the full equation, whose terms left out grow with κ",
-            criterion="ratio of relaxed moduli within 0.05, every network",
+            criterion="ratio of relaxed moduli within 0.05, every network", sample=plural(len(known), "network"),
         ),
         Claim(
             "weak-stiffest", "the population with the largest mean modulus at the transition, where the theory holds",
@@ -298,6 +322,7 @@ study = Study(
     name="weak_forces",
     title="Weak bending at the transition",
     references=SOURCES,
+    committed=committed_run("weak_forces"),
     axes=(networks(30),),
     parameters={"n_vertices": 60, "kappas": (1e-7, 1e-6, 1e-5, 1e-4, 1e-3)},
     coordinates=(Coordinate("kappa", "kappas", "strength of the angle springs"),),

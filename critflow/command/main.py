@@ -20,6 +20,7 @@ import typer
 
 from critflow.command.subcommands import Subcommands
 from critflow.result import CritflowError, EnvironmentFailure, InputError, IntegrityError
+from critflow.workflow.claim import KINDS, MEANING, verdict_sentence
 from critflow.workflow.code import code_version
 from critflow.workflow.folder import (
     CHANGED,
@@ -36,7 +37,7 @@ from critflow.workflow.folder import (
 from critflow.workflow.load import StudyFile, load_study, named_studies
 from critflow.workflow.plan import Selection, select, spelled
 from critflow.workflow.provenance import timestamp
-from critflow.workflow.study import KINDS, Study, plural, tally
+from critflow.workflow.study import Study, plural
 from critflow.workflow.tasks import HOUR, Interrupted
 
 if TYPE_CHECKING:
@@ -175,9 +176,8 @@ def run(
     other = "refuse" if recompute is None else "recompute" if recompute else "keep"
     if dry_run:
         return _print_plan(loaded, requested, folder, plan_run(folder, requested, retry_failed, other))
-    # For `history`: no folder and no address of this machine.
     words = ["critflow", "run", Path(study).name, *(f"--set={word}" for word in settings)]
-    origin = _origin(f"{shlex.join(words)} (in {place.place})")
+    origin = _origin(f"{shlex.join(words)} (in {place.place})")  # no folder and no address of this machine
     result = run_study(loaded, requested, folder, place, origin, retry_failed=retry_failed, other=other)
     return _print_result(requested, folder, result)
 
@@ -216,6 +216,9 @@ def _print_result(requested: Selection, folder: Folder, result: RunResult) -> in
     for message in result.messages:
         _warn(message)
     _print_report(folder, result.report)
+    if not result.failed:
+        print("The dataset is complete.")
+    _print_verdicts(requested.study, folder, result.report)
     if not result.failed:
         return 0
     for case_id, reason in list(result.failed.items())[:_MOST_FAILURES]:
@@ -332,7 +335,9 @@ def figures(
     _, selection = results.selection()
     if not results.dataset(selection.study.name).exists():
         _warn(write_partial_dataset(results, _origin("critflow figures")))
-    _print_report(results, write_report(selection.study, results, format))
+    report = write_report(selection.study, results, format)
+    _print_report(results, report)
+    _print_verdicts(selection.study, results, report)
 
 
 @app.command()
@@ -343,7 +348,7 @@ def show(
         Path | None, typer.Option(metavar="PNG", help="Figure to write; by default named after the case, next to FILE.")
     ] = None,
 ) -> None:
-    """Draw one configuration of a dataset, chosen by its labels, and print its certificate."""
+    """Print what a dataset is, or draw one configuration of it, chosen by --set, and print its certificate."""
     from critflow.command.show import show_configuration
     from critflow.figures.drawing import require_picture
     from critflow.workflow.dataset import opened_dataset
@@ -354,6 +359,9 @@ def show(
     if out is not None:
         require_picture(out)
     with opened_dataset(file) as dataset:
+        if not settings and out is None:
+            print(dataset.attrs["summary"])
+            return
         case = choose_case(dataset, settings)
         print(show_configuration(case, out or file.parent / f"{case_title(case)}.png"))
 
@@ -363,6 +371,15 @@ def _print_report(folder: Folder, report: Report) -> None:
         print(f"{folder.path}: {', '.join(report.written)}")
     if report.left_out:
         print(f"{folder.path}: not made, because the run does not store their variables: {', '.join(report.left_out)}")
-    if report.claims:
-        counts = [f"{KINDS[kind]}: {count}" for kind, count in tally(report.claims).items()]
-        print(f"{folder.path / 'claims.md'}: {'; '.join(counts) or 'nothing was tested'}")
+
+
+def _print_verdicts(study: Study, folder: Folder, report: Report) -> None:
+    """The verdicts of a report in words, and those of the committed run of the study."""
+    if not report.claims:
+        return
+    link = f": see {folder.path / 'claims.md'}"
+    texts = [text for kind in KINDS if (text := verdict_sentence(report.claims, kind, link))]
+    for text in texts or [f"Measured values, without a verdict{link}."]:
+        print(text)
+    if verdict_sentence(report.claims, "paper", ""):
+        print(f"{MEANING} {study.committed}".rstrip())

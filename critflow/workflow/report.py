@@ -6,7 +6,7 @@ import io
 import json
 import math
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -19,10 +19,11 @@ from matplotlib.figure import Figure
 from PIL import Image
 
 from critflow.result import CritflowError, StudyError
+from critflow.workflow.claim import Claim, claims_files
 from critflow.workflow.dataset import opened_dataset
 from critflow.workflow.folder import Folder
 from critflow.workflow.store import replacing
-from critflow.workflow.study import KINDS, Claim, Study, tally
+from critflow.workflow.study import Study
 
 FORMATS = ("png", "pdf", "svg")
 
@@ -137,24 +138,11 @@ def _noted(figure: Figure, dataset: xr.Dataset) -> Figure:
 
 
 def _claims_files(study: Study, dataset: xr.Dataset, claims: Iterable[Claim]) -> list[bytes]:
-    """The claims as JSON, and as Markdown: a table for each kind, followed by the reasons."""
+    """The claims as JSON, and as Markdown."""
     axis = study.axes[0]
-    whole = axis.counted(dataset.sizes[axis.name])
-    stated = [replace(claim, sample=claim.sample or whole) for claim in claims]
-    lines, counts = [f"# {study.title}"], tally(stated)
-    for kind, title in KINDS.items():
-        if of_kind := [claim for claim in stated if claim.kind == kind]:
-            lines += ["", f"## {title.capitalize()}" + (f": {counts[kind]}" if kind in counts else ""), ""]
-            lines += ["| claim | statement | paper | criterion | here | sample | verdict |", "|---" * 7 + "|"]
-            for c in of_kind:
-                cells = (c.key, c.statement, c.paper, c.criterion, c.value, c.sample, c.verdict)
-                row = " | ".join(text.replace("|", "\\|") for text in cells)
-                lines.append(f"| {row} |".replace("\n", " "))
-    if note := code_note(dataset):
-        lines[1:1] = ["", f"{note[0].upper()}{note[1:]}."]
-    reasons = [f"- **{c.key}** {c.verdict}: {c.because}" for c in stated if c.because]
-    table = "\n".join([*lines, *(["", *reasons] if reasons else [])]) + "\n"
-    return [_json([asdict(claim) for claim in stated]), table.encode()]
+    note = code_note(dataset)
+    texts = claims_files(study.title, claims, axis.counted(dataset.sizes[axis.name]), note)
+    return [text.encode() for text in texts]
 
 
 def _json(value: Any) -> bytes:

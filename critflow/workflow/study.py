@@ -17,7 +17,6 @@ import json
 import math
 import re
 import sys
-from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from difflib import get_close_matches
@@ -29,6 +28,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from critflow.result import Status, StudyError
+from critflow.workflow.claim import Claim
 
 if TYPE_CHECKING:  # a case function needs neither library
     import xarray as xr
@@ -180,62 +180,6 @@ class Variable:
         return array
 
 
-# Kinds of claims.  Identities, and budgets of time or memory, are checks of the code.
-KINDS = {"paper": "claims of the paper", "ours": "claims of ours", "check": "checks of the code"}
-_VERDICTS = ("holds", "differs", "undecided", "measured")
-
-
-@dataclass(frozen=True)
-class Claim:
-    """A statement, the criterion of its verdict, and the value measured in the dataset.
-
-    The criterion follows from the statement and is chosen before the value is known.
-    """
-
-    key: str
-    statement: str
-    paper: str  # value printed there
-    value: str  # measured, with its spread
-    verdict: str  # "holds", "differs", or "undecided" between them; "measured" without a criterion
-    because: str = ""  # required when it differs or is undecided
-    criterion: str = ""  # tolerance of the verdict, required with one
-    sample: str = ""  # what was measured, for example "84 networks"; values of the first axis by default
-    kind: str = "ours"
-
-    def __post_init__(self) -> None:
-        claim, tested = f"claim {self.key!r}", self.verdict != "measured"
-        require(self.verdict in _VERDICTS, f"verdict {self.verdict!r} of {claim} must be one of {', '.join(_VERDICTS)}")
-        require(self.kind in KINDS, f"kind {self.kind!r} of {claim} must be one of {', '.join(KINDS)}")
-        explained = self.verdict in ("holds", "measured") or bool(self.because.strip())
-        require(explained, f"{claim} {self.verdict}: give the reason in `because`")
-        require(not tested or bool(self.criterion), f"{claim} {self.verdict}: state its `criterion`")
-
-    @classmethod
-    def tested(
-        cls, key: str, statement: str, paper: str, value: str, holds: object, because: str = "", note: str = "",
-        **more: str,
-    ) -> Claim:  # fmt: skip
-        """The claim with the verdict of one condition, "undecided" if it is None.
-
-        because  reason if it does not hold, dropped otherwise; `note` is stored in both cases
-        more     criterion, sample and kind
-        """
-        reasons = "; ".join(filter(None, (note,) if holds else (because, note)))
-        verdict = "undecided" if holds is None else "holds" if holds else "differs"
-        return cls(key, statement, paper, value, verdict, reasons, **more)
-
-
-def tally(claims: Sequence[Claim]) -> dict[str, str]:
-    """Number of claims that hold, of each kind that is present; measured values do not count."""
-    counts = {}
-    for kind in KINDS:
-        verdicts = Counter(claim.verdict for claim in claims if claim.kind == kind)
-        if tested := verdicts.total() - verdicts["measured"]:
-            undecided = f", {verdicts['undecided']} undecided" * bool(verdicts["undecided"])
-            counts[kind] = f"{verdicts['holds']} of {tested} hold{undecided}"
-    return counts
-
-
 @dataclass(frozen=True, kw_only=True)
 class Study:
     """Axes, case function and table of variables, with the figures, claims and checks made from the dataset.
@@ -260,6 +204,7 @@ class Study:
     summary: Callable[[xr.Dataset], Mapping[str, Any]] | None = None
     verify: Callable[[xr.Dataset], Sequence[str]] | None = None  # recomputes results; a line per contradiction
     references: str = ""  # dataset attribute of the same name
+    committed: str = ""  # results of the authors' own run in a few words, printed after the verdicts of a run
     # Variables that a figure, an animation, "claims", "summary" or "verify" reads; all variables without an entry.
     needs: Mapping[str, Sequence[str]] = field(default_factory=dict)
     workers: int | None = None  # largest number of simultaneous cases: 1 if cases measure time
@@ -309,6 +254,8 @@ class Study:
         for names in (labels, ["variables", *(axis.key for axis in self.axes), *parameters]):
             twice = sorted({word for word in names if names.count(word) > 1})
             require(not twice, f"{name} uses the name {''.join(twice[:1])!r} twice")
+        for reserved in {"code", "stored_case"} & {*labels, *(dim for v in self.variables for dim in v.dims)}:
+            raise StudyError(f"{name} uses the name {reserved!r}, which the engine writes: choose another")
         for c in self.coordinates:
             listed = isinstance(parameters.get(c.parameter), tuple)
             require(listed, f"coordinate {c.name!r} needs a parameter {c.parameter!r} with a list")

@@ -28,6 +28,7 @@ SETTINGS = {
         *("seeds=0:3", "n_vertices=40,80", "ascent_vertices=60", "steps=0,1,3,10,40,200", "n_steps=400"),
         *("fractions=0.3,0.6", "detailed_seeds=2", "n_starts=3", "thresholds=0.1,0.3"),
     ),
+    "statements": ("seeds=0:1", "n_vertices=40"),
     "stiffening": (
         *("seeds=0:1", "n_vertices=24", "sources=max_B_0,random_stress", "isogonal_vertices=24"),
         *("coefficients=0.1,0.3", "strains=0.01"),

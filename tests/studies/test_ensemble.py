@@ -1,13 +1,13 @@
 """The ensemble study end to end, small: what it stores, whether the stored arrays bear out the stored numbers."""
 
-import json
-
 import numpy as np
 
 from critflow import CriticalManifold, Status, voronoi_network
 from critflow.command.main import main
 from critflow.workflow import stable_rng
+from critflow.workflow.load import load_study
 from workflows.benchmarks import reference
+from workflows.paper.statements import STATEMENTS
 from workflows.shared.measurements import BOUNDED
 
 STUDY = "ensemble"
@@ -51,12 +51,28 @@ def test_random_populations_do_not_depend_on_other_populations(dataset, run_stud
         np.testing.assert_array_equal(one.B, other.B)
 
 
-def test_too_few_strains_for_a_line_leave_the_fits_out(run_study, tmp_path):
-    few = run_study(STUDY, tmp_path, "n_vertices=40", "seeds=1", "strains=0.001,0.002")
-    assert np.isnan(few.C_B_fit).all() and np.isfinite(few.C_B.drop_sel(population=SLACK)).all()
-    claims = {claim["key"]: claim for claim in json.loads((tmp_path / "claims.json").read_text())}
-    assert claims["ModulusStrainScaling"]["verdict"] == "measured"
-    assert "undefined" in claims["ModulusStrainScaling"]["value"]
+def test_the_statements_of_the_paper_follow_the_arrays(dataset):
+    """The same verdicts at any size, and others where the arrays are others."""
+    claims = load_study(STUDY).study.claims
+    expected = [known.id for known in STATEMENTS.values() if known.study == STUDY]
+    assert [claim.key for claim in claims(dataset)] == expected
+    verdicts = {claim.key: claim.verdict for claim in claims(dataset)}
+    # Signs and order of other populations need larger networks.
+    assert {verdicts[name] for name in ("equal-lengths", "B_0-order", "linear-growth", "G_0-gain")} == {"holds"}
+    for name, population, factor, key in (
+        ("V_L", "min_V_L", 1e30, "equal-lengths"),
+        ("V_tau", "min_V_tau", 2, "least-V_tau"),
+        ("B_0", "min_V_tau", 0.5, "B_0-order"),
+        ("B_0", "random_stress", 10, "B_0-over-random_stress"),
+        ("C_B", "max_B_0", -1, "C_B-signs"),
+        ("B", "max_B_0", 1.01, "linear-growth"),
+        ("kappa_force", "max_G_0", 0.5, "kappa-force"),
+        ("kappa_force", "max_G_0", 0.01, "regular-forces"),
+        ("G_0", "max_G_0", 1e-3, "G_0-gain"),
+    ):
+        changed = dataset.copy(deep=True)
+        changed[name].loc[{"population": population}] *= factor
+        assert {claim.key: claim.verdict for claim in claims(changed)}[key] == "differs", key
 
 
 def test_the_scatter_about_a_line_is_no_error_and_the_error_bar_of_a_parabola_contains_the_coefficient(
@@ -71,7 +87,7 @@ def test_the_scatter_about_a_line_is_no_error_and_the_error_bar_of_a_parabola_co
         assert defined.sum() >= 20
         off, bar = (parabola[f"{name}_fit{part}"].values[defined] for part in ("_deviation", "_standard_error"))
         assert (np.abs(off) < bar).all()
-        assert (np.abs(off) < np.abs(dataset[f"{name}_fit_deviation"].values[defined])).all()
+        assert np.median(np.abs(off)) < 0.2 * np.median(np.abs(dataset[f"{name}_fit_deviation"].values[defined]))
         line = dataset[f"{name}_fit_deviation"] / dataset[f"{name}_fit_standard_error"]
         assert 10 < np.abs(line).median() < 16
 

@@ -21,6 +21,7 @@ from critflow.generators.random_networks import check_voronoi
 from critflow.result import StudyError
 from critflow.workflow import Axis, Study, stable_rng
 
+from ..paper.committed import committed_run
 from ..shared.checks import check_network, check_positive
 from ..shared.measurements import moduli_with_bounds, stressed_fraction
 from ..shared.own_network import check_own, own_manifold, own_network, with_digest
@@ -194,6 +195,7 @@ study = Study(
     version=3,
     title="One network in thirteen critical configurations",
     references=f"{PAPER}, figure Networks",
+    committed=committed_run("gallery"),
     axes=(
         Axis("seed", (0,), "seed of the network", noun="network"),
         Axis("panel", PANELS, "critical configuration, by its panel in the figure"),

@@ -139,7 +139,7 @@ def claims(ds):
             known.because if len(values) else "no network of this run gives a value",
             "; ".join(filter(None, (known.source, f"outcomes: {others}" if others else ""))),
             criterion=f"mean within {known.within:.1g}" if known.within else "equal in every network",
-            sample=f"{len(values)} of {plural(ds.sizes['seed'], 'network')}", kind="check" if known.exact else "ours",
+            sample=f"{len(values)} of {plural(ds.sizes['seed'], 'network')}",
         ))  # fmt: skip
     return found
 

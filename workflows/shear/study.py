@@ -24,6 +24,7 @@ from critflow.response.elasticity import elasticity
 from critflow.result import Status, StudyError
 from critflow.workflow import Axis, Coordinate, Study, Variable, stable_rng
 
+from ..paper.committed import committed_run
 from ..shared.checks import check_network
 from ..shared.populations import MEANING, POPULATIONS, configuration, prepared
 from ..shared.reports import PAPER
@@ -271,6 +272,7 @@ study = Study(
     name="shear",
     title="The shear modulus at the transition: unconstrained ascents, size, threshold and starts",
     references=f"{PAPER}, figures ShearModulusSteepestDescent, ShearModulusScaling and Movie 1",
+    committed=committed_run("shear"),
     axes=(
         Axis("seed", range(100), "seed of the network", noun="network"),
         Axis("n_vertices", (50, 100, 200, 500, 1000), "number of vertices", key="n_vertices"),

@@ -11,6 +11,7 @@ from critflow.critical.edge_lengths import COLLAPSED
 from critflow.result import StudyError
 from critflow.workflow import Axis, Coordinate, Study, decimals, stable_rng
 
+from ..paper.committed import committed_run
 from ..shared.reports import PAPER
 from ..shared.tables import numbers, outcomes, stacked
 from .chart import StereographicChart, surface_geometry
@@ -256,6 +257,7 @@ study = Study(
     name="three_bar",
     title="The critical manifold of the three-bar linkage",
     references=PAPER,
+    committed=committed_run("three_bar"),
     axes=(Axis("grid", (*CHARTS, *SHEETS), "grid of stresses: of the chart, or of one sheet of the manifold"),),
     parameters={"span": 3.0, "reach": 2.4, "s": decimals("-2.1:2.1:0.1")},
     coordinates=(Coordinate("column", "s", "node of the grid: in the chart, its first coordinate"),),
