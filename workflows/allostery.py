@@ -20,7 +20,7 @@ from critflow.result import StudyError
 from critflow.workflow import Claim, Coordinate, Study, stable_rng
 
 from .shared.checks import check_network, check_voronoi, voronoi_check
-from .shared.figures import legend_below, lettered, panels
+from .shared.figures import counted, legend_below, lettered, panels
 from .shared.populations import LABELS, NAMES, PAPER_POPULATIONS, configuration
 from .shared.reports import PAPER, finite, parameters, series
 from .shared.tables import networks, numbers, outcomes, stacked
@@ -275,7 +275,7 @@ def thresholds(ds):
 
 def capacity_figure(ds):
     """Success against the number of conditions, and the threshold against size."""
-    figure, (left, right) = panels(2, f"Conditions that designs of {N_SOURCES} sources meet")
+    figure, (left, right) = panels(2, f"Conditions that designs of {N_SOURCES} sources meet ({counted(ds)} a size)")
     fractions, sizes = np.array(parameters(ds)["fractions"]), np.array(parameters(ds)["sizes"])
     part, threshold = success(ds), thresholds(ds)
     for s, size in enumerate(sizes):
@@ -286,11 +286,11 @@ def capacity_figure(ds):
     for k, kind in enumerate(KINDS):
         right.plot(sizes, threshold[:, k] * (1.5 * sizes - 1), ms=5, **series(k), label=f"half succeed, {kind}")
     right.plot(sizes, 1.5 * sizes - 1, "k--", lw=0.8)
-    right.text(sizes[-1], 1.5 * sizes[-1], "$N_b - 1$", ha="right", va="bottom", fontsize=8.5)
+    right.text(sizes[-1], 1.5 * sizes[-1], "$N_b - 1$", ha="right", va="bottom", fontsize=9)
     right.plot(sizes, 0.5 * sizes - 1, "k:", lw=0.8)
-    right.text(sizes[-1], 0.5 * sizes[-1], "all faces, one source", ha="right", va="top", fontsize=8.5)
+    right.text(sizes[-1], 0.5 * sizes[-1], "all faces, one source", ha="right", va="top", fontsize=9)
     right.set(xlabel="$N_v$", ylabel="number of conditions", xlim=(0, None), ylim=(0, None))
-    right.legend(frameon=False, fontsize=8.5)
+    right.legend(frameon=False, fontsize=9)
     legend_below(figure, left, ncols=3)
     lettered(left, right)
     return figure
@@ -299,13 +299,16 @@ def capacity_figure(ds):
 def response_figure(ds):
     """Untrained responses by distance; deviations of trained ones by stress and by errors of the rest lengths."""
     figure, (left, middle, right) = panels(
-        3, f"Responses of untrained and trained networks, $N_v$ = {parameters(ds)['n_vertices']}", height=4.4
+        3,
+        "Training reaches responses of ±1, which small stresses keep and large ones lose\n"
+        f"({counted(ds)} of {parameters(ds)['n_vertices']} vertices, medians)",
+        height=4.4,
     )
     middles = 0.5 * (BINS[1:] + BINS[:-1])
     for n, population in enumerate(PAPER_POPULATIONS):
         left.semilogy(middles, ds.typical[:, n].mean("seed"), ms=4, **series(n), label=LABELS[population])
     left.set(xlabel="distance [$\\sqrt{V/N_v}$]", ylabel="median |η|", title="untrained")
-    left.legend(frameon=False, fontsize=8)
+    left.legend(frameon=False, fontsize=9)
     for s, style in enumerate(STYLES):
         for n, load in enumerate(parameters(ds)["loads"]):
             text = f"{load:.0%} of the faces" + (f", σ > {LIMITED:g}⟨σ⟩" if style == "limited" else "")
@@ -318,7 +321,7 @@ def response_figure(ds):
     for axes in (middle, right):
         axes.axhline(LOST, color="0.7", lw=0.8)
     middle.set(xlabel="stress t  [k]", ylabel="largest deviation from ±1", title="trained, under stress")
-    right.set(xlabel="errors of rest lengths, t = 1e-3", title="trained, imprecise")
+    right.set(xlabel="errors of lengths", title="the same, t = 1e-3")
     legend_below(figure, middle, ncols=3)
     lettered(left, middle, right)
     return figure
@@ -332,7 +335,7 @@ def network_figure(ds):
         draw_stage(ax, one, n)
         ax.set_title(title)
     lettered(*axes)
-    figure.legend(handles=response_legend(), frameon=False, ncols=3, fontsize=8.5, loc="outside lower center")
+    figure.legend(handles=response_legend(), frameon=False, ncols=3, fontsize=9, loc="outside lower center")
     return figure
 
 

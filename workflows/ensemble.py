@@ -21,7 +21,7 @@ from critflow.workflow import Axis, Coordinate, Study, decimals
 
 from .paper.committed import committed_run
 from .paper.verdicts import claims_of
-from .shared.checks import check_deformation, check_network, check_positive
+from .shared.checks import check_deformation, check_fit, check_network, check_positive
 from .shared.figures import violins
 from .shared.measurements import DRAWN, identified, measured, table, verify
 from .shared.own_network import check_own, own_manifold, own_network, with_digest
@@ -64,6 +64,7 @@ def check(parameters, axes):
     """Refuse settings that could only fail, before anything runs."""
     check_strains(parameters["strains"])
     check_positive(parameters, "threshold", "spread", "hard_core", "fit_window", "fit_degree")
+    check_fit(parameters)
     check_deformation(parameters["deformation"])
     if network := own_network(parameters):
         check_own(network)
@@ -94,7 +95,12 @@ _DRAWINGS = "Drawings: medians of the highest and lowest population; dark, wide 
 def structure_figure(ds):
     """`StructuralMetrics`: lengths and faces, tensions and force triangles."""
     note = f"{_DRAWINGS} $V_L$ of min $V_L$ vanishes to rounding and stands at {LEAST_DRAWN['V_L']:g}."
-    return _panels(ds, STRUCTURE, "Structure of critical configurations", note)
+    return _panels(
+        ds,
+        STRUCTURE,
+        "Equal lengths need unequal tensions, and only max $G_0$ flattens the triangles of its forces",
+        note,
+    )
 
 
 def response_figure(ds):
@@ -102,7 +108,12 @@ def response_figure(ds):
     note = (
         f"Red lines: no change with strain{_deformation_note(ds)}. Undefined: edges shrink to zero length. {_DRAWINGS}"
     )
-    return _panels(ds, RESPONSE, "Mechanical response of critical configurations", note)
+    return _panels(
+        ds,
+        RESPONSE,
+        "The stiffest populations soften past the transition; only max $G_0$ resists shear there, and ever less",
+        note,
+    )
 
 
 def _panels(ds, names, title, note):
@@ -191,7 +202,8 @@ _NUMBERS = {1: "one", 2: "two", 3: "three", 4: "four", 5: "five", 6: "six", 7: "
 
 
 def _names(ds):
-    return [LABELS[str(population)].replace("random ", "random\n") for population in ds.population.values]
+    names = (LABELS[str(population)] for population in ds.population.values)
+    return [name.replace("random ", "random\n").replace(", ", "\n") for name in names]
 
 
 def _random_note(ds):

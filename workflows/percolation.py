@@ -11,7 +11,7 @@ absolute units.  The states, each with the same random numbers for every spread,
     box_N_b     the same protocol in the box V = N_b.  The network is rigid there at γ = 0 already and is recorded far
                 past the transition; its stress σ = (|L| − ℓ)/|L| makes it a critical configuration, scaled to V = N_v.
 
-At s = 0 every state is that of equal lengths, min V_L.
+At s = 0 the transition is that of equal lengths, min V_L; the box V = N_b has nearly equal ones there, V_L = 5e-4.
 """
 
 import numpy as np
@@ -143,6 +143,8 @@ def half_points(ds, state):
 def threshold_interval(ds):
     """The 95 % interval of the power of the transition when the networks are drawn again with repetition."""
     full, spreads = percolating(ds).values, ds.spread.values
+    if not np.isfinite(threshold_power(ds.n_vertices.values, half_points(ds, "transition"))):
+        return np.nan, np.nan
     picks = stable_rng(full.shape[2], "threshold").integers(0, full.shape[2], (_RESAMPLED, full.shape[2]))
     powers = []
     for pick in picks:
@@ -257,8 +259,8 @@ def states_figure(ds):
         axes.axvline(PRINTED_SPREAD, color="0.3", linestyle=":", linewidth=1)
         axes.set(xlabel="spread of rest lengths $s$", xlim=(0, spreads.max()), title=f"paper: {words}")
         axes.set_ylabel(label)
-    panels[2].set_yscale("symlog", linthresh=10)
-    panels[5].set_yscale("symlog", linthresh=0.1)
+    for axes in (panels[2], panels[5]):
+        axes.set_yscale("log")
     lettered(*panels)
     legend_below(figure, panels[0], ncols=3)
     figure.suptitle(_finding(ds), fontsize=11)

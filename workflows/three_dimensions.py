@@ -16,12 +16,12 @@ from critflow.paths.strain_path import check_strains
 from critflow.workflow import Axis, Claim, Coordinate, Study, decimals
 from critflow.workflow.study import plural
 
-from .shared.checks import check_network, check_positive
+from .shared.checks import check_fit, check_network, check_positive
 from .shared.figures import counted, lettered, page
 from .shared.measurements import identified, measured, table, verify
 from .shared.population_reports import described, of, summary
 from .shared.populations import LABELS, MEANING, NAMES, PAPER_POPULATIONS, POPULATION_LABELS, configuration, prepared
-from .shared.reports import PAPER
+from .shared.reports import PAPER, parameters
 
 
 def case(parameters, *, seed, population, wanted):
@@ -39,6 +39,7 @@ def check(parameters, axes):
     """Refuse settings that could only fail, before anything runs."""
     check_strains(parameters["strains"])
     check_positive(parameters, "threshold", "spread", "hard_core", "fit_window")
+    check_fit(parameters)
     check_network(check_foam, parameters["n_vertices"], parameters["hard_core"])
 
 
@@ -59,7 +60,8 @@ def response_figure(ds):
     figure = page(
         5.0,
         "In space too the stiffest networks soften, and max $G_0$ alone resists shear\n"
-        f"({counted(ds)} of {ds.sizes['vertex']} vertices where four edges meet; bars: medians)",
+        f"({counted(ds)} of {ds.sizes['vertex']} vertices where four edges meet; bars: medians; random ℓ: "
+        f"s = {parameters(ds)['spread']:g})",
     )
     names = [str(name) for name in ds.population.values]
     shown = [LABELS[name].replace("random", "rand.").replace(" ", "\n", 1) for name in names]

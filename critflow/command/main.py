@@ -176,9 +176,8 @@ def run(
     other = "refuse" if recompute is None else "recompute" if recompute else "keep"
     if dry_run:
         return _print_plan(loaded, requested, folder, plan_run(folder, requested, retry_failed, other))
-    # For `history`: no folder and no address of this machine.
     words = ["critflow", "run", Path(study).name, *(f"--set={word}" for word in settings)]
-    origin = _origin(f"{shlex.join(words)} (in {place.place})")
+    origin = _origin(f"{shlex.join(words)} (in {place.place})")  # no folder and no address of this machine
     result = run_study(loaded, requested, folder, place, origin, retry_failed=retry_failed, other=other)
     return _print_result(requested, folder, result)
 
@@ -349,7 +348,7 @@ def show(
         Path | None, typer.Option(metavar="PNG", help="Figure to write; by default named after the case, next to FILE.")
     ] = None,
 ) -> None:
-    """Draw one configuration of a dataset, chosen by its labels, and print its certificate."""
+    """Print what a dataset is, or draw one configuration of it, chosen by --set, and print its certificate."""
     from critflow.command.show import show_configuration
     from critflow.figures.drawing import require_picture
     from critflow.workflow.dataset import opened_dataset
@@ -360,6 +359,9 @@ def show(
     if out is not None:
         require_picture(out)
     with opened_dataset(file) as dataset:
+        if not settings and out is None:
+            print(dataset.attrs["summary"])
+            return
         case = choose_case(dataset, settings)
         print(show_configuration(case, out or file.parent / f"{case_title(case)}.png"))
 

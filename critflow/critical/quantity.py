@@ -248,13 +248,16 @@ def _complex(real: Array, imaginary: Array) -> NDArray[np.complex128]:
 
 
 def has_exact_hessian(manifold: CriticalManifold, quantity: Quantity) -> bool:
-    """Whether `Evaluation.hessian_product` holds: a complex step agrees with differences of partial derivatives.
+    """Whether `Evaluation.hessian_product` holds; for the classes of critflow tests know."""
+    return quantity.analytic and (own(quantity) or takes_complex_steps(manifold, quantity))
+
+
+def takes_complex_steps(manifold: CriticalManifold, quantity: Quantity) -> bool:
+    """Whether a complex step agrees with differences of partial derivatives.
 
     A norm or an absolute value takes complex numbers and loses the derivative; other functions refuse them.  That is a
     property of the code of `evaluate`, so that one direction at σ = 1 shows it.
     """
-    if not quantity.analytic:
-        return False
     here = manifold.balance(np.ones(manifold.network.n_edges))
     sigma, L = here.sigma, here.bond_vectors
     dsigma, dL = sigma * (0.5 + quasi_random(len(sigma))), L * (0.5 + quasi_random(L.size)[::-1].reshape(L.shape))

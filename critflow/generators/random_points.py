@@ -87,7 +87,7 @@ def _add_until_saturated(n_points: int, distance: float, rng: np.random.Generato
         trials -= trials >= 1.0
         placed_before = n_placed
         # The pairs of all first trials are many more than those of each eighth that earlier ones leave uncovered.
-        for part in [trials] if n_placed or len(trials) < _BLOCK else np.array_split(trials, 8):
+        for part in [trials] if n_placed or len(trials) < _MANY_TRIALS else np.array_split(trials, 8):
             if n_placed:
                 part = part.take(uncovered(part, 0.0), 0)
             placed = part.take(_first_come(part, distance)[: n_points - n_placed], 0)
@@ -148,8 +148,8 @@ class _Uncovered:
         return np.concatenate(clear)
 
 
-# Number of voxels in one vectorised step.
-_BLOCK = 1 << 16
+# Number of voxels in one vectorised step, and of trials from which they are tested in parts.
+_BLOCK, _MANY_TRIALS = 1 << 16, 1 << 12
 
 
 # Coordinate of the point of an empty grid cell: farther away than any hard core.

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable
 from itertools import combinations
 
@@ -115,18 +116,34 @@ class _Tiling:
 
 def count_simplices(points: Array) -> int:
     """Number of Delaunay simplices of points (n, d) in the periodic unit cube, each a vertex of the Voronoi network."""
-    return len(_periodic_delaunay(points, np.eye(points.shape[1]))[0])
+    dimension = points.shape[1]
+    for layers in (_FEW_LAYERS, _LAYERS):
+        corners, _ = _periodic_delaunay(points, np.eye(dimension), layers)
+        places = points[corners[:, :, 0]] + corners[:, :, 1:]
+        volume = np.abs(np.linalg.det(places[:, 1:] - places[:, :1])).sum() / math.factorial(dimension)
+        # A hole wider than the layers would leave a part of the cell without simplices.
+        if abs(volume - 1) < _WHOLE_CELL:
+            break
+    return len(corners)
 
 
-def _periodic_delaunay(points: Array, cell: Array) -> tuple[NDArray[np.int64], Array]:
+# Layers of images around the cell in units of the spacing of points: enough for any; and for points of a hard core, in
+# which spheres without a point have radii up to 0.95, a sixth of the points in space.
+_LAYERS, _FEW_LAYERS = 4.0, 1.0
+_WHOLE_CELL = 1e-9  # rounding of the volume of all simplices
+
+
+def _periodic_delaunay(points: Array, cell: Array, layers: float = _LAYERS) -> tuple[NDArray[np.int64], Array]:
     """Delaunay simplices of periodic points, once each: corners (n, d+1, 1+d) as point and image, centres (n, d).
 
     Points and centres are in units of the cell, which has volume 1 and short vectors.  Corners are sorted and shifted
     so that the first lies in image zero; the order of simplices follows from the corners, not from the library that
     finds them.
+
+    layers  of images around the cell, in units of the spacing of points, that are laid out first
     """
     n_points, dimension = points.shape
-    margin = min(1.0, 4.0 / n_points ** (1 / dimension))
+    margin = min(1.0, layers / n_points ** (1 / dimension))
     to_cell = np.linalg.inv(cell)
     while True:
         ids, images = near_images(points, cell, margin)

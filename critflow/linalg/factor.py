@@ -171,6 +171,8 @@ class FixedPattern:
 
     def _solver_of(self, factor: Factor) -> Backend:
         """The solver that contains the numbers of a factor, after another elimination if they are overwritten."""
+        if self._owners and self._owners[0]() is factor:
+            return self._solvers[0]
         for solver, owner in zip(self._solvers, self._owners, strict=True):
             if owner() is factor:
                 return solver
@@ -246,7 +248,8 @@ class Factor:
 
     def _solved(self, right_side: Array) -> Array:
         with self._pattern._lock:
-            return by_columns(self._pattern._solver_of(self).solve, right_side)
+            solve = self._pattern._solver_of(self).solve
+            return solve(right_side) if right_side.ndim == 1 else by_columns(solve, right_side)
 
     def _refined(self, right_side: Array) -> Array:
         """Iterative refinement, which removes the shift."""

@@ -22,7 +22,7 @@ from critflow.critical.transition import TransitionModulus, force_map, is_dilati
 from critflow.lengths.taut_edges import unknown_configuration
 from critflow.linalg.matrices import spread_columns
 from critflow.linalg.tolerances import EPS
-from critflow.linalg.vectors import dot
+from critflow.linalg.vectors import dot, power_of_two
 from critflow.networks.deformation import Deformable
 from critflow.networks.network import Array, Network
 from critflow.optimisation.optimum import Optimum
@@ -121,7 +121,9 @@ def least_compressed_length(network: Network | CriticalManifold, strain: Deforma
     T = network.stiffness[:, None] * (L_star @ F.T)
     unit = T / np.linalg.norm(T, axis=1)[:, None]
     normal = unit @ _QUARTER_TURN.T
-    n_edges, n_coordinates, b = network.n_edges, 2 * len(network.free), network.boundary_vectors
+    # The program has an absolute tolerance, 1e-7: lengths are in a unit of their own.
+    length = power_of_two(network.spacing)
+    n_edges, n_coordinates, b = network.n_edges, 2 * len(network.free), network.boundary_vectors / length
     program = scipy.optimize.linprog(
         np.repeat([0.0, 1.0], [n_coordinates, n_edges]),
         A_ub=sp.hstack([-spread_columns(network, unit), -sp.eye_array(n_edges)]),
@@ -132,4 +134,4 @@ def least_compressed_length(network: Network | CriticalManifold, strain: Deforma
     )
     if program.status != 0:
         raise SolveError(f"no configuration has the largest modulus for this strain: {program.message}")
-    return float(program.fun)
+    return length * float(program.fun)

@@ -42,10 +42,10 @@ def used_extras(study: Study) -> frozenset[str]:
     return _study_code(*_origin(study))[1]
 
 
-def loaded_extras() -> set[str]:
-    """The extras that decide numbers and that this process has imported."""
-    names = {name.split(".")[2] for name in sys.modules if name.startswith(f"{_EXTRAS}.")}
-    return {name for name, extra in extras().items() if extra.numeric} & names
+def numeric_extras(modules: Iterable[str]) -> set[str]:
+    """The extras that decide numbers, of which there are modules."""
+    names = {name.split(".")[2] for name in modules if name.startswith(f"{_EXTRAS}.")}
+    return {name for name in names if extras()[name].numeric}
 
 
 def numeric_modules(of_extras: Iterable[str]) -> dict[str, Path]:

@@ -22,6 +22,7 @@ import xarray as xr
 
 from critflow.result import IntegrityError, Status, StudyError
 from critflow.workflow.code import code_version
+from critflow.workflow.description import summary_text
 from critflow.workflow.folder import FAILED, CaseState
 from critflow.workflow.plan import SEED_ENTROPY, Case, Selection
 from critflow.workflow.provenance import dataset_versions, source_tree, timestamp
@@ -71,6 +72,7 @@ class Assembly:
         if len(self.codes) > 1:
             self.variables = (*self.variables, _code_variable(selection, self.codes, states))
         self.sizes = {c.name: len(selection.parameters[c.parameter]) for c in selection.study.coordinates}
+        self.grouped = selection.study.axes[-1].is_words
         self._shard: tuple[str, Shard | None] = ("", None)
         self._begin_origins()
 
@@ -89,13 +91,16 @@ class Assembly:
             filled = {place for place in filled if place[0] in whole}
             places = {name: {value: i for i, value in enumerate(values)} for name, values in part.axes.items()}
             for case in part.cases():
+                status, sound = (Status.failed if case.id in self.failed else Status.missing), False
                 if case.id in self.failed:
                     self._insert(case, {"status": np.asarray(Status.failed)}, rows | whole, places, filled)
                 elif stored := self._stored(case):
                     code = {"code": np.array(self.codes.index(stored.record.code), "i2")} if len(self.codes) > 1 else {}
-                    status = {"status": np.asarray(stored.record.status)}
+                    status, sound = stored.record.status, bool(np.all(stored.arrays.get("valid", False)))
                     self.environments[stored.record.environment] += 1
-                    self._insert(case, {**stored.arrays, **status, **code}, rows | whole, places, filled)
+                    arrays = {**stored.arrays, "status": np.asarray(status), **code}
+                    self._insert(case, arrays, rows | whole, places, filled)
+                self.outcomes[str([*case.values.values()][-1]) if self.grouped else "", status, sound] += 1
             last = start + n >= len(values)
             yield slice(start, start + len(part.axes[self.first])), rows | whole if last else rows
 
@@ -137,8 +142,10 @@ class Assembly:
         The code that computed the cases may be older than the code that wrote the dataset.
         """
         volatile = " shards_sha256" * any(v.volatile for v in self.variables)
+        codes = _counted(Counter(record.code for record in self.records.values()))
         attributes = {
-            "cases_code": _counted(Counter(record.code for record in self.records.values())),
+            "summary": summary_text(self.selection, self.sizes, self.outcomes, codes),
+            "cases_code": codes,
             "cases_environment": _counted(self.environments),
             "shards_sha256": f"{self.checksum % 2**256:064x}",
             "volatile_attributes": f"history{volatile}",
@@ -160,6 +167,7 @@ class Assembly:
 
     def _begin_origins(self) -> None:
         self.environments, self.checksum, self._shard = Counter[str](), 0, ("", None)
+        self.outcomes = Counter[tuple[str, Status, bool]]()  # by the word of the last axis
 
     def _stored(self, case: Case) -> Stored | None:
         """A complete case; its shard stays in memory for the next one."""
@@ -320,6 +328,11 @@ def opened_dataset(path: Path) -> Iterator[xr.Dataset]:
     with dataset:
         if not {"study", "axes"} <= dataset.attrs.keys() or "status" not in dataset:
             raise IntegrityError(f"{path} was not written by `critflow run`: it has no study and no status")
+        if (schema := int(dataset.attrs.get("schema_version", 0))) != SCHEMA_VERSION:
+            advice = (
+                "the page docs/howto/dataset.md has the function that converts it; or run the study in a new folder"
+            )
+            raise StudyError(f"{path} has schema {schema}, not {SCHEMA_VERSION}: {advice}")
         if (schema := int(dataset.attrs.get("schema_version", 0))) < SCHEMA_VERSION:
             raise StudyError(
                 f"{path} has the names of schema {schema}, and this is schema {SCHEMA_VERSION}: convert it with the "
@@ -351,7 +364,6 @@ def _global_attributes(selection: Selection) -> dict[str, Any]:
     return {
         "Conventions": "CF-1.11, ACDD-1.3",
         "title": study.title,
-        "summary": f"{study.description or study.title} Here: {selection.sizes}.",
         "keywords": ", ".join((*_KEYWORDS, study.name.replace("_", " "))),
         "id": study.name,
         "product_version": str(study.version),

@@ -25,10 +25,21 @@ from rich.progress import (
     TimeRemainingColumn,
 )
 
-from critflow.result import IntegrityError, Status, StudyError
+from critflow.result import CritflowError, EnvironmentFailure, IntegrityError, Status, StudyError
 from critflow.workflow.code import code_version
 from critflow.workflow.dataset import Assembly, write_dataset
-from critflow.workflow.folder import CHANGED, DAMAGED, FAILED, MISSING, OTHER, CaseState, Folder, Note, reason_lines
+from critflow.workflow.folder import (
+    CHANGED,
+    DAMAGED,
+    DONE,
+    FAILED,
+    MISSING,
+    OTHER,
+    CaseState,
+    Folder,
+    Note,
+    reason_lines,
+)
 from critflow.workflow.load import StudyFile
 from critflow.workflow.plan import LONGEST, Case, Selection, spelled
 from critflow.workflow.provenance import environment, timestamp
@@ -233,9 +244,22 @@ def _compute(loaded: StudyFile, plan: RunPlan, folder: Folder, workers: Workers,
                 log.flush()
                 progress.count(stored)
         except KeyboardInterrupt:
-            raise Interrupted(f"stopped at once; complete cases are stored: {_RESUME}") from None
+            raise Interrupted(f"stopped at once; {_complete(plan, folder)}: {_RESUME}") from None
+        except EnvironmentFailure as error:
+            raise EnvironmentFailure(f"{_complete(plan, folder)}, but {error}") from error
     if stored < len(plan.todo):
         raise Interrupted(f"interrupted after {stored} of {len(plan.todo)} cases: {_RESUME}")
+
+
+def _complete(plan: RunPlan, folder: Folder) -> str:
+    """How many of the cases of a run are complete in its folder."""
+    todo = {case.id for case in plan.todo}
+    part = folder.part.within(plan.selection) if folder.part else plan.selection
+    try:
+        done = sum(one.state == DONE and one.case.id in todo for one in folder.states(part))
+    except CritflowError:  # a disk that fails
+        return "complete cases are stored"
+    return f"{done} of {len(todo)} cases are complete"
 
 
 def _finish(plan: RunPlan, folder: Folder, origin: Mapping[str, str], progress: _RunProgress) -> RunResult:

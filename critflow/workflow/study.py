@@ -254,6 +254,8 @@ class Study:
         for names in (labels, ["variables", *(axis.key for axis in self.axes), *parameters]):
             twice = sorted({word for word in names if names.count(word) > 1})
             require(not twice, f"{name} uses the name {''.join(twice[:1])!r} twice")
+        for reserved in {"code", "stored_case"} & {*labels, *(dim for v in self.variables for dim in v.dims)}:
+            raise StudyError(f"{name} uses the name {reserved!r}, which the engine writes: choose another")
         for c in self.coordinates:
             listed = isinstance(parameters.get(c.parameter), tuple)
             require(listed, f"coordinate {c.name!r} needs a parameter {c.parameter!r} with a list")

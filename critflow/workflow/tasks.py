@@ -14,10 +14,11 @@ import faulthandler
 import shlex
 import signal
 import socket
+import sys
 import threading
 import time
 import traceback
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence, Set
 from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -27,7 +28,7 @@ from typing import Any, NamedTuple
 from threadpoolctl import threadpool_limits
 
 from critflow.result import CritflowError, EnvironmentFailure, IntegrityError, Status, StudyError
-from critflow.workflow.code import loaded_extras, used_extras
+from critflow.workflow.code import numeric_extras, used_extras
 from critflow.workflow.folder import Folder, Part
 from critflow.workflow.load import load_file
 from critflow.workflow.plan import Case, spelled, words_of_case
@@ -139,12 +140,12 @@ class _Task:
         if (known := self.stored.get(case.id)) and known.record.code == self.job.code:
             self.outcomes.append(Outcome(case.id, int(known.record.status), 0.0, self.checksum))
             return
-        start, before = time.perf_counter(), loaded_extras()
+        start, modules = time.perf_counter(), set(sys.modules)
         with _traced(self.folder, case, self.job.seconds) if self.job.seconds else nullcontext():
             try:
                 arrays = self.study.computed(case.parameters, case.values)
                 status = Status(int(arrays.pop("status")))
-                _refuse_unnamed(self.study, loaded_extras() - before)
+                _refuse_unnamed(self.study, sys.modules.keys() - modules)
             except BaseException as error:  # one case must not end the others, with any exception
                 if isinstance(error, KeyboardInterrupt) and threading.current_thread() is threading.main_thread():
                     raise  # from the keyboard
@@ -177,9 +178,9 @@ class _Task:
         self.new, self.written = [], time.perf_counter()
 
 
-def _refuse_unnamed(study: Study, loaded: set[str]) -> None:
-    """Raise `StudyError` where a case used an extra whose code is not part of its identity."""
-    if unnamed := sorted(loaded - used_extras(study)):
+def _refuse_unnamed(study: Study, modules: Set[str]) -> None:
+    """Raise `StudyError` where a case imported an extra whose code is not part of its identity."""
+    if unnamed := sorted(numeric_extras(modules) - used_extras(study)):
         words = ", ".join(map(repr, unnamed))
         advice = f"declare it with extras=({words},) in the Study"
         raise StudyError(f"the case used the extra {words} of critflow, whose code must count: {advice}")

@@ -29,7 +29,7 @@ from critflow.workflow.study import Study, plural
 # Attributes that state the data of a file, and their origin; others state the present code.
 _COMPARED = ("study", "study_version", "schema_version", "axes", "parameters")
 _CLOSE = 1e-6  # of the largest number of a variable
-_ORIGINS = ("cases_code", "cases_environment", "shards_sha256")
+_ORIGINS = ("summary", "cases_code", "cases_environment", "shards_sha256")
 
 
 @dataclass(frozen=True)

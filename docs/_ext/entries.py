@@ -21,10 +21,10 @@ FENCED = re.compile(r"^```python(?: \S+)?\n(.*?)^```", flags=re.M | re.S)
 @cache
 def used_in(program: str) -> frozenset[str]:
     """The public names that a program uses, as cf.NAME or by an import."""
-    found = set(re.findall(r"\b(?:cf|critflow)\.(\w+)", program))
-    for names in re.findall(r"from critflow[\w.]* import (\([^)]*\)|.*)", program):
-        found |= set(re.findall(r"\w+", names))
-    return frozenset(found)
+    names = set(re.findall(r"\b(?:cf|critflow)\.(\w+)", program))
+    for imported in re.findall(r"from critflow[\w.]* import (\([^)]*\)|.*)", program):
+        names |= set(re.findall(r"\w+", imported))
+    return frozenset(names)
 
 
 @cache
@@ -37,15 +37,15 @@ def scripts() -> dict[Path, frozenset[str]]:
 @cache
 def pages() -> dict[str, tuple[str, frozenset[str]]]:
     """The pages whose code is Python: their title, and the public names that they use."""
-    found = {}
+    titles = {}
     for page in sorted(DOCS.rglob("*.md"), key=lambda page: (page.stem not in TAUGHT_FIRST, -len(page.parts), page)):
         name = page.relative_to(DOCS).with_suffix("").as_posix()
         if name.startswith(("_build", "reference", "notebooks")):
             continue
         text = page.read_text(encoding="utf-8")
         title = re.search(r"^# (.+)", text, flags=re.M)
-        found[name] = (title[1], used_in("\n".join(FENCED.findall(text)))) if title else ("", frozenset())
-    return found
+        titles[name] = (title[1], used_in("\n".join(FENCED.findall(text)))) if title else ("", frozenset())
+    return titles
 
 
 def pictures_of(name: str) -> list[str]:
@@ -62,8 +62,8 @@ def pictures_of(name: str) -> list[str]:
 
 def links_of(name: str) -> list[str]:
     """Links to the pages whose code uses a name."""
-    found = [f":doc:`{title} </{page}>`" for page, (title, names) in pages().items() if name in names][:LINKS]
-    return [f"Used in: {'; '.join(found)}.", ""] if found else []
+    links = [f":doc:`{title} </{page}>`" for page, (title, names) in pages().items() if name in names][:LINKS]
+    return [f"Used in: {'; '.join(links)}.", ""] if links else []
 
 
 def entry(path: str, place: Listed) -> str:
@@ -72,7 +72,7 @@ def entry(path: str, place: Listed) -> str:
     lines = [
         *(name, "=" * len(name), "", f"``from {module} import {name}``", ""),
         *(autodoc(path), *pictures_of(name), *links_of(name)),
-        f"Others of its kind: :doc:`{place.heading} </reference/{place.page}>`.",
+        f"In the group :doc:`{place.heading} </reference/{place.page}>`.",
     ]
     return "\n".join(lines) + "\n"
 

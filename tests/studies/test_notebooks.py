@@ -57,9 +57,9 @@ def test_they_are_listed_and_none_is_a_study():
 @pytest.mark.parametrize("path", sorted(FOLDER.glob("*.ipynb")), ids=lambda path: path.stem)
 def test_a_stored_notebook_has_no_outputs_and_is_valid(path):
     assert path.stat().st_size < LARGEST_NOTEBOOK
-    found = json.loads(path.read_text(encoding="utf-8"))
-    assert (found["nbformat"], found["nbformat_minor"]) == (4, 5)
-    cells = found["cells"]
+    whole = json.loads(path.read_text(encoding="utf-8"))
+    assert (whole["nbformat"], whole["nbformat_minor"]) == (4, 5)
+    cells = whole["cells"]
     assert cells[0]["cell_type"] == "markdown" and "".join(cells[0]["source"]).startswith("# ")
     assert len({cell["id"] for cell in cells}) == len(cells)
     for cell in cells:
@@ -123,7 +123,7 @@ def first_look(names, cells):
 
 
 def structure(names, cells):
-    between, within = names["found"]
+    between, within = names["estimates"]
     assert between[0, 1] < -0.5 and within[0, 1] < 0  # V_τ and B_0
     assert np.all(names["low"] <= names["high"] + 1e-15)
 
@@ -143,7 +143,7 @@ def anisotropy(names, cells):
     for convention in names["COEFFICIENTS"]:
         expected = spearmanr(medians.kappa_force, medians[convention]).statistic
         where = {"convention": convention, "population_label": "between populations", "draw": 0}
-        assert names["found"].sel(where).item() == pytest.approx(expected, abs=1e-12)
+        assert names["estimates"].sel(where).item() == pytest.approx(expected, abs=1e-12)
     same = np.ones((2, 5))
     assert np.isnan(names["spearman"](same, same)).all()
     said = [cell.printed for cell in cells if "predicts C_G:" in cell.printed]

@@ -11,8 +11,9 @@ SETTINGS = {
     "boundary": {"n_vertices=7": "n_vertices"},
     "ensemble": {
         **{"n_vertices=61": "even", "n_vertices=2": "even", "n_vertices=1000000000": "vertices"},
-        **{"hard_core=1.2": "", "strains=0": "", "threshold=0.0": "positive", "protocol=quick": "conic"},
-        **{"deformation=uniaxial_free": "simple_shear"},
+        **{"hard_core=1.2": "", "strains=0": "", "threshold=0.0": "positive"},
+        **{"deformation=uniaxial_free": "simple_shear", "strains=0.001,0.002": "contains 2 of the strains"},
+        **{"fit_window=0.0025": "need 3"},
     },
     "failure_map": {
         **{"quantities=colour": "no quantity", "n_steps=1": "at least 2"},
@@ -42,7 +43,7 @@ SETTINGS = {
     "three_bar": {"span=-1": "span", "reach=1": "reach", "s=0:1:0.5": "s needs"},
     "three_dimensions": {
         **{"n_vertices=40": "", "hard_core=1.2": "", "strains=0": "", "threshold=0.0": "threshold"},
-        **{"spread=-0.1": "spread"},
+        **{"spread=-0.1": "spread", "strains=0.1,0.2,0.3": "contains 0 of the strains"},
     },
     "topology": {"cuts=0": "positive", "cuts=24000": "smaller", "pruned_edges=300": "smaller"},
 }

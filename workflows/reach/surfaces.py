@@ -66,7 +66,8 @@ def figure(ds):
     figure, (whole, taut) = panels(
         2,
         "Every population becomes rigid at one dilation, in pure shear at about four times that\n"
-        f"({counted(ds)} of {parameters(ds)['surface_vertices']} vertices; A: the first, B: their mean)",
+        f"({counted(ds)} of {parameters(ds)['surface_vertices']} vertices; A: the first, B: their mean; random ℓ: "
+        f"s = {parameters(ds)['spread']:g})",
         height=3.3,
         width_ratios=(1.6, 1),
     )

@@ -97,6 +97,7 @@ def figure(ds):
     for n, source in enumerate(parameters(ds)["sources"]):
         targets, missed = ds.target.values[:, n], np.isin(ds.target_status.values[:, n], MISSED)
         style, label = series(n), LABELS.get(source, source)
+        label += f", s = {parameters(ds)['spread']:g}" if source == "random_lengths" else ""
         label += ": the bound allows no design" if missed.all() else ""
         for axes, column in ((bulk, 1), (shear, 2)):
             for some, face in ((~missed, style["color"]), (missed, "none")):

@@ -58,7 +58,9 @@ class WeakModel:
     def __init__(self, system: WeakSystem, loads: Array, end: float | None = None):
         self.system, self.loads = system, loads
         self._nodes: list[_Node] = []
-        self.scale = system.scales[1] / system.scales[0] or 1.0
+        # The unit of s: without H, that of the forces, which move vertices by about a length there.
+        displaced = float(np.abs(loads).max(initial=0.0)) / float(system.lengths.mean())
+        self.scale = (system.scales[1] or displaced) / system.scales[0] or 1.0
         self.end = self._branch_end() if end is None else end
 
     def _branch_end(self) -> float:
