@@ -6,8 +6,10 @@ from pathlib import Path
 
 import pytest
 
-from workflows.pages.tables import MODULI, filled, pages
+from critflow.workflow.load import load_study
+from workflows.pages.tables import COMMITTED, MODULI, REFERENCE, filled, pages
 from workflows.pages.verdicts import differences, found, of_committed_run, of_the_paper, statement_counts, statements
+from workflows.paper.committed import committed_run
 from workflows.paper.statements import STATEMENTS
 
 ROOT = Path(__file__).parents[2]
@@ -68,6 +70,14 @@ def test_each_statement_has_one_verdict_that_of_its_study(reference):
     assert counts.endswith("disagree, 1 by a number.")
     assert of_committed_run(reference, "ensemble") == "In the committed run of 3 networks, 1 holds and 1 differs."
     assert of_committed_run(reference, "gallery") == ""
+
+
+def test_the_end_of_a_run_quotes_the_committed_one():
+    texts = {
+        file.parent.name: of_committed_run(REFERENCE, file.parent.name) for file in REFERENCE.glob("*/claims.json")
+    }
+    assert json.loads(COMMITTED.read_text(encoding="utf-8")) == {name: text for name, text in texts.items() if text}
+    assert load_study("ensemble").study.committed == committed_run("ensemble") == texts["ensemble"] != ""
 
 
 def test_statements_are_one_table_with_their_measurements_beneath(reference):

@@ -35,7 +35,7 @@ SETTINGS = {
     ),
     "tension_inference": ("seeds=0:3", "n_vertices=20", "noises=1e-6,1e-3"),
     "three_bar": ("s=-2.1:2.1:0.3", "span=2.0"),
-    "weak_forces": ("seeds=0:1", "n_vertices=24", "kappas=0.00001,0.001"),
+    "weak_forces": ("seeds=0:1", "n_vertices=24", "kappas=0.000001,0.0001"),
     "three_dimensions": ("seeds=0:2", "n_vertices=60"),
     "topology": ("seeds=0:1", "n_vertices=24", "cuts=3", "pruned_vertices=40", "pruned_edges=4"),
 }

@@ -25,7 +25,7 @@ FINDINGS = (
     ),
     (
         "**Growth without a fit.** C_B and C_G follow from one linear solve. C_B ≥ −B_0/2, with equality at the "
-        "stiffest network alone: being stiffest means softening",
+        "stiffest network alone, so that being stiffest means softening",
         ("stiffening", "stiffening-least"),
     ),
     (
@@ -61,7 +61,7 @@ def what_we_found(reference: Path) -> str:
 
 def _value(reference: Path, runs: dict[str, list[Claim]], study: str, key: str) -> str:
     value = _signs(reference) if key == "C_G" else next((c.value for c in runs.get(study, []) if c.key == key), "")
-    return f": {value}" if value else ""
+    return f" ({value})" if value else ""
 
 
 def _signs(reference: Path) -> str:

@@ -207,6 +207,7 @@ def _pruned(axes, ds):
 study = Study(
     name="reference_numbers",
     title="Numbers of the literature on underconstrained networks and vertex models",
+    extras=("rest",),
     references="the source of each number is in its claim",
     axes=(
         Axis("seed", range(8), "seed of the networks", noun="network"),
