@@ -105,13 +105,13 @@ def missing(name: str) -> str | None:
 
     name  a public name, a command, a service for `provided`, or a quantity, such as "onset[dilation]"
     """
-    absent = {extra: names for extra, names in _known().items() if extra not in extras()}
+    absent = {extra: names for extra, names in known_names().items() if extra not in extras()}
     stem = name.partition("[")[0]
     return next((extra for extra, names in absent.items() if stem in {one.partition("[")[0] for one in names}), None)
 
 
 @cache
-def _known() -> dict[str, list[str]]:
+def known_names() -> dict[str, list[str]]:
     """The names of all extras of critflow, installed or not."""
     return tomllib.loads(_KNOWN.read_text(encoding="utf-8"))
 

@@ -18,6 +18,7 @@ import pytest
 from extras_there import absent, used_by_file
 from hypothesis import settings
 from matplotlib.figure import Figure
+from skips import pytest_terminal_summary  # noqa: F401 (a hook)
 from units import INVERSE, PLAIN, SCALED
 
 

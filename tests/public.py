@@ -18,6 +18,8 @@ IN_MODULES = {
     "critical.transition": ("transition_modulus",),
     "extras.cables.rigidity_surface": ("strain_plane",),
     "extras.design_stiffness.stiffnesses": ("isotropic_targets",),
+    "extras.local.diagonals": ("face_diagonals", "response_name"),
+    "extras.local.drawing": ("draw_response",),
     "extras.tensegrity.second_order": ("second_order_rigidity",),
     "extras.tensegrity.signed_stress": ("signed_stress",),
     "extras.weak.soft_spectrum": ("soft_spectrum",),

@@ -66,6 +66,7 @@ RIGHT = {
 }
 # Arguments that an extra makes.
 OF_EXTRAS = {
+    "local": lambda: {"response": critflow.local_response(CRITICAL, (0, 2, (1, 1)), (1, 3, (0, 0))).value},
     "weak": lambda: {"energy": critflow.AngleSprings(2.0)},
     "examine": lambda: {"examination": critflow.examine(NETWORK, CRITICAL.coordinates, deformations=())},
 }
@@ -78,6 +79,8 @@ OF_FUNCTION = {
     "isotropic_targets": {"youngs_modulus": 1.0, "poissons_ratio": 0.2},
     "prune_towards": {"targets": {"B_0": 0.1}},
     "local_response": {"springs": CRITICAL, "source": (0, 2, (0, 0)), "targets": [(1, 3, (0, 0))]},
+    "face_diagonals": {"network": HEXAGONS},
+    "response_name": {"source": (0, 2, (0, 0)), "target": (1, 3, (0, 0))},
     "properties": {"quantities": ["B_0"]},
     "quantity": {"name": "B_0"},
     "upper_bound": {"name": "B_0"},

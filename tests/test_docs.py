@@ -43,12 +43,12 @@ sys.path.append(str(ROOT / "docs" / "_ext"))
 import programs  # noqa: E402
 
 DOCS = ROOT / "docs"
-MADE = {path.with_suffix(".md") for path in (DOCS / "notebooks").glob("*.py")}  # by the site
+MADE = {path.with_suffix(".md") for path in (DOCS / "notebooks").glob("*.ipynb")}  # by the site
 BUILT = set((DOCS / "_build").rglob("*.md"))
 PAGES = [ROOT / "README.md", ROOT / "workflows" / "README.md", *sorted(set(DOCS.rglob("*.md")) - MADE - BUILT)]
 COLUMNS, SHOWN = 80, ("python", "console", "sh", "text")
 LINES_OF_PICTURE, PICTURES = 40, 24
-INFO_STRINGS = {"python", "output", "console", "text", "sh", "toml", "{layer}", "{gallery}"}
+INFO_STRINGS = {"python", "output", "console", "text", "sh", "toml", "{layer}", "{names}", "{gallery}"}
 # Packages of pages that no extra of the project installs.
 NEEDED = {"docs/recipes/pictures.md": ("skimage", "skan")}
 _MARK = "<<< next block >>>"
@@ -190,6 +190,24 @@ def test_what_a_block_prints_stands_below_it(page):
             place = f"{name_of(page)}, line {block.line}"
             assert "print(" not in block.text or following.kind == "output", f"{place}: its output is not shown"
             assert not re.search(r"^# ?([\[({'\d-]|True|False|None)", block.text, flags=re.M), f"{place}: typed output"
+
+
+INSTALLED = r"(pip install|sphinx-build|pytest -m|python (?=-m workflows|docs/|workflows/))"
+BARE_COMMAND = re.compile(rf"(?<![\w/.'-]){INSTALLED}")
+
+
+@pytest.mark.parametrize("page", PAGES, ids=name_of)
+def test_commands_name_the_environment_unless_the_page_activates_it(page):
+    text = re.sub(r"^<!--.*-->$", "", page.read_text(encoding="utf-8"), flags=re.M)
+    found = BARE_COMMAND.search(text)
+    assert not found or "bin/activate" in text[: found.start()], f"{name_of(page)}: .venv/bin/{found[0]}"
+
+
+@pytest.mark.parametrize("page", sorted((DOCS / "howto").glob("*.md")), ids=name_of)
+def test_a_how_to_page_begins_with_its_purpose_and_a_picture(page):
+    first = page.read_text(encoding="utf-8").partition("```")[0].split("\n\n")
+    assert re.match(r"\S.* (computes|finds|opens|tells|writes) ", first[1].replace("\n", " ")), "its purpose"
+    assert first[2].startswith("!["), "a picture"
 
 
 def test_every_status_is_explained():

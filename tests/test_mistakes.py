@@ -35,9 +35,9 @@ def dataset():
     arrays = {
         "edges": (("seed", "edge", "end"), [n.edges for n in networks]),
         "offsets": (("seed", "edge", "axis"), [n.offsets for n in networks]),
-        "cell": (("seed", "axis_", "axis"), [n.cell for n in networks]),
+        "cell": (("seed", "cell_vector", "axis"), [n.cell for n in networks]),
         "sigma": (("seed", "population", "edge"), [[c.sigma for c in row] for row in critical]),
-        "coordinates": (("seed", "population", "vertex", "axis"), [[c.coordinates for c in row] for row in critical]),
+        "position": (("seed", "population", "vertex", "axis"), [[c.coordinates for c in row] for row in critical]),
     }
     return xr.Dataset(arrays, {"seed": [0, 1], "population": ["max_B_0", "random_stress"]})
 
@@ -264,7 +264,26 @@ CALLS = {
             lambda: cf.voronoi_network(60, rng=3),
             *(TypeError, "voronoi_network()", "'rng'"),
         ),
-        "quantity of a solution": (lambda: BEST.B_0, AttributeError, "Optimum", "'B_0'"),
+        "quantity of a solution": (
+            lambda: BEST.B_0,
+            AttributeError,
+            "Optimum",
+            "'B_0'",
+            ".objective",
+            "elasticity(...)",
+        ),
+        "edges that count from one": (
+            lambda: cf.Network([[1, 2], [2, 3]], pins={1: [0, 0], 3: [1, 0]}),
+            *(InputError, "vertex 0 hangs on no edge", "vertices count from 0: subtract 1"),
+        ),
+        "many edges that count from one": (
+            lambda: cf.Network([[1, 2], [1, 2], [2, 1]], [[1, 0], [0, 1], [0, 0]], np.eye(2)),
+            *(InputError, "vertex 0 hangs on no edge", "vertices count from 0: subtract 1"),
+        ),
+        "a picture in place of axes": (
+            lambda: cf.draw(BEST, "x.png"),
+            *(InputError, "ax must be an Axes, not 'x.png'", "draw(...).figure.savefig('x.png')"),
+        ),
         "field of a value": (lambda: CRITICAL.stress, AttributeError, "CriticalConfiguration", "'stress'"),
         "field of a network": (lambda: NETWORK.nope, AttributeError, "Network", "'nope'"),
         "field of an elasticity": (lambda: cf.elasticity(BEST).value.bulkk, AttributeError, "Elasticity", "'bulkk'"),
@@ -296,20 +315,38 @@ CALLS = {
             lambda: cf.design(NETWORK, {"nu": -0.5}),
             *(InputError, "no quantity is called 'nu'", "choose from B_0, G_0", "modulus[D]"),
         ),
-        "targets as a set": (lambda: cf.design(NETWORK, {"B_0"}), InputError, "targets must be a Mapping", "not a set"),
+        "targets as a set": (
+            lambda: cf.design(NETWORK, {"B_0"}),
+            InputError,
+            "targets must be a Mapping",
+            "{'B_0': 0.25}",
+            "not a set",
+        ),
+        "a target of another change": (
+            lambda: cf.design(NETWORK, {"poisson": -0.5}),
+            *(InputError, "poisson is a target of change='stiffness', not of change='stress'"),
+        ),
     },
     "design_stiffness": {
         "no such quantity of stiffnesses": (
+            lambda: cf.design(STATE, {"nu": -0.5}, change="stiffness"),
+            *(InputError, "no quantity is called 'nu'", "choose from B_0, G_0", "modulus[D]"),
+        ),
+        "a network in place of springs": (
             lambda: cf.design(NETWORK, {"poisson": -0.5}, change="stiffness"),
-            *(InputError, "no quantity is called 'poisson'", "choose from B_0, G_0", "modulus[D]"),
+            *(InputError, "change='stiffness' starts from springs on edges", "spring_state(network, ...)"),
         ),
         "limits of an unknown quantity": (
-            lambda: cf.design(STATE, {"B_0": 0.2}, change="stiffness", within={"stiffness": (0.1, 10)}),
-            *(InputError, "edges have no quantity 'stiffness'", "choose from stiffnesses"),
+            lambda: cf.design(STATE, {"B_0": 0.2}, change="stiffness", within={"colour": (0.1, 10)}),
+            *(InputError, "edges have no quantity 'colour'", "choose from stiffnesses"),
         ),
     },
     "fronts": {
-        "objectives one by one": (lambda: cf.pareto(NETWORK, "B_0", "C_G0", 3), TypeError, "pareto()", "positional"),
+        "objectives one by one": (
+            lambda: cf.pareto(NETWORK, "B_0", "C_G0", 3),
+            *(InputError, "both objectives stand in one list", "pareto(network, ['B_0', 'V_L'], 11)"),
+        ),
+        "one objective": (lambda: cf.pareto(NETWORK, "B_0"), InputError, "both objectives stand in one list"),
         "a target without its value": (
             lambda: cf.prune_towards(BEST, "B_0", 0.2),
             *(InputError, "targets must be a Mapping", "not 'B_0'"),
@@ -322,9 +359,12 @@ CALLS = {
         ),
         "a whole dataset": (
             lambda: cf.network_from(DATASET),
-            *(InputError, "choose one case of the dataset", "dataset.sel(seed="),
+            *(InputError, "choose one seed and one population", "dataset.sel(seed=0, population='max_B_0')"),
         ),
-        "several cases of a dataset": (lambda: cf.network_from(DATASET.sel(seed=1)), InputError),
+        "several cases of a dataset": (
+            lambda: cf.network_from(DATASET.sel(seed=1)),
+            *(InputError, "choose one population", "dataset.sel(population='max_B_0')"),
+        ),
         "unknown ending": (
             lambda: cf.write_network(BEST, "x.npz"),
             *(InputError, "the ending '.npz' of 'x.npz'", "choose one of .csv", ".graphml", ".vtu"),
@@ -363,6 +403,7 @@ COMMANDS = {
         "empty study": (["run", ""], 2, "the study '' is empty", "give the name of a study, or its file NAME.py"),
         "two studies": (["run", TINY, "twice.py"], 2, "unexpected extra argument", "twice.py"),
         "study misspelt": (["run", "ensembel"], 2, "there is no study 'ensembel'", "did you mean 'ensemble'?"),
+        "study joined": (["run", "design_curves"], 2, "is a part of 'stiffening'", "critflow run stiffening"),
         "no such file": (["run", "nowhere.py"], 2, "cannot read the study file", "nowhere.py", "critflow list"),
         "folder as study": (["run", "folder/"], 2, "cannot read the study file", "its file NAME.py"),
         "list a misspelt study": (["list", "ensembel"], 2, "no study 'ensembel'", "did you mean 'ensemble'?"),
@@ -390,6 +431,14 @@ COMMANDS = {
         "population misspelt": (
             ["run", "ensemble", "--set", "populations=random_stres"],
             *(2, "populations has no 'random_stres'", "did you mean 'random_stress'?"),
+        ),
+        "population of schema 3": (
+            ["run", "ensemble", "--set", "populations=bulk_modulus"],
+            *(2, "populations has no 'bulk_modulus'", "it is called 'max_B_0' now"),
+        ),
+        "variable of schema 3": (
+            ["run", "ensemble", "--set", "variables=bulk_modulus_0"],
+            *(2, "no variable 'bulk_modulus_0'", "it is called 'B_0' now"),
         ),
         "variable misspelt": (
             ["run", TINY, "--set", "variables=colour"],
@@ -488,6 +537,10 @@ COMMANDS = {
         "show an unknown value": (
             ["show", "RESULTS/tiny.nc", "--set", "population=flopy"],
             *(2, "population has no 'flopy' here", "did you mean 'floppy'?"),
+        ),
+        "show an unknown number": (
+            ["show", "RESULTS/tiny.nc", "--set", "seed=999"],
+            *(2, "seed has no '999' here", "seeds are 0 to "),
         ),
         "show several": (
             ["show", "RESULTS/tiny.nc", "--set", "seed=1"],

@@ -20,7 +20,7 @@ from critflow.result import StudyError
 from critflow.workflow import Claim, Coordinate, Study, stable_rng
 
 from .shared.checks import check_network, check_voronoi, voronoi_check
-from .shared.figures import legend_below, lettered, panels
+from .shared.figures import counted, legend_below, lettered, panels
 from .shared.populations import LABELS, NAMES, PAPER_POPULATIONS, configuration
 from .shared.reports import PAPER, finite, parameters, series
 from .shared.tables import networks, numbers, outcomes, stacked
@@ -40,6 +40,7 @@ UNTRAINED = 6  # sources of the untrained responses
 STRESSES, NOISES, NOISY_STRESS = np.array([1e-6, 1e-5, 1e-4, 1e-3, 1e-2]), np.array([1e-5, 1e-4, 1e-3]), 1e-3
 LIMITED = 0.2  # least force density of the designs that hold farther, in units of the mean
 STYLES = ("free", "limited")
+FRAMES, SWING = 16, 0.25  # of the movie, and the largest strain of its source
 REACHED, LOST = 1e-6, 0.1  # errors of a design that has its goals, and of a response that is lost
 
 
@@ -88,9 +89,7 @@ def bins(network, pairs):
     """The bin of the distance of each pair from each source, (n_sources, n_pairs); −1 outside of all."""
     x = network.positions
     centres = np.array([x[i] + 0.5 * (x[j] + image @ network.cell - x[i]) for i, j, image in pairs])
-    apart = centres - centres[:UNTRAINED, None]
-    shares = apart @ np.linalg.inv(network.cell)
-    apart = (shares - np.round(shares)) @ network.cell
+    apart = in_cell(centres - centres[:UNTRAINED, None], network.cell)
     place = np.digitize(np.linalg.norm(apart, axis=2) / network.spacing, BINS) - 1
     return np.where(place < len(BINS) - 1, place, -1)
 
@@ -181,12 +180,46 @@ def measured(critical, source, targets, signs, rng):
     return {
         "least_stress": critical.sigma.min(),
         "largest_stress": critical.sigma.max(),
-        "length_variance": cf.properties(critical, "V_L").values["V_L"],
+        "V_L": cf.properties(critical, "V_L").values["V_L"],
+        **along_paths(critical, source, targets),
         "limit": limit.limit.min(),
         "past_error": np.abs(past).max(axis=1),
         "past_slope": np.abs(np.abs(past[0]).max() / (STRESSES[0] * np.abs(limit.growth).max()) - 1),
         "noise_error": np.abs(noisy).max(axis=1),
     }
+
+
+def along_paths(critical, source, targets):
+    """Stress within one spacing of the lines from the source to its targets: ⟨ln σ⟩ there less elsewhere, alignment.
+
+    The alignment is Σ τ cos 2θ/Σ τ over the edges near a line, with θ between edge and line: 1 along, −1 across it.
+    """
+    network, x, L = critical.network, critical.coordinates, critical.bond_vectors
+    middle = {(i, j, image): 0.5 * (x[i] + x[j] + image @ network.cell) for i, j, image in (source, *targets)}
+    edges = x[network.edges[:, 0]] + 0.5 * L - middle[source]
+    nearest, angle = np.full(network.n_edges, np.inf), np.zeros(network.n_edges)
+    for target in targets:
+        line = in_cell(middle[target] - middle[source], network.cell)
+        length = np.linalg.norm(line)
+        # About the middle of the line, so that no edge is taken at the other side of the cell.
+        off = in_cell(edges - 0.5 * line, network.cell)
+        along = np.clip(off @ line / length, -0.5 * length, 0.5 * length)
+        distance = np.linalg.norm(off - along[:, None] * line / length, axis=1)
+        cosine = (L @ line / (critical.lengths * length)) ** 2
+        angle = np.where(distance < nearest, 2 * cosine - 1, angle)
+        nearest = np.minimum(nearest, distance)
+    near, stress = nearest < network.spacing, np.log(critical.sigma)
+    weights = critical.tensions[near]
+    return {
+        "path_stress": stress[near].mean() - stress[~near].mean() if near.any() and not near.all() else np.nan,
+        "path_alignment": (weights * angle[near]).sum() / weights.sum() if near.any() else np.nan,
+    }
+
+
+def in_cell(vectors, cell):
+    """The nearest images of vectors in a nearly square cell."""
+    shares = vectors @ np.linalg.inv(cell)
+    return (shares - np.round(shares)) @ cell
 
 
 def stressed(critical, t):
@@ -242,7 +275,7 @@ def thresholds(ds):
 
 def capacity_figure(ds):
     """Success against the number of conditions, and the threshold against size."""
-    figure, (left, right) = panels(2, f"Conditions that designs of {N_SOURCES} sources meet")
+    figure, (left, right) = panels(2, f"Conditions that designs of {N_SOURCES} sources meet ({counted(ds)} a size)")
     fractions, sizes = np.array(parameters(ds)["fractions"]), np.array(parameters(ds)["sizes"])
     part, threshold = success(ds), thresholds(ds)
     for s, size in enumerate(sizes):
@@ -253,11 +286,11 @@ def capacity_figure(ds):
     for k, kind in enumerate(KINDS):
         right.plot(sizes, threshold[:, k] * (1.5 * sizes - 1), ms=5, **series(k), label=f"half succeed, {kind}")
     right.plot(sizes, 1.5 * sizes - 1, "k--", lw=0.8)
-    right.text(sizes[-1], 1.5 * sizes[-1], "$N_b - 1$", ha="right", va="bottom", fontsize=8.5)
+    right.text(sizes[-1], 1.5 * sizes[-1], "$N_b - 1$", ha="right", va="bottom", fontsize=9)
     right.plot(sizes, 0.5 * sizes - 1, "k:", lw=0.8)
-    right.text(sizes[-1], 0.5 * sizes[-1], "all faces, one source", ha="right", va="top", fontsize=8.5)
+    right.text(sizes[-1], 0.5 * sizes[-1], "all faces, one source", ha="right", va="top", fontsize=9)
     right.set(xlabel="$N_v$", ylabel="number of conditions", xlim=(0, None), ylim=(0, None))
-    right.legend(frameon=False, fontsize=8.5)
+    right.legend(frameon=False, fontsize=9)
     legend_below(figure, left, ncols=3)
     lettered(left, right)
     return figure
@@ -266,13 +299,16 @@ def capacity_figure(ds):
 def response_figure(ds):
     """Untrained responses by distance; deviations of trained ones by stress and by errors of the rest lengths."""
     figure, (left, middle, right) = panels(
-        3, f"Responses of untrained and trained networks, $N_v$ = {parameters(ds)['n_vertices']}", height=4.4
+        3,
+        "Training reaches responses of ±1, which small stresses keep and large ones lose\n"
+        f"({counted(ds)} of {parameters(ds)['n_vertices']} vertices, medians)",
+        height=4.4,
     )
     middles = 0.5 * (BINS[1:] + BINS[:-1])
     for n, population in enumerate(PAPER_POPULATIONS):
         left.semilogy(middles, ds.typical[:, n].mean("seed"), ms=4, **series(n), label=LABELS[population])
     left.set(xlabel="distance [$\\sqrt{V/N_v}$]", ylabel="median |η|", title="untrained")
-    left.legend(frameon=False, fontsize=8)
+    left.legend(frameon=False, fontsize=9)
     for s, style in enumerate(STYLES):
         for n, load in enumerate(parameters(ds)["loads"]):
             text = f"{load:.0%} of the faces" + (f", σ > {LIMITED:g}⟨σ⟩" if style == "limited" else "")
@@ -285,7 +321,7 @@ def response_figure(ds):
     for axes in (middle, right):
         axes.axhline(LOST, color="0.7", lw=0.8)
     middle.set(xlabel="stress t  [k]", ylabel="largest deviation from ±1", title="trained, under stress")
-    right.set(xlabel="errors of rest lengths, t = 1e-3", title="trained, imprecise")
+    right.set(xlabel="errors of lengths", title="the same, t = 1e-3")
     legend_below(figure, middle, ncols=3)
     lettered(left, middle, right)
     return figure
@@ -299,14 +335,18 @@ def network_figure(ds):
         draw_stage(ax, one, n)
         ax.set_title(title)
     lettered(*axes)
-    figure.legend(handles=response_legend(), frameon=False, ncols=3, fontsize=8.5, loc="outside lower center")
+    figure.legend(handles=response_legend(), frameon=False, ncols=3, fontsize=9, loc="outside lower center")
     return figure
 
 
-def draw_stage(axes, one, n):
-    """The network before (0) or after training (1), its source, targets and motion."""
+def draw_stage(axes, one, n, strain=0.0):
+    """The network before (0) or after training (1) at a strain of the source, its source, targets and motion.
+
+    Arrows are drawn at no strain alone, where nothing moves.
+    """
     x, u, L = one.places.values[n], one.moves.values[n], one.bonds.values[n]
     cell, edges = one.cell.values, one.edges.values
+    x, L = x + strain * u, L + strain * (u[edges[:, 1]] - u[edges[:, 0]])
     offsets = np.round((L - x[edges[:, 1]] + x[edges[:, 0]]) @ np.linalg.inv(cell)).astype(int)
     lines, owner = periodic_segments(edges, offsets, cell, x)
     tension = one.stress.values[n] * np.linalg.norm(L, axis=1)
@@ -316,7 +356,20 @@ def draw_stage(axes, one, n):
     ends, images = shown[:, :2], shown[:, 2:]
     r = x[ends[:, 1]] - x[ends[:, 0]] + images @ cell
     strains = np.sum((u[ends[:, 1]] - u[ends[:, 0]]) * r, axis=1) / np.sum(r**2, axis=1)
-    add_response(axes, cell, x, u, ends, images, strains)
+    add_response(axes, cell, x, u if strain == 0 else np.zeros_like(u), ends, images, strains)
+
+
+def movie(ds):
+    """The stiffest and the trained network while the source opens and closes: frames of one period."""
+    one = ds.isel(seed=0)
+    for phase in np.linspace(0, 2 * np.pi, FRAMES, endpoint=False):
+        figure, axes = panels(2, f"The source opens and closes by {SWING:.0%}", height=4.6)
+        for n, (ax, title) in enumerate(zip(axes, ("stiffest network", "trained"), strict=True)):
+            draw_stage(ax, one, n, SWING * np.sin(phase))
+            ax.set_title(title)
+        figure.legend(handles=response_legend()[:3], frameon=False, ncols=3, fontsize=9, loc="outside lower center")
+        figure.set(size_inches=(7.2, 4.2), dpi=72)
+        yield figure
 
 
 # Claims
@@ -395,7 +448,20 @@ def _of_limits(ds):
             "allostery-stress", "stress t [k] at which trained responses deviate by 1 %, medians", "", "; ".join(text),
             "measured",
         ),
+        Claim(
+            "allostery-path", "stress within one spacing of the lines from the source to its targets: ratio of its "
+            "geometric mean to that elsewhere, and alignment of the tensions with the lines; medians", "",
+            "; ".join(_path(ds, n, load) for n, load in enumerate(loads)), "measured",
+        ),
     ]  # fmt: skip
+
+
+def _path(ds, n, load):
+    reached = ds.trained_error[:, 0, n] < REACHED
+    stress, aligned = (finite(ds[name][:, 0, n].where(reached)) for name in ("path_stress", "path_alignment"))
+    if not len(stress):
+        return f"{load:.0%}: none"
+    return f"{load:.0%}: {np.exp(np.median(stress)):.2f}, {np.median(aligned):+.2f}"
 
 
 def check(parameters, axes):
@@ -446,7 +512,9 @@ study = Study(
             trained_error="largest error of a response of the design",
             least_stress="least σ at Σσ² = N_b",
             largest_stress="largest σ",
-            length_variance="V_L of the design",
+            V_L="V_L of the design",
+            path_stress="mean ln σ within one spacing of the lines from source to targets, less that elsewhere",
+            path_alignment="Σ τ cos 2θ/Σ τ of the edges there, θ between edge and line",
             limit="least stress t at which a response deviates by 1 %, by its next order [k]",
             past_slope="relative deviation of the change at the least stress from its prediction",
         ),
@@ -457,9 +525,10 @@ study = Study(
         *numbers(("seed", "stage", "vertex", "axis"), places="coordinates", moves="motion per strain of the source"),
         *numbers(("seed", "pair", "place"), shown="source and targets: tail, head and image; −1 for none"),
         *numbers(("seed", "edge", "end"), "i4", edges="vertices at tail and head of each edge"),
-        *numbers(("seed", "axis", "axis_"), cell="cell vectors as rows"),
+        *numbers(("seed", "cell_vector", "axis"), cell="cell vectors as rows"),
         *outcomes(("seed",), status="outcome of the case"),
     ),
     figures={"capacity": capacity_figure, "responses": response_figure, "network": network_figure},
+    animations={"movie": movie},
     claims=claims,
 )

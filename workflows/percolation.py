@@ -1,8 +1,17 @@
-"""Random rest lengths: stressed edges, bulk modulus and C_B against their spread, by the cone program and by strain.
+"""Random rest lengths against their spread: stressed edges, moduli and structure in three states of the same network.
 
-Rest lengths of one network are the same random numbers for every spread, scaled.  The paper prints a spread of 0.3 for
-populations in which every edge is stressed and whose bulk modulus is about 10 % below the largest.  The cone program
-gives the configuration exactly at the transition; the protocol of the paper strains springs until their energy is 1e-4.
+The paper draws rest lengths from a normal distribution of mean 1 and standard deviation s = 0.3, "the largest with full
+rigidity percolation", sets V = N_v and prints a box of side √N_b too.  The box matters: its lengths have mean 1 in
+absolute units.  The states, each with the same random numbers for every spread, scaled:
+
+    transition  exactly at the transition, by the cone program.  It depends on the ratios of the lengths alone, so that
+                it is the same in both boxes.
+    box_N_v     recorded by the protocol of the paper in the box V = N_v: strain in steps of 0.01 until the energy is
+                1e-4, which ends slightly past the transition.
+    box_N_b     the same protocol in the box V = N_b.  The network is rigid there at γ = 0 already and is recorded far
+                past the transition; its stress σ = (|L| − ℓ)/|L| makes it a critical configuration, scaled to V = N_v.
+
+At s = 0 the transition is that of equal lengths, min V_L; the box V = N_b has nearly equal ones there, V_L = 5e-4.
 """
 
 import numpy as np
@@ -10,74 +19,109 @@ from matplotlib.figure import Figure
 
 from critflow import CriticalManifold, Status, critical_from_lengths, upper_bound, voronoi_network
 from critflow.generators.random_networks import check_voronoi
+from critflow.result import StudyError
 from critflow.workflow import Axis, Claim, Coordinate, Study, Variable, stable_rng
 from critflow.workflow.study import plural
 
 from .shared.checks import check_network
-from .shared.figures import legend_below, lettered, panels
+from .shared.figures import legend_below, lettered
 from .shared.measurements import coefficients, moduli_with_bounds, stressed_fraction
 from .shared.populations import random_lengths
 from .shared.power_laws import shown
-from .shared.reports import PAPER, series
-from .shared.strain_protocol import critical_by_strain
+from .shared.reports import PAPER, parameters, series
+from .shared.strain_protocol import critical_by_strain, critical_in_printed_box
+from .shared.structure import face_anisotropy, force_anisotropy, relative_variance
 from .shared.tables import bounded, numbers, outcomes
 
-MEASURED = ("solve_status", "stressed_fraction", "bulk", "bulk_error_bound", "C_B", "C_B_error_bound")
-NOT_COMPUTED = (Status.missing, *[np.nan] * 5)
+STATES = {
+    "transition": "at the transition, either box",
+    "box_N_v": "protocol of the paper, side $\\sqrt{N_v}$",
+    "box_N_b": "protocol of the paper, side $\\sqrt{N_b}$",
+}
+MEASURED = (
+    *("solve_status", "stressed_fraction", "B_0_part", "B_0_part_error_bound", "C_B", "C_B_error_bound"),
+    *("V_L", "V_tau", "kappa_phys", "kappa_force"),
+)
+NOT_COMPUTED = (Status.missing, *[np.nan] * (len(MEASURED) - 1))
+_SOLVE = {
+    "transition": lambda manifold, lengths: critical_from_lengths(manifold, lengths, throw=False),
+    "box_N_v": critical_by_strain,
+    "box_N_b": critical_in_printed_box,
+}
 
 
 def case(parameters, *, seed, n_vertices):
-    """Stressed edges and moduli of one network at every spread, by both methods."""
+    """Every state of one network at every spread; the states of the protocol of the first networks only."""
     manifold = CriticalManifold(voronoi_network(n_vertices, seed))
-    rows, strained = [], []
-    for spread in parameters["spreads"]:
-        lengths = random_lengths(stable_rng(seed, "percolation", str(n_vertices)), manifold.network.n_edges, spread)
-        rows.append(measured(manifold, critical_from_lengths(manifold, lengths, throw=False)))
-        protocol = seed < parameters["protocol_networks"]
-        strained.append(measured(manifold, critical_by_strain(manifold, lengths)) if protocol else NOT_COMPUTED)
-    return {
-        "status": Status.ok,
-        **{name: [row[n] for row in rows] for n, name in enumerate(MEASURED)},
-        **{f"strained_{name}": [row[n] for row in strained] for n, name in enumerate(MEASURED)},
-    }
+    table = [
+        [
+            _row(manifold, state, _lengths(manifold, seed, spread))
+            if state == "transition" or seed < parameters["protocol_networks"]
+            else NOT_COMPUTED
+            for spread in parameters["spreads"]
+        ]
+        for state in parameters["states"]
+    ]
+    columns = {name: [[row[n] for row in rows] for rows in table] for n, name in enumerate(MEASURED)}
+    return {"status": Status.ok, **columns}
 
 
-def measured(manifold, solution):
-    """`MEASURED` of the configuration of one set of rest lengths."""
+def _lengths(manifold, seed, spread):
+    """Rest lengths of one network, the same random numbers for every spread."""
+    network = manifold.network
+    return random_lengths(stable_rng(seed, "percolation", str(network.n_vertices)), network.n_edges, spread)
+
+
+def _row(manifold, state, lengths):
+    """`MEASURED` of one state."""
+    solution = _SOLVE[state](manifold, lengths)
     if solution.status not in (Status.ok, Status.slack_edges):
         return (solution.status, *NOT_COMPUTED[1:])
     critical = solution.value
-    bulk = moduli_with_bounds(critical)[:, 0] / upper_bound(manifold, "B_0")
+    part = moduli_with_bounds(critical)[:, 0] / upper_bound(manifold, "B_0")
     C_B = [values[2] for values in coefficients(critical)]
-    return solution.status, stressed_fraction(critical.sigma), *bulk, *C_B
+    shapes = [np.nanmean(anisotropy(critical)) for anisotropy in (face_anisotropy, force_anisotropy)]
+    variances = relative_variance(critical.lengths), relative_variance(critical.tensions)
+    return solution.status, stressed_fraction(critical.sigma), *part, *C_B, *variances, *shapes
 
 
 def check(parameters, axes):
-    """Refuse sizes without a network, before anything runs."""
+    """Refuse sizes without a network, and states that are not known, before anything runs."""
+    for state in parameters["states"]:
+        if state not in STATES:
+            raise StudyError(f"there is no state {state!r}: choose among {', '.join(STATES)}")
     for n_vertices in axes["n_vertices"]:
         check_network(check_voronoi, n_vertices)
 
 
 EACH = ("seed", "n_vertices")
-SPREAD = (*EACH, "spread")
+SPREAD = (*EACH, "state", "spread")
 
 
 # The spread that the paper prints as the largest with every edge stressed.
 PRINTED_SPREAD = 0.3
-# B_0 of random rest lengths over the largest: the "about 10 %" below it of the paper, with half of that as margin.
-PRINTED_BULK, BULK_TOLERANCE = 0.9, 0.05
+# How far max B_0 lies above random rest lengths [%], as printed, and half of the last digit.
+PRINTED_GAP, HALF_DIGIT = 10, 5
 _RESAMPLED = 500  # ensembles behind the interval of the power
 
 
-def curve(ds):
-    """Part of the networks with every edge stressed, mean part of slack edges and networks, (size, spread) each."""
-    stressed = ds.stressed_fraction.transpose("n_vertices", "spread", "seed")
-    return percolating(ds).mean("seed").values, 1 - stressed.mean("seed").values, stressed.count("seed").values
+def of_state(ds, state):
+    """The networks in which a state was computed."""
+    one = ds.sel(state=state)
+    computed = (one.solve_status != Status.missing).all(["spread", "n_vertices"])
+    return one.isel(seed=np.flatnonzero(computed.values))
 
 
-def percolating(ds):
+def curve(ds, state="transition"):
+    """Part of the networks with every edge stressed, (size, spread), and the number of networks."""
+    full = percolating(ds, state)
+    return full.mean("seed").values, full.sizes["seed"]
+
+
+def percolating(ds, state="transition"):
     """Whether every edge of a network is stressed, (size, spread, network)."""
-    full = (ds.solve_status == Status.ok).where(ds.stressed_fraction.notnull())
+    one = of_state(ds, state)
+    full = (one.stressed_fraction == 1.0).where(one.stressed_fraction.notnull())
     return full.transpose("n_vertices", "spread", "seed")
 
 
@@ -91,9 +135,16 @@ def half_point(spreads, full):
     return float(spreads[last] + part * (spreads[last + 1] - spreads[last]))
 
 
+def half_points(ds, state):
+    """The half point of each size."""
+    return np.array([half_point(ds.spread.values, row) for row in curve(ds, state)[0]])
+
+
 def threshold_interval(ds):
-    """The 95 % interval of this power when the networks are drawn again with repetition."""
+    """The 95 % interval of the power of the transition when the networks are drawn again with repetition."""
     full, spreads = percolating(ds).values, ds.spread.values
+    if not np.isfinite(threshold_power(ds.n_vertices.values, half_points(ds, "transition"))):
+        return np.nan, np.nan
     picks = stable_rng(full.shape[2], "threshold").integers(0, full.shape[2], (_RESAMPLED, full.shape[2]))
     powers = []
     for pick in picks:
@@ -110,151 +161,203 @@ def threshold_power(sizes, halves):
     return float(np.polyfit(np.log(sizes[known]), np.log(halves[known]), 1)[0])
 
 
+def readings(ds):
+    """Rows of the table: medians of the largest networks by state and spread, [%] where a part is meant."""
+    rows = []
+    for state in ds.state.values:
+        one = of_state(ds, state).isel(n_vertices=-1)
+        if one.sizes["seed"]:
+            for spread in ds.spread.values:
+                here = one.sel(spread=spread)
+                middle = here.median("seed")
+                rows.append({
+                    "state": str(state), "spread": float(spread), "networks": int(one.sizes["seed"]),
+                    "stressed": 100 * float(middle.stressed_fraction),
+                    "full": 100 * float((here.stressed_fraction == 1.0).mean()),
+                    "gap": 100 * float((1 / here.B_0_part - 1).median()),
+                    **{name: float(middle[name]) for name in ("V_L", "V_tau", "kappa_phys", "kappa_force", "C_B")},
+                })  # fmt: skip
+    return rows
+
+
+def summary(ds):
+    """The table of states and spreads at the largest size, and what the paper says of s = 0.3."""
+    return {
+        "n_vertices": int(ds.n_vertices.values[-1]),
+        "parameters": parameters(ds),
+        "printed": {"spread": PRINTED_SPREAD, "stressed": 100, "full": 100, "gap": PRINTED_GAP, "like": "min V_L"},
+        "readings": readings(ds),
+    }
+
+
 def percolation_figure(ds):
-    """Part of the networks with every edge stressed, and part of slack edges."""
-    figure = Figure(figsize=(11, 4.4), dpi=110, layout="constrained")
-    whole, edges = figure.subplots(1, 2)
-    full, slack, counts = curve(ds)
-    sizes, spreads = ds.n_vertices.values, ds.spread.values
-    halves = np.array([half_point(spreads, row) for row in full])
-    for row, (size, half) in enumerate(zip(sizes, halves, strict=True)):
-        style = {**series(row), "markersize": 4, "linewidth": 1.3}
-        label = f"$N_v$ = {size}" + (f":  $s_{{1/2}}$ = {half:.3f}" if np.isfinite(half) else "")
-        error = np.sqrt(np.maximum(full[row] * (1 - full[row]), 0.25 / counts[row]) / counts[row])
-        whole.fill_between(spreads, full[row] - error, full[row] + error, color=style["color"], alpha=0.12, linewidth=0)
-        whole.plot(spreads, full[row], label=label, **style)
-        edges.plot(spreads, np.where(slack[row] > 0, slack[row], np.nan), **style)
-    whole.axvline(PRINTED_SPREAD, color="0.3", linestyle="--", linewidth=1)
-    whole.text(PRINTED_SPREAD + 0.005, 0.97, "printed in\nthe paper", fontsize=8.5, va="top")
-    whole.set(xlabel="spread of rest lengths $s$", ylabel="networks with every edge stressed", ylim=(-0.03, 1.05))
-    edges.set(xlabel="spread of rest lengths $s$", ylabel="part of slack edges", yscale="log")
-    lines = whole.get_legend_handles_labels()
-    figure.legend(*lines, fontsize=9, frameon=False, loc="center right", bbox_to_anchor=(1, 0.4))
+    """Part of the networks with every edge stressed against the spread, by size, at the transition and in the box."""
+    figure = Figure(figsize=(10, 4.2), dpi=150, layout="constrained")
+    spreads, sizes = ds.spread.values, ds.n_vertices.values
+    shown = [(state, name) for state, name in STATES.items() if state != "box_N_v" and state in ds.state]
+    for axes, (state, name) in zip(np.atleast_1d(figure.subplots(1, len(shown), sharey=True)), shown, strict=True):
+        (full, n), halves = curve(ds, state), half_points(ds, state)
+        for row, (size, half) in enumerate(zip(sizes, halves, strict=True)):
+            style = {**series(row), "markersize": 4, "linewidth": 1.3}
+            label = f"$N_v$ = {size}" + (f":  $s_{{1/2}}$ = {half:.3f}" if np.isfinite(half) else "")
+            error = np.sqrt(np.maximum(full[row] * (1 - full[row]), 0.25 / n) / n)
+            axes.fill_between(
+                spreads, full[row] - error, full[row] + error, color=style["color"], alpha=0.12, linewidth=0
+            )
+            axes.plot(spreads, full[row], label=label, **style)
+        axes.axvline(PRINTED_SPREAD, color="0.3", linestyle=":", linewidth=1)
+        axes.text(PRINTED_SPREAD + 0.005, 1.04, "paper", fontsize=8.5, va="top")
+        axes.set(xlabel="spread of rest lengths $s$", ylim=(-0.03, 1.07), title=f"{name} ({plural(n, 'network')})")
+        axes.legend(fontsize=8.5, frameon=False, loc="upper right", bbox_to_anchor=(1, 0.95))
+    figure.axes[0].set_ylabel("networks with every edge stressed")
     lettered(*figure.axes)
-    figure.suptitle(
-        "Full percolation of stress is lost at ever smaller spreads of rest lengths as networks grow",
-        fontsize=11,
-    )
+    figure.suptitle("Every edge is stressed up to a spread that falls with the size, in both boxes", fontsize=11)
     return figure
 
 
-SPREAD_PANELS = {
-    "bulk": "$B_0$ / largest possible", "stressed_fraction": "part of stressed edges", "C_B": "$C_B$  [k]"
-}  # fmt: skip
+# Panels of the states: name of the variable, label, and what the paper says of it: a number, or the value at s = 0.
+PANELS = {
+    "stressed_fraction": ("part of stressed edges", 1.0, "all"),
+    "full": ("networks with every edge stressed", 1.0, "all"),
+    "gap": ("max $B_0$ above it  [%]", PRINTED_GAP, "about 10 %"),
+    "C_B": ("$C_B$  [k]", 0.0, "above 0"),
+    "V_L": ("$V_L$", None, "like min $V_L$"),
+    "V_tau": ("$V_\\tau$", None, "like min $V_L$"),
+    "kappa_phys": ("$\\langle\\kappa_{phys}\\rangle$", None, "like min $V_L$"),
+    "kappa_force": ("$\\langle\\kappa_{force}\\rangle$", None, "like min $V_L$"),
+}
 
 
-def of_largest(ds):
-    """The largest networks, those that were strained."""
-    large = ds.isel(n_vertices=int(ds.n_vertices.values.argmax()))
-    strained = large.strained_solve_status.isin([Status.missing]).all("spread")
-    return large.isel(seed=np.flatnonzero(~strained.values))
+def _panel(large, name):
+    """Values (spread, network) of a panel."""
+    if name == "gap":
+        return (100 * (1 / large.B_0_part - 1)).transpose("spread", "seed").values
+    if name == "full":
+        return (large.stressed_fraction == 1.0).transpose("spread", "seed").values.astype(float)
+    return large[name].transpose("spread", "seed").values
 
 
-def spread_figure(ds):
-    """B_0, stressed part and C_B against the spread, by the cone program and by the protocol of the paper."""
-    large, spreads = of_largest(ds), ds.spread.values
-    size, count = int(large.n_vertices), large.sizes["seed"]
-    figure, panels_ = panels(3, f"Random rest lengths by two methods: {count} networks, $N_v$ = {size:,}", height=3.9)
-    for axes, (name, label) in zip(panels_, SPREAD_PANELS.items(), strict=True):
-        for n, (prefix, method) in enumerate((("", "cone program"), ("strained_", "strain protocol of the paper"))):
-            values = large[prefix + name].transpose("spread", "seed").values
+def states_figure(ds):
+    """Eight measures of the largest networks against the spread, in each state, with the sentences of the paper."""
+    figure = Figure(figsize=(12.5, 6.6), dpi=150, layout="constrained")
+    panels, spreads = figure.subplots(2, 4).ravel(), ds.spread.values
+    shown = [state for state in STATES if state in ds.state and of_state(ds, state).sizes["seed"]]
+    for axes, (name, (label, printed, words)) in zip(panels, PANELS.items(), strict=True):
+        for n, state in enumerate(shown):
+            values = _panel(of_state(ds, state).isel(n_vertices=-1), name)
             known = np.isfinite(values).any(axis=1)
             low, middle, high = np.nanquantile(values[known], (0.1, 0.5, 0.9), axis=1)
-            style = {**series(n), "markersize": 4, "linewidth": 1.3, "linestyle": ("-", "--")[n]}
-            axes.plot(spreads[known], middle, label=method, **style)
-            axes.fill_between(spreads[known], low, high, color=style["color"], alpha=0.15, linewidth=0)
+            style = {**series(n), "markersize": 3.5, "linewidth": 1.3}
+            line = values.mean(axis=1) if name == "full" else middle
+            axes.plot(spreads[known], line, label=STATES[state], **style)
+            if name != "full":
+                axes.fill_between(spreads[known], low, high, color=style["color"], alpha=0.13, linewidth=0)
+        if printed is None:
+            first = _panel(of_state(ds, shown[0]).isel(n_vertices=-1), name)[0]
+            printed = float(np.nanmedian(first)) if spreads[0] == 0 else np.nan
+        axes.axhline(printed, color="0.3", linestyle="--", linewidth=1)
         axes.axvline(PRINTED_SPREAD, color="0.3", linestyle=":", linewidth=1)
-        axes.set(xlabel="spread of rest lengths $s$", ylabel=label, xlim=(0, spreads.max()))
-    left, middle, right = panels_
-    left.axhline(PRINTED_BULK, color="0.3", linestyle=":", linewidth=1)
-    left.text(0.98, PRINTED_BULK + 0.01, "paper: 0.9", fontsize=8.5, ha="right", transform=left.get_yaxis_transform())
-    left.text(PRINTED_SPREAD + 0.01, 0.02, "paper: $s$ = 0.3", fontsize=8.5, transform=left.get_xaxis_transform())
-    left.set_ylim(0, 1)
-    right.axhline(0, color="0.6", linewidth=0.8)
-    lettered(*panels_)
-    legend_below(figure, left, ncols=2)
+        axes.set(xlabel="spread of rest lengths $s$", xlim=(0, spreads.max()), title=f"paper: {words}")
+        axes.set_ylabel(label)
+    for axes in (panels[2], panels[5]):
+        axes.set_yscale("log")
+    lettered(*panels)
+    legend_below(figure, panels[0], ncols=3)
+    figure.suptitle(_finding(ds), fontsize=11)
     return figure
+
+
+def _finding(ds):
+    """What the states differ in at the printed spread, as a title."""
+    rows = {row["state"]: row for row in readings(ds) if abs(row["spread"] - PRINTED_SPREAD) < 1e-9}
+    if not {"transition", "box_N_b"} <= rows.keys():
+        return "Random rest lengths: the box and the state that is recorded matter"
+    there, printed = rows["transition"], rows["box_N_b"]
+    return (
+        f"Random rest lengths of spread $s$ = {PRINTED_SPREAD}: the box of side $\\sqrt{{N_b}}$ stresses "
+        f"{printed['stressed']:.1f} % of the edges and leaves a gap of {printed['gap']:.0f} %, the exact transition "
+        f"{there['stressed']:.1f} % and {there['gap']:.0f} %\n"
+        f"({printed['networks']} networks of {int(ds.n_vertices.values[-1]):,} vertices; medians, bands of 80 %; "
+        "dashed: what the paper says, dotted: its spread)"
+    )
 
 
 def claims(ds):
-    """The bulk modulus and the stressed part at the printed spread, and the largest spread with every edge stressed."""
-    yield from printed_claims(ds)
-    sizes = ds.n_vertices.values
-    halves = np.array([half_point(ds.spread.values, row) for row in curve(ds)[0]])
-    text = ", ".join(f"s = {half:.3f} at N_v = {size}" for half, size in zip(halves, sizes, strict=True))
-    yield Claim.tested(
-        "percolation-threshold", "every edge is stressed up to a spread of rest lengths of 0.3",
-        f"s = {PRINTED_SPREAD}", f"half of the networks lose it at {text}", halves[-1] >= PRINTED_SPREAD,
-        "the text describes full percolation, which ends far below the spread it prints",
-        criterion=f"half of the largest networks percolate at {PRINTED_SPREAD}", kind="paper",
+    """Where stress ceases to percolate, by size, and the states of the printed spread.
+
+    The statements of the paper on this spread are those of the study `ensemble`.
+    """
+    sizes, rows = ds.n_vertices.values, readings(ds)
+    n = f"{plural(ds.sizes['seed'], 'network')} a size"
+    yield Claim(
+        "percolation-threshold", "the spread of rest lengths at which half of the networks have slack edges", "",
+        f"{_by_size(sizes, half_points(ds, 'transition'))} at the transition", "measured", sample=n,
+    )  # fmt: skip
+    power = shown((threshold_power(sizes, half_points(ds, "transition")), *threshold_interval(ds)))
+    yield Claim("percolation-size", "its power of the size, at the transition", "", power, "measured", sample=n)
+    at = {row["state"]: row for row in rows if abs(row["spread"] - PRINTED_SPREAD) < 1e-9}
+    box = at.get("box_N_b")
+    if box is None:
+        return
+    networks = f"{plural(box['networks'], 'network')}, N_v = {int(sizes[-1])}"
+    close = [r["spread"] for r in rows if r["state"] == "box_N_b" and abs(r["gap"] - PRINTED_GAP) <= HALF_DIGIT]
+    agreeing = f"; within {HALF_DIGIT} points of {PRINTED_GAP} % at s = " + ", ".join(f"{s:g}" for s in close)
+    yield Claim(
+        "percolation-gap", f"how far max B_0 lies above random rest lengths of spread {PRINTED_SPREAD:g}", "",
+        _listed(at, "gap") + (agreeing if close else ""), "measured", sample=networks,
     )  # fmt: skip
     yield Claim(
-        "percolation-size", "how full percolation depends on size", "not stated",
-        "the spread at which half of the networks lose it changes as N_v^p, p = "
-        + shown((threshold_power(sizes, halves), *threshold_interval(ds))), "measured",
-        sample=f"{plural(ds.sizes['seed'], 'network')} a size",
+        "percolation-stressed", f"stressed edges at spread {PRINTED_SPREAD:g}", "",
+        f"{_listed(at, 'stressed')} of the edges, {_listed(at, 'full')} of the networks; in the box of side √N_b half "
+        f"of the networks lose it at {_by_size(sizes, half_points(ds, 'box_N_b'))}", "measured", sample=networks,
     )  # fmt: skip
 
 
-def printed_claims(ds):
-    """What the paper says of its printed spread, by both methods, and the spread at which the bulk modulus agrees."""
-    large, sample = of_largest(ds), of_largest(ds).sizes["seed"]
-    size, spreads = int(large.n_vertices), ds.spread.values
-    found = {
-        name: large[name].median("seed").values for name in ("bulk", "strained_bulk", "strained_stressed_fraction")
-    }
-    at = int(np.argmin(np.abs(spreads - PRINTED_SPREAD)))
-    below = found["bulk"] < PRINTED_BULK - BULK_TOLERANCE
-    agreeing = (spreads[: int(np.argmax(below))] if below.any() else spreads).max(initial=0.0)
-    networks = f"{plural(sample, 'network')}, N_v = {size}"
-    yield Claim.tested(
-        "percolation-bulk", "at a spread of 0.3 B_0 is about 10 % below its largest value", f"{PRINTED_BULK}",
-        f"cone program {found['bulk'][at]:.2f}, strain protocol {found['strained_bulk'][at]:.2f}; within "
-        f"{BULK_TOLERANCE} of {PRINTED_BULK} up to s = {agreeing:g}",
-        abs(found["strained_bulk"][at] - PRINTED_BULK) <= BULK_TOLERANCE,
-        "both methods agree, so that the value belongs to a narrower spread than the one printed",
-        criterion=f"median by the protocol of the paper within {BULK_TOLERANCE}", sample=networks, kind="paper",
-    )  # fmt: skip
-    stressed = found["strained_stressed_fraction"][at]
-    yield Claim.tested(
-        "percolation-protocol", "the strain protocol of the paper stresses every edge at a spread of 0.3", "all edges",
-        f"{100 * stressed:.1f} % of the edges", stressed == 1,
-        "the other edges are slack at the transition and slightly compressed where the protocol stops",
-        criterion="every edge of the median network", sample=networks, kind="paper",
-    )  # fmt: skip
+def _by_size(sizes, halves):
+    return ", ".join(f"s = {half:.3f} (N_v = {size})" for half, size in zip(halves, sizes, strict=True))
+
+
+def _listed(at, name):
+    words = {"box_N_b": "side √N_b", "box_N_v": "side √N_v", "transition": "at the transition"}
+    return ", ".join(f"{word} {at[state][name]:.3g} %" for state, word in words.items() if state in at)
 
 
 study = Study(
     name="percolation",
-    title="Percolation of stress against the spread of the rest lengths and the size of the network",
+    version=2,
+    title="Random rest lengths against their spread, by box, state and size of the network",
     references=PAPER,
     axes=(
         Axis("seed", range(80), "seed of the network", noun="network"),
         Axis("n_vertices", (50, 100, 200, 400, 1000), "number of vertices", key="n_vertices"),
     ),
     parameters={
-        "protocol_networks": 20,
+        "protocol_networks": 24,
+        "states": tuple(STATES),
         "spreads": (0.0, 0.02, 0.04, 0.06, 0.08, 0.1, 0.12, 0.14, 0.16, 0.18, 0.2, 0.25, 0.3, 0.4, 0.5),
     },
-    coordinates=(Coordinate("spread", "spreads", "spread s of the rest lengths"),),
+    coordinates=(
+        Coordinate("state", "states", "state of the network: at the transition, or recorded in a box by the protocol"),
+        Coordinate("spread", "spreads", "spread s of the rest lengths"),
+    ),
     case=case,
     check=check,
     variables=(
+        *numbers(SPREAD, stressed_fraction="part of the edges under tension"),
+        *bounded(
+            SPREAD, B_0_part="B_0 over the largest possible on the network", C_B="exact C_B of the stressed part [k]"
+        ),
         *numbers(
             SPREAD,
-            stressed_fraction="part of the edges under tension",
-            strained_stressed_fraction="part of the edges under tension by the strain protocol",
+            V_L="variance of the lengths over their squared mean",
+            V_tau="variance of the tensions over their squared mean",
+            kappa_phys="mean shape anisotropy of the faces",
+            kappa_force="mean shape anisotropy of the force triangles",
         ),
-        *bounded(
-            SPREAD,
-            bulk="B_0 over the largest possible on the network",
-            C_B="C_B of the stressed part [k]",
-            strained_bulk="B_0 by the strain protocol, over the largest possible",
-            strained_C_B="C_B by the strain protocol [k]",
-        ),
-        *outcomes(SPREAD, solve_status="outcome by spread", strained_solve_status="outcome of the strain protocol"),
+        *outcomes(SPREAD, solve_status="outcome by state and spread; missing where it was not computed"),
         Variable("status", EACH, "i1", long_name="whether the case was computed", flags=Status),
     ),
-    figures={"percolation": percolation_figure, "spread": spread_figure},
+    figures={"percolation": percolation_figure, "states": states_figure},
     claims=claims,
+    summary=summary,
 )

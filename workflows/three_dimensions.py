@@ -1,34 +1,34 @@
 """Six populations of critical configurations of networks in three dimensions, strained past the transition.
 
-The study tests which findings of the paper on planar populations (`ResponseMetrics`) are valid for periodic Voronoi
-networks in three dimensions, where four edges meet at every vertex.  Equal lengths often leave edges slack, so that the
+The study measures for periodic Voronoi networks in three dimensions, where four edges meet at every vertex, what the
+paper has on planar populations (`ResponseMetrics`).  Equal lengths often leave edges slack, so that the
 least length variance is not attained; the population then contains the configuration of the cone program, with equal
 lengths on all stressed edges.  The least tension variance is not attained either, because edges shrink to zero length:
 the stored configuration is a near one, with edges of a hundredth of the mean length.
 """
 
 import numpy as np
-from matplotlib.figure import Figure
 
 from critflow import foam_network
-from critflow.figures.plot import draw_in_depth, unit_pressure_tensions
+from critflow.figures.plot import COLOURS
 from critflow.generators.random_networks import FOAM_HARD_CORE, check_foam
 from critflow.paths.strain_path import check_strains
-from critflow.workflow import Axis, Coordinate, Study, decimals
+from critflow.workflow import Axis, Claim, Coordinate, Study, decimals
+from critflow.workflow.study import plural
 
-from .shared.checks import check_network, check_positive
-from .shared.figures import violins
-from .shared.measurements import DRAWN, identified, measured, table, verify
-from .shared.population_reports import population_claims, summary
-from .shared.populations import LABELS, MEANING, PAPER_POPULATIONS, configuration, prepared
-from .shared.reports import PAPER
+from .shared.checks import check_fit, check_network, check_positive
+from .shared.figures import counted, lettered, page
+from .shared.measurements import identified, measured, table, verify
+from .shared.population_reports import described, of, summary
+from .shared.populations import LABELS, MEANING, NAMES, PAPER_POPULATIONS, POPULATION_LABELS, configuration, prepared
+from .shared.reports import PAPER, parameters
 
 
 def case(parameters, *, seed, population, wanted):
     """A critical configuration, and its moduli at the transition and along the strain path."""
     manifold = prepared(foam_network, parameters["n_vertices"], seed, parameters["hard_core"])
     # The least length variance of most foams is not attained: its limit is the optimum of the cone program.
-    method = "conic" if population == "length_variance" else "auto"
+    method = "conic" if population == "min_V_L" else "auto"
     found = configuration(manifold, parameters, seed, population, method)
     if not np.isfinite(found.value.coordinates).all():
         return identified(manifold.network, found)
@@ -39,80 +39,96 @@ def check(parameters, axes):
     """Refuse settings that could only fail, before anything runs."""
     check_strains(parameters["strains"])
     check_positive(parameters, "threshold", "spread", "hard_core", "fit_window")
+    check_fit(parameters)
     check_network(check_foam, parameters["n_vertices"], parameters["hard_core"])
 
 
 PANELS = {
-    "bulk_modulus_0": "bulk modulus $B_0$  [$k$ / length]",
-    "C_B_exact": "its growth with strain $C_B$  [$k$ / length]",
-    "shear_modulus_0": "shear modulus $G_0$  [$k$ / length]",
-    "C_G_stress_corrected_exact": "its growth $C_G$, stress-corrected  [$k$ / length]",
+    "B_0": "bulk modulus $B_0$  [k / length]",
+    "C_B": "its growth $C_B$  [k / length]",
+    "G_0": "shear modulus $G_0$  [k / length]",
+    "C_G_stress_corrected": "its growth $C_G$, stress-corrected",
 }
-LEAST_SHOWN = 1e-8
+# Up to this size growths have a linear axis, and larger ones a logarithmic one.
+LINEAR = 0.3
+# A shear modulus below is zero to rounding.
+VANISHING = 1e-7
 
 
 def response_figure(ds):
-    """`ResponseMetrics` in three dimensions: two networks in projection, moduli and their growth."""
-    figure = Figure(figsize=(12.5, 8.0), dpi=110, layout="constrained")
-    figure.suptitle("Critical networks in three dimensions", fontsize=13)
-    left, right = figure.subfigures(1, 2, width_ratios=(1, 2.15))
-    seed = int(ds.seed[0])
-    for axes, population in zip(left.subplots(2, 1), ("bulk_modulus", "shear_modulus"), strict=True):
-        one = ds.sel(seed=seed)
-        if population in ds.population and np.isfinite(one.sel(population=population).sigma).all():
-            _draw(axes, one.sel(population=population))
-            axes.set_title(f"{LABELS[population]}, {ds.sizes['vertex']} vertices", fontsize=10)
-        axes.set_axis_off()
+    """Moduli at the transition and their growth, of every population: a point a network."""
+    figure = page(
+        5.0,
+        "In space too the stiffest networks soften, and max $G_0$ alone resists shear\n"
+        f"({counted(ds)} of {ds.sizes['vertex']} vertices where four edges meet; bars: medians; random ℓ: "
+        f"s = {parameters(ds)['spread']:g})",
+    )
     names = [str(name) for name in ds.population.values]
-    for axes, letter, (name, label) in zip(right.subplots(2, 2).flat, "ABCD", PANELS.items(), strict=True):
+    shown = [LABELS[name].replace("random", "rand.").replace(" ", "\n", 1) for name in names]
+    panels = figure.subplots(2, 2, sharex=True)
+    for axes, (name, label) in zip(panels.flat, PANELS.items(), strict=True):
         values = ds[name].transpose("population", "seed").values
-        if name.startswith("C_"):
-            axes.axhline(0.0, color="#C00000", linewidth=1.0, zorder=0)
-            values = _without_outliers(axes, values)
-        # A shear modulus that vanishes to rounding has no place on a logarithmic axis.
-        values = np.maximum(values, LEAST_SHOWN) if name == "shear_modulus_0" else values
-        shown = [LABELS[name].replace("random ", "random\n") for name in names]
-        violins(axes, list(values), shown, log=name == "shear_modulus_0")
-        axes.set_ylabel(label, fontsize=10)
-        axes.set_title(letter, loc="left", fontweight="bold", fontsize=12)
-    figure.supxlabel(
-        f"{ds.sizes['seed']} networks. Dark, wide edges carry the most tension and far ones fade. Red lines: no change "
-        "with strain. $G_0$: shear of $x$ and $y$; below "
-        f"{LEAST_SHOWN:g} drawn there.\nmin $V_L$: equal lengths on all stressed edges. min $V_\\tau$ is not attained: "
-        "values of near configurations. ↑: values beyond the axis.",
-        fontsize=8.5, color="0.25",
-    )  # fmt: skip
+        _draw_points(axes, values)
+        if name == "G_0":
+            axes.set_yscale("log")
+            _draw_vanishing(axes, values)
+        elif name.startswith("C_"):
+            axes.axhline(0.0, color="0.4", linewidth=0.8, zorder=0)
+            if np.nanmax(np.abs(values)) > 3 * LINEAR:
+                axes.set_yscale("symlog", linthresh=LINEAR, linscale=2)
+                axes.set_yticks([tick for tick in (-0.3, -0.1, 0, 0.1, 0.3, 1, 3) if tick >= np.nanmin(values) - 0.1])
+                axes.yaxis.set_major_formatter("{x:g}")
+        else:
+            axes.set_ylim(0, None)
+        axes.set(ylabel=label)
+        axes.set_xticks(range(len(names)), shown)
+    lettered(*panels.flat)
     return figure
 
 
-def _without_outliers(axes, values):
-    """Set the axis to all but extreme values (populations, networks), which are left out and marked by an arrow."""
-    finite = values[np.isfinite(values)]
-    low, high = np.quantile(finite, (0.02, 0.98)) if len(finite) else (0.0, 1.0)
-    high, low = high + 0.25 * (high - low), low - 0.25 * (high - low)
-    inside = ~((values > high) | (values < low))
-    for place, outside in enumerate((~inside).sum(axis=1)):
-        if outside:
-            most = values[place][np.nanargmax(np.abs(values[place]))]
-            axes.text(
-                place, 0.98, f"↑ one: {most:.2g}" if outside == 1 and most > high else f"{outside} outside",
-                transform=axes.get_xaxis_transform(), ha="center", va="top", fontsize=8, color="0.25",
+def _draw_points(axes, values):
+    """Every finite value (populations, networks) as a point, and medians."""
+    for place, row in enumerate(values):
+        known = row[np.isfinite(row)]
+        shift = 0.5 * (np.arange(len(known)) * 0.618 % 1 - 0.5)
+        colour = COLOURS[place % len(COLOURS)]
+        axes.plot(place + shift, known, "o", color=colour, markersize=3, alpha=0.6, markeredgewidth=0)
+        if len(known):
+            axes.plot([place - 0.35, place + 0.35], [np.median(known)] * 2, color=colour, linewidth=2)
+
+
+def _draw_vanishing(axes, values):
+    """Numbers of values that are zero to rounding, which have no place on a logarithmic axis."""
+    for place, row in enumerate(values):
+        if n_vanishing := int(np.sum(row < VANISHING)):
+            axes.annotate(
+                f"{n_vanishing} at 0", (place, 0), (0, 12), xycoords=axes.get_xaxis_transform(), ha="center",
+                textcoords="offset points", fontsize=9, arrowprops={"arrowstyle": "->", "color": "0.3"},
             )  # fmt: skip
-    axes.set_ylim(low, high)
-    # Values that are not finite are counted below the label; outliers are marked above.
-    return [group[keep] for group, keep in zip(values, inside, strict=True)]
+    axes.set_ylim(VANISHING, None)
 
 
-def _draw(axes, one):
-    tensions = unit_pressure_tensions(one.sigma.values, one.length.values, float(abs(np.linalg.det(one.cell.values))))
-    draw_in_depth(axes, one.edges.values, one.offsets.values, one.cell.values, one.coordinates.values, tensions)
+MEASURED = {
+    "B_0": "B_0 [k / length]",
+    "C_B": "C_B [k / length]",
+    "G_0": "G_0 of shear of x and y [k / length]",
+    "C_G": "C_G, energy convention [k / length]",
+    "C_G_stress_corrected": "C_G, stress-corrected [k / length]",
+    "V_L": "V_L",
+    "V_tau": "V_τ",
+    "stressed_fraction": "part of the edges under tension",
+}
 
 
 def claims(ds):
-    """The statements of the paper on planar networks, tested in three dimensions if all populations were run."""
-    if not set(PAPER_POPULATIONS) <= {str(name) for name in ds.population.values}:
-        return []
-    return list(population_claims(ds, "ours"))
+    """Measured values of every population: the paper has no statement on three dimensions."""
+    for name, words in MEASURED.items():
+        values = {p: of(ds, name, p) for p in map(str, ds.population.values)}
+        text = "; ".join(f"{NAMES[p]} {described(known)}" for p, known in values.items() if len(known))
+        yield Claim(
+            f"three-dimensions-{name}", f"{words}, median and range of 90 %", "", text or "undefined", "measured",
+            sample=f"{plural(ds.sizes['seed'], 'network')} of each population",
+        )  # fmt: skip
 
 
 study = Study(
@@ -122,7 +138,7 @@ study = Study(
     references=f"{PAPER}, whose networks are planar",
     axes=(
         Axis("seed", range(20), "seed of the network", noun="network"),
-        Axis("population", PAPER_POPULATIONS, MEANING),
+        Axis("population", PAPER_POPULATIONS, MEANING, labels=POPULATION_LABELS),
     ),
     parameters={
         "n_vertices": 400,
@@ -138,8 +154,8 @@ study = Study(
     variables=tuple(table(planar=False)),
     figures={"response": response_figure},
     needs={
-        "response": (*DRAWN, *PANELS),
-        "claims": (*PANELS, "C_G_exact", "C_B", "length_variance", "tension_variance", "stressed_fraction"),
+        "response": tuple(PANELS),
+        "claims": tuple(MEASURED),
         "summary": ("max_force",),
     },
     claims=claims,

@@ -29,6 +29,8 @@ from critflow.result import InputError, Record, Solution, Stats, Status
 # Unbalanced forces below this, relative to the mean tension, are those of a self-stress: configurations from σ leave
 # 1e-15, coordinates of eight digits 1e-8.
 BALANCED = 1e-8
+# Part of the size of a network within which pins lie on one point or line.
+_COINCIDENT = 1e-6
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -126,6 +128,16 @@ def rigidity(
     near = value.largest_zero if value.largest_zero > ITERATION_ERROR else value.smallest_nonzero
     note = "" if status is Status.ok else rounding_note(x, length, near) or doubt
     return Solution(value, status, Stats("counts", 1, residual=value.largest_zero), note)
+
+
+def n_rotations(network: Network, coordinates: Array) -> int:
+    """Rotations that keep all fixed vertices in place; the cell keeps a periodic network from rotating."""
+    pins = np.array(list(network.pins.values()))
+    if not len(pins) or network.offsets.any():
+        return 0
+    size = np.ptp(coordinates, axis=0).max()
+    across = network.dimension - int(np.linalg.matrix_rank(pins - pins[0], tol=_COINCIDENT * size))
+    return across * (across - 1) // 2
 
 
 def _rigidity_of_taut(

@@ -20,11 +20,24 @@ import typer
 
 from critflow.command.subcommands import Subcommands
 from critflow.result import CritflowError, EnvironmentFailure, InputError, IntegrityError
-from critflow.workflow.folder import DONE, FAILED, MISSING, Folder, LockedError, Part, reason_lines
+from critflow.workflow.claim import KINDS, MEANING, verdict_sentence
+from critflow.workflow.code import code_version
+from critflow.workflow.folder import (
+    CHANGED,
+    DAMAGED,
+    DONE,
+    FAILED,
+    MISSING,
+    OTHER,
+    Folder,
+    LockedError,
+    Part,
+    reason_lines,
+)
 from critflow.workflow.load import StudyFile, load_study, named_studies
 from critflow.workflow.plan import Selection, select, spelled
-from critflow.workflow.provenance import code_version, timestamp
-from critflow.workflow.study import KINDS, plural, tally
+from critflow.workflow.provenance import timestamp
+from critflow.workflow.study import Study, plural
 from critflow.workflow.tasks import HOUR, Interrupted
 
 if TYPE_CHECKING:
@@ -136,37 +149,49 @@ def run(
         str, typer.Option(metavar="I/N", help="Compute one of N parts in one folder; the last writes the dataset.")
     ] = "",
     retry_failed: Annotated[bool, typer.Option("--retry-failed", help="Compute failed cases again.")] = False,
+    recompute: Annotated[
+        bool | None,
+        typer.Option("--recompute/--keep", help="Compute stored cases of other code again, or keep and label them."),
+    ] = None,
     dry_run: Annotated[bool, typer.Option("--dry-run", help="Print the plan and write nothing.")] = False,
 ) -> int:
     """Compute the missing cases of a study, then write its dataset, figures and claims.
 
     `critflow list NAME` prints the settings of a study.
 
-    Its many parameters are the options of the command.
-    """
+    Its many parameters are the options of the command."""
     from critflow.workflow.run import plan_run, run_study
     from critflow.workflow.workers import Workers
 
-    if out is not None and not (out.strip() and out.isprintable()):
-        raise InputError("--out must be a non-empty path")
+    _check_out(out)
     timestamp()  # an invalid SOURCE_DATE_EPOCH is refused before the computation
     loaded = load_study(study)
-    if (scheduler or cluster) and workers is not None:
-        raise InputError("--workers counts local processes: leave it out with --scheduler or --cluster")
-    if (scheduler or cluster) and loaded.study.workers is not None:
-        raise InputError(f"study {study!r} measures time and cannot run on a cluster")
+    if scheduler or cluster:
+        _check_remote(loaded.study, workers)
     count = loaded.study.worker_count(workers, os.cpu_count() or 1)
     place = Workers(count, scheduler, cluster, jobs, insecure, time_limit, memory_limit)
     requested = select(loaded.study, settings)
     folder = Folder(Path(out or f"results/{loaded.study.name}"), Part.of(part))
     folder.check_owner(loaded)
+    other = "refuse" if recompute is None else "recompute" if recompute else "keep"
     if dry_run:
-        return _print_plan(loaded, requested, folder, plan_run(folder, requested, retry_failed))
-    # For `history`: no folder and no address of this machine.
+        return _print_plan(loaded, requested, folder, plan_run(folder, requested, retry_failed, other))
     words = ["critflow", "run", Path(study).name, *(f"--set={word}" for word in settings)]
-    origin = _origin(f"{shlex.join(words)} (in {place.place})")
-    result = run_study(loaded, requested, folder, place, origin, retry_failed=retry_failed)
+    origin = _origin(f"{shlex.join(words)} (in {place.place})")  # no folder and no address of this machine
+    result = run_study(loaded, requested, folder, place, origin, retry_failed=retry_failed, other=other)
     return _print_result(requested, folder, result)
+
+
+def _check_remote(study: Study, workers: int | None) -> None:
+    if workers is not None:
+        raise InputError("--workers counts local processes: leave it out with --scheduler or --cluster")
+    if study.workers is not None:
+        raise InputError(f"study {study.name!r} measures time and cannot run on a cluster")
+
+
+def _check_out(out: str | None) -> None:
+    if out is not None and not (out.strip() and out.isprintable()):
+        raise InputError("--out must be a non-empty path")
 
 
 def _origin(command: str) -> dict[str, str]:
@@ -191,6 +216,9 @@ def _print_result(requested: Selection, folder: Folder, result: RunResult) -> in
     for message in result.messages:
         _warn(message)
     _print_report(folder, result.report)
+    if not result.failed:
+        print("The dataset is complete.")
+    _print_verdicts(requested.study, folder, result.report)
     if not result.failed:
         return 0
     for case_id, reason in list(result.failed.items())[:_MOST_FAILURES]:
@@ -242,10 +270,11 @@ def status(
     results = Folder(folder)
     note, (_, selection) = results.read_note(), results.selection()
     states, code = results.states(selection), code_version(selection.study)
-    counts = {name: sum(state == name for _, state, _ in states) for name in (DONE, FAILED, MISSING)}
+    counts = {name: sum(one.state == name for one in states) for name in (DONE, FAILED, MISSING)}
+    counts |= {name: n for name in (OTHER, CHANGED, DAMAGED) if (n := sum(one.state == name for one in states))}
     messages = []
     if note.code != code:
-        messages.append(f"the last run used other code: {note.code}, now {code}; its cases are kept")
+        messages.append(f"the last run used other code: {note.code}, now {code}: --recompute or --keep its cases")
     if note.table != selection.study.table_digest:
         messages.append("the table of variables has changed: the next run computes all cases again")
     if as_json:
@@ -257,9 +286,9 @@ def status(
             "axes": {name: list(values) for name, values in selection.axes.items()},
             "total": counts,
             "to_compute": [
-                {"id": case.id, **case.values, "state": state, "reason": reason}
-                for case, state, reason in states
-                if state != DONE
+                {"id": one.case.id, **one.case.values, "state": one.state, "reason": one.reason}
+                for one in states
+                if one.state != DONE
             ],
             "messages": messages,
         }
@@ -272,19 +301,24 @@ def status(
 
 
 @app.command()
-def verify(folder: FolderArgument) -> int:
-    """Read every byte of a folder's cases and dataset, and recompute the physics from the stored arrays."""
+def verify(
+    folder: FolderArgument,
+    sample: Annotated[int, typer.Option(min=0, metavar="N", help="Cases that are computed again.")] = 3,
+) -> int:
+    """Read every byte of a folder, recompute the physics from the stored arrays, and a sample of the cases."""
     from critflow.workflow.verify import verify_folder
 
     results = Folder(folder)
-    stored, problems, recomputed = verify_folder(results)
-    for problem in problems:
+    found = verify_folder(results, sample)
+    for problem in found.problems:
         _warn(problem)
-    if problems:
-        count = plural(len(problems), "problem")
+    if found.problems:
+        count = plural(len(found.problems), "problem")
         return _fail(f"{count} in {results.path}: run the study again to correct them", INTEGRITY)
-    physics = ", and their physics was recomputed" if recomputed else "; the study recomputes no physics"
-    print(f"{results.path}: {stored} stored cases agree with the dataset to the last byte{physics}")
+    physics = ", and the physics in it was recomputed" if found.physics else "; the study recomputes no physics in it"
+    print(f"{results.path}: {found.stored} stored cases agree with the dataset to the last byte{physics}")
+    which = "; ".join(", ".join(f"{k} {v}" for k, v in case.values.items()) for case in found.sample)
+    print(f"{results.path}: {plural(len(found.sample), 'case')} computed again with the same result: {which or '-'}")
     return 0
 
 
@@ -301,7 +335,9 @@ def figures(
     _, selection = results.selection()
     if not results.dataset(selection.study.name).exists():
         _warn(write_partial_dataset(results, _origin("critflow figures")))
-    _print_report(results, write_report(selection.study, results, format))
+    report = write_report(selection.study, results, format)
+    _print_report(results, report)
+    _print_verdicts(selection.study, results, report)
 
 
 @app.command()
@@ -312,7 +348,7 @@ def show(
         Path | None, typer.Option(metavar="PNG", help="Figure to write; by default named after the case, next to FILE.")
     ] = None,
 ) -> None:
-    """Draw one configuration of a dataset, chosen by its labels, and print its certificate."""
+    """Print what a dataset is, or draw one configuration of it, chosen by --set, and print its certificate."""
     from critflow.command.show import show_configuration
     from critflow.figures.drawing import require_picture
     from critflow.workflow.dataset import opened_dataset
@@ -323,6 +359,9 @@ def show(
     if out is not None:
         require_picture(out)
     with opened_dataset(file) as dataset:
+        if not settings and out is None:
+            print(dataset.attrs["summary"])
+            return
         case = choose_case(dataset, settings)
         print(show_configuration(case, out or file.parent / f"{case_title(case)}.png"))
 
@@ -332,6 +371,15 @@ def _print_report(folder: Folder, report: Report) -> None:
         print(f"{folder.path}: {', '.join(report.written)}")
     if report.left_out:
         print(f"{folder.path}: not made, because the run does not store their variables: {', '.join(report.left_out)}")
-    if report.claims:
-        counts = [f"{KINDS[kind]}: {count}" for kind, count in tally(report.claims).items()]
-        print(f"{folder.path / 'claims.md'}: {'; '.join(counts) or 'nothing was tested'}")
+
+
+def _print_verdicts(study: Study, folder: Folder, report: Report) -> None:
+    """The verdicts of a report in words, and those of the committed run of the study."""
+    if not report.claims:
+        return
+    link = f": see {folder.path / 'claims.md'}"
+    texts = [text for kind in KINDS if (text := verdict_sentence(report.claims, kind, link))]
+    for text in texts or [f"Measured values, without a verdict{link}."]:
+        print(text)
+    if verdict_sentence(report.claims, "paper", ""):
+        print(f"{MEANING} {study.committed}".rstrip())

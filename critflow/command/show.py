@@ -26,7 +26,7 @@ def show_configuration(case: xr.Dataset, path: Path) -> str:
     if outcome in (Status.failed, Status.missing):
         raise InputError(f"{case_title(case)} has no configuration: {outcome.message}")
     arrays: dict[str, Any] = stored_configuration(case)
-    sigma, x = arrays["sigma"], arrays["coordinates"]
+    sigma, x = arrays["sigma"], arrays["position"]
     if sigma is None or not np.isfinite(sigma).all():
         raise InputError("this case has no stresses: choose another, or see its status")
     network = Network(arrays["edges"], arrays["offsets"], arrays["cell"])

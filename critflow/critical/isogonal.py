@@ -29,6 +29,7 @@ from critflow.calls import running
 from critflow.critical.manifold import CriticalConfiguration, critical_configuration
 from critflow.linalg.matrices import spread_columns
 from critflow.linalg.tolerances import LARGEST_DENSE
+from critflow.linalg.vectors import power_of_two
 from critflow.networks.checks import edge_values
 from critflow.networks.network import Array, Network
 from critflow.result import InputError, Record, Solution, Stats, Status
@@ -99,16 +100,20 @@ class IsogonalModes(Record):
         w = edge_values(weights, critical.network.n_edges, "weights", positive=False)
         if not shortest > 0:
             raise InputError(f"the shortest length must be positive, not {shortest}")
+        # The program has an absolute tolerance, 1e-7: lengths, elongations and weights are in units of their own.
         E = sp.csr_array(self.elongations)
-        found = scipy.optimize.linprog(
-            -(E @ w), A_ub=-E.T, b_ub=critical.lengths - shortest, bounds=(None, None), method="highs"
-        )
+        sizes = critical.lengths.mean(), np.abs(E.data).max(initial=0.0) or 1.0, np.abs(w).max(initial=0.0) or 1.0
+        length, rate, weight = (power_of_two(float(size)) for size in sizes)
+        E = E / rate
+        room = (critical.lengths - shortest) / length
+        found = scipy.optimize.linprog(-(E @ (w / weight)), A_ub=-E.T, b_ub=room, bounds=(None, None), method="highs")
         if found.status == 2:
             raise InputError(f"no isogonal change makes every edge {shortest:g} or longer: choose a smaller length")
         ok = found.status == 0
-        value, status = (self.walk(found.x), Status.ok) if ok else (critical, Status.stalled)
+        amplitudes = found.x * (length / rate) if ok else np.full(E.shape[0], np.nan)
+        value, status = (self.walk(amplitudes), Status.ok) if ok else (critical, Status.stalled)
         stats, note = Stats("linear program", int(found.nit)), "" if ok else found.message
-        solution = IsogonalOptimum(value, status, stats, note, amplitudes=found.x)
+        solution = IsogonalOptimum(value, status, stats, note, amplitudes=amplitudes)
         return solution.or_raise("no best isogonal change was found") if throw else solution
 
     def _elongation(self, amplitudes: ArrayLike) -> Array:

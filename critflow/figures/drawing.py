@@ -10,8 +10,9 @@ import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.backend_bases import FigureCanvasBase
+from matplotlib.cm import ScalarMappable
 from matplotlib.collections import LineCollection
-from matplotlib.colors import Colormap
+from matplotlib.colors import Colormap, Normalize
 from matplotlib.figure import Figure, SubFigure
 from numpy.typing import ArrayLike
 
@@ -27,7 +28,9 @@ from critflow.figures.plot import (
     face_polygons,
     periodic_segments,
     shade_faces,
+    stiffness_scale,
 )
+from critflow.figures.shades import varied
 from critflow.networks.network import Array, Network
 from critflow.result import InputError, Solution
 from critflow.workflow.output import require_folder
@@ -55,26 +58,32 @@ def draw(
 ) -> Axes:
     """Draw a `Network`, `CriticalConfiguration`, tissue, spring state, or a `Solution` with one; returns the axes.
 
-    color     values (N_b,) that colour the edges; by default the tensions of a configuration or state
+    color     values (N_b,) that colour the edges; by default the tensions of a configuration or state, or without any
+              tension its stiffnesses, where they vary, with a colour bar
     cmap      a matplotlib colour map
     vertices  values (N_v,) drawn as discs, the largest value as the largest disc: the part in floppy motions, say
     width     line width in points
 
-    Compressed edges are orange and dashed, edges without tension thin and grey, fixed vertices black squares.  Faces
-    have the colours of their pressures, or of the tensions of their perimeters: red above zero, blue below.
+    Colour and width show the same values.  Compressed edges are orange and dashed, edges without tension thin and grey,
+    fixed vertices black squares.  Faces have the colours of their pressures, or of the tensions of their perimeters:
+    red above zero, blue below.
     Raises `InputError` for a network without positions.
 
     >>> import critflow as cf
     >>> axes = cf.draw(cf.optimize(cf.lattice("honeycomb", 2, 2), 'B_0'))
     >>> axes.figure.clear()
     """
+    if isinstance(ax, str | Path):
+        raise InputError(f"ax must be an Axes, not {str(ax)!r}: draw(...).figure.savefig({str(ax)!r}) saves a picture")
     ax = of_kind(Axes, None, ax=ax)
     of_kind(np.ndarray, None, color=color, vertices=vertices)
     cmap = of_kind(str, Colormap, cmap=cmap)
     of_kind(float, width=width)
     of_kind(str, title=title)
     network, x, tensions, of_faces = _parts(thing)
-    values = tensions if color is None else np.asarray(color, dtype=float)
+    values, scale = tensions if color is None else np.asarray(color, dtype=float), None
+    if color is None and varied(network.stiffness) and _at_rest(network, x, tensions):
+        values, scale = network.stiffness, stiffness_scale(network.stiffness)
     if values is not None and values.shape != (network.n_edges,):
         raise InputError(f"color must have one value per edge, shape ({network.n_edges},), not {values.shape}")
     if vertices is not None and np.shape(vertices) != (network.n_vertices,):
@@ -85,18 +94,20 @@ def draw(
         ax = plt.figure(figsize=(6.0, 5.4), layout="constrained").add_subplot()
     if network.dimension == 3 and network.cell is not None:
         shown = np.ones(network.n_edges) if values is None else values
-        draw_in_depth(ax, network.edges, network.offsets, network.cell, x, shown)
+        drawn: ScalarMappable | None = draw_in_depth(ax, network.edges, network.offsets, network.cell, x, shown, scale)
     elif network.dimension == 3:
-        _draw_plane(ax, network, x[:, [0, 2]], values, cmap, width)
+        drawn = _draw_plane(ax, network, x[:, [0, 2]], values, cmap, width, scale)
         title = f"{title} (seen along y)" if title else "seen along y"
     else:
-        _draw_plane(ax, network, x, values, cmap, width)
+        drawn = _draw_plane(ax, network, x, values, cmap, width, scale)
         if of_faces is not None and network.faces is not None and len(of_faces) == network.faces.n_faces:
             shade = matplotlib.colormaps[_FACE_MAP](0.5 + _PALE * of_faces / (np.abs(of_faces).max() or 1.0))
             polygons = face_polygons(network.faces, network.edges, x, network.bond_vectors(x))
             shade_faces(ax, polygons, network.cell, shade)
         if vertices is not None:
             _discs(ax, network, x, np.asarray(vertices, dtype=float))
+    if scale is not None and drawn is not None:
+        ax.figure.colorbar(drawn, ax=ax, shrink=0.8, pad=0.02, label="stiffness k")
     ax.set_title(title, fontsize=10)
     return ax
 
@@ -120,8 +131,25 @@ def _parts(thing: Any) -> tuple[Network, Array, Array | None, Array | None]:
     return network, x, tensions, of_faces
 
 
-def _draw_plane(ax: Axes, network: Network, x: Array, values: Array | None, cmap: str | Colormap, width: float) -> None:
-    """The edges in two dimensions, with the outline of the cell or the fixed vertices."""
+def _at_rest(network: Network, x: Array, tensions: Array | None) -> bool:
+    """Whether no edge carries tension but that of rounding."""
+    scale = network.stiffness * np.linalg.norm(network.bond_vectors(x), axis=1)
+    return tensions is None or bool(np.abs(tensions).max() <= _NO_TENSION * scale.mean())
+
+
+def _draw_plane(
+    ax: Axes,
+    network: Network,
+    x: Array,
+    values: Array | None,
+    cmap: str | Colormap,
+    width: float,
+    scale: Normalize | None,
+) -> ScalarMappable | None:
+    """The edges in two dimensions, with the outline of the cell or the fixed vertices; those in tension are returned.
+
+    Many parameters: network, values and their scale are arguments of one picture.
+    """
     outline = None
     if network.cell is not None:
         segments, edges = periodic_segments(network.edges, network.offsets, network.cell, x)
@@ -133,6 +161,7 @@ def _draw_plane(ax: Axes, network: Network, x: Array, values: Array | None, cmap
         ax.set_ylim(x[:, 1].min() - margin, x[:, 1].max() + margin)
         ax.set_aspect("equal")
         ax.set_axis_off()
+    drawn = None
     if values is None:
         lines = LineCollection(list(segments), colors=_PLAIN, linewidths=width, capstyle="round")
         ax.add_collection(lines)
@@ -140,9 +169,10 @@ def _draw_plane(ax: Axes, network: Network, x: Array, values: Array | None, cmap
     else:
         slack = np.abs(values) <= _NO_TENSION * (float(np.abs(values).mean()) or 1.0)
         shown = np.where(slack, 0.0, values)[edges]
-        add_edges(ax, segments, shown, colour_limits(values), outline, width=width, cmap=cmap)
+        drawn = add_edges(ax, segments, shown, scale or colour_limits(values), outline, width=width, cmap=cmap)
     if network.pins:
         ax.plot(*x[list(network.pins)].T, "s", color="black", markersize=3.5, zorder=4)
+    return drawn
 
 
 def _discs(ax: Axes, network: Network, x: Array, values: Array) -> None:

@@ -13,11 +13,12 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
 from matplotlib.collections import LineCollection, PolyCollection
-from matplotlib.colors import Colormap, LinearSegmentedColormap, Normalize, to_rgb
+from matplotlib.colors import Colormap, LinearSegmentedColormap, LogNorm, Normalize, to_rgb
 from matplotlib.figure import Figure
 from matplotlib.patches import Polygon
 from numpy.typing import ArrayLike
 
+from critflow.figures.shades import TENSION_COLOURS, widely
 from critflow.networks.faces import Faces
 from critflow.networks.network import Array, IntArray
 from critflow.networks.periodic_cell import images_in_cell
@@ -29,8 +30,7 @@ SHADE = "#FBE3B5"
 SLACK = "#BBBBBB"
 _CORNERS = np.array([[0, 0], [1, 0], [1, 1], [0, 1]])
 
-# From a light to a dark blue-black, so that strong edges stand out on white and print in grey.
-TENSION_MAP: Colormap = LinearSegmentedColormap.from_list("tension", ["#b8d4ea", "#4f93c4", "#1c4f86", "#0b1530"])
+TENSION_MAP: Colormap = LinearSegmentedColormap.from_list("tension", TENSION_COLOURS)
 # On a dark page strong edges are light.
 DARK_TENSION_MAP: Colormap = LinearSegmentedColormap.from_list("dark", ["#2b5580", "#4f93c4", "#a9d0ee", "#ffffff"])
 
@@ -68,11 +68,17 @@ def colour_limits(tensions: Array) -> tuple[float, float]:
     return 0.0, float(np.percentile(np.abs(tensions), 99)) or 1.0
 
 
+def stiffness_scale(stiffness: Array) -> Normalize:
+    """The scale of the colours of stiffnesses (N_b,): from zero, or logarithmic where they differ widely."""
+    low, high = float(stiffness.min()), float(stiffness.max())
+    return LogNorm(low, high, clip=True) if widely(stiffness) else Normalize(0.0, high, clip=True)
+
+
 def add_edges(
     axes: Axes,
     segments: Array,
     tensions: Array,
-    limits: tuple[float, float],
+    limits: tuple[float, float] | Normalize,
     outline: Polygon | None = None,
     *,
     width: float = 1.0,
@@ -80,9 +86,11 @@ def add_edges(
 ) -> LineCollection:
     """Add segments (n, 2, 2) with tensions (n,), cut at an outline, and return those in tension, for a colour bar.
 
+    limits  tensions of the light and dark ends of the colour map, or the scale between them
+
     Tension is shown by colour and width; compressed edges are orange and dashed, slack ones thin and grey below.
     """
-    norm = Normalize(*limits, clip=True)
+    norm = limits if isinstance(limits, Normalize) else Normalize(*limits, clip=True)
     order = np.argsort(tensions, kind="stable")
     segments, strength = segments[order], tensions[order]
     slack, compressed, tense = strength == 0, strength < 0, strength > 0
@@ -200,9 +208,17 @@ _ACROSS, _UP = np.array([0.94, -0.34, 0.0]), np.array([0.09, 0.25, 0.96])
 
 
 def draw_in_depth(
-    axes: Axes, edges: ArrayLike, offsets: ArrayLike, cell: ArrayLike, coordinates: ArrayLike, tensions: Array
+    axes: Axes,
+    edges: ArrayLike,
+    offsets: ArrayLike,
+    cell: ArrayLike,
+    coordinates: ArrayLike,
+    tensions: Array,
+    scale: Normalize | None = None,
 ) -> ScalarMappable:
     """Draw a periodic network of three dimensions in parallel projection, near edges over far ones, which fade.
+
+    scale  of the colours; from zero to the 97th percentile by default
 
     Colour and width show the tension as in two dimensions.  Every edge is drawn once, from the image of its tail in the
     cell to its head, inside or outside.  Returns the mappable for a colour bar.
@@ -215,7 +231,7 @@ def draw_in_depth(
     depth = ends.mean(axis=1) @ np.cross(_ACROSS, _UP)
     far, close = np.percentile(depth, (2, 98))
     near = np.clip((depth - far) / (close - far), 0, 1)
-    norm = Normalize(0.0, float(np.percentile(np.abs(tensions), 97)) or 1.0, clip=True)
+    norm = scale or Normalize(0.0, float(np.percentile(np.abs(tensions), 97)) or 1.0, clip=True)
     strength = np.asarray(norm(np.abs(tensions)))
     ink = np.where((tensions < 0)[:, None], to_rgb(COMPRESSED), TENSION_MAP(strength)[:, :3])
     faded = 1 - (0.15 + 0.85 * near**1.5)[:, None] * (1 - ink)

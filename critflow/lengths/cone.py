@@ -19,6 +19,7 @@ import scipy.sparse as sp
 from numpy.typing import NDArray
 
 from critflow.critical.edge_lengths import NO_DIRECTION
+from critflow.linalg.vectors import power_of_two
 
 Array = NDArray[np.float64]
 Outcome = Literal["solved", "unbounded", "infeasible", "stalled"]
@@ -78,7 +79,7 @@ def interior_point(
 
 def length_unit(lengths: Array) -> float:
     """A power of two near the mean length: tolerances of the program are absolute."""
-    return float(2.0 ** np.round(np.log2(lengths.mean())))
+    return power_of_two(lengths.mean())
 
 
 def has_tension(multipliers: Array, filled: Array) -> NDArray[np.bool_]:

@@ -32,12 +32,15 @@ from critflow.lengths.length_iteration import NEAR, few_slack, iterate_lengths
 from critflow.lengths.lengths_end import FromLengths, configuration_of, not_separated, too_short
 from critflow.lengths.taut_edges import OnsetState, newton_taut
 from critflow.lengths.taut_set import EXACT_CONE, polish_taut, resolved, stressed
+from critflow.linalg.vectors import power_of_two
 from critflow.networks.checks import edge_values
 from critflow.networks.network import Array, Network
 from critflow.result import Solution
 
 # Spread of log ℓ above which more edges of most networks are slack than `few_slack` serves.
 EVEN = 0.25
+# Exponents of the unit of lengths, so that one is the unit of lengths of the size of the network.
+COARSE = 8
 
 
 @running("critical_from_lengths")
@@ -65,6 +68,9 @@ def critical_from_lengths(
     of_kind(bool, throw=throw)
     manifold = CriticalManifold.of(network)
     lengths = edge_values(rest_lengths, manifold.network.n_edges, "rest_lengths")
+    # Only ratios of the lengths count, and the program has absolute tolerances: in a unit near that of the network.
+    unit = power_of_two(float(lengths.mean()) / manifold.network.spacing, COARSE)
+    lengths = lengths / unit
     boundary, attempt, steps = Expansion(manifold), None, 0
     if lengths.min() <= COLLAPSED * lengths.mean():
         solution = too_short(manifold.network, lengths)
@@ -78,6 +84,7 @@ def critical_from_lengths(
         else:
             last = None if attempt is None else attempt.end
             solution = not_separated(manifold.network, lengths, last, steps)
+    solution = replace(solution, ratio=solution.ratio / unit)
     return solution.or_raise("these rest lengths have no all-tension critical configuration") if throw else solution
 
 

@@ -22,6 +22,7 @@ from critflow.critical.manifold import CriticalConfiguration
 from critflow.lengths.boundary import Expansion
 from critflow.lengths.taut_edges import OnsetState, unknown_configuration
 from critflow.linalg.saddle import Saddle
+from critflow.linalg.vectors import power_of_two
 from critflow.networks.network import Array, Network
 from critflow.precision.double_double import divide, dot, extended, multiply, scaled, subtract, total, two_product
 from critflow.precision.geometry import ExtendedGeometry
@@ -105,8 +106,11 @@ def newton_error(saddle: Saddle, network: Network, lengths: Array, coordinates: 
     Error bound (estimate): one more step of Newton's method, from residuals in extended precision.  All edges are
     stressed.  NaN where the step is not determined.
     """
+    # Squares of lengths are compared with lengths, in a unit of their own.
+    unit = power_of_two(network.spacing)
+    lengths, x, b = lengths / power_of_two(lengths.mean()), coordinates[network.free] / unit, network.boundary_vectors
     geometry, stress = ExtendedGeometry(network), extended(sigma)
-    L = geometry.bond_vectors(extended(coordinates[network.free]), network.boundary_vectors)
+    L = geometry.bond_vectors(extended(x), b / unit)
     twice_h, target = dot(L, L), two_product(lengths, lengths)
     # The equation of the lengths is consistent for one ratio only, which needs the same number of digits.
     ratio = divide(total(multiply(stress, twice_h)), total(multiply(stress, target)))
@@ -117,4 +121,4 @@ def newton_error(saddle: Saddle, network: Network, lengths: Array, coordinates: 
     if size == 0.0:
         return 0.0
     u, _, residual = saddle.factorize(sigma, L.high).solve(-force / size, left / size)
-    return size * float(np.abs(u).max()) if residual < SOLVED else np.nan
+    return unit * size * float(np.abs(u).max()) if residual < SOLVED else np.nan

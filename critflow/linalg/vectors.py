@@ -52,6 +52,11 @@ def mean(values: NDArray[np.float64]) -> float:
     return float(np.add.reduce(values) / values.size)
 
 
+def power_of_two(size: float, step: int = 1) -> float:
+    """The power of two nearest a size > 0, as a unit: products with it are exact; `step` of its exponents."""
+    return float(2.0 ** (step * np.round(np.log2(size) / step)))
+
+
 def set_read_only(record: object, *names: str) -> None:
     """Replace arrays of a frozen record, of these names, by views that nobody can write to; for `__post_init__`."""
     for name in names:

@@ -124,6 +124,11 @@ def _refuse(edges: IntArray, collapsing: NDArray[np.bool_], advice: str) -> None
         )
 
 
+def _from_zero(edges: IntArray) -> str:
+    """What to do where the numbers of vertices seem to count from one."""
+    return "; vertices count from 0: subtract 1 from their numbers" if edges.size and edges.min() == 1 else ""
+
+
 def _check_degrees(edges: IntArray, pins: Mapping[int, Array], n_vertices: int) -> None:
     """Raise `NetworkError` for free vertices with fewer than two edges."""
     # Before any array of n_vertices is made, whose number may be a typing error.
@@ -134,14 +139,14 @@ def _check_degrees(edges: IntArray, pins: Mapping[int, Array], n_vertices: int) 
         if lone < n_vertices:
             raise NetworkError(
                 f"vertex {lone} hangs on no edge: {n_vertices:,} vertices need two edges each, and there are "
-                f"{len(edges):,} edges; remove it, or number the vertices without gaps"
+                f"{len(edges):,} edges; remove it, or number the vertices without gaps{_from_zero(edges)}"
             )
     degree = np.bincount(edges.ravel(), minlength=n_vertices)
     degree[list(pins)] = 2
     loose = np.flatnonzero(degree <= 1)
     if len(loose):
         support = "no edge" if degree[loose[0]] == 0 else "a single edge, which cannot carry tension"
-        raise NetworkError(f"vertex {loose[0]} hangs on {support}: remove it, or use pruned(...)")
+        raise NetworkError(f"vertex {loose[0]} hangs on {support}: remove it, or use pruned(...){_from_zero(edges)}")
 
 
 def _graph(edges: IntArray, n_vertices: int) -> sp.csr_array:

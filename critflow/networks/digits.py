@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from typing import NamedTuple
 
 import numpy as np
@@ -9,11 +10,12 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
-# Doubles have 15 to 17 significant digits; with this number of decimals a coordinate was not rounded.
-_ALL_DECIMALS = 15
-# Number of coordinates as large as the largest that show its decimals, which are the fewest where a file has a fixed
-# number of significant digits; fewer ones may all end with zeros.
+# Doubles have 15 to 17 significant digits; with more than this number a coordinate was not rounded.
+_ALL_DIGITS = 15
+# Number of different coordinates of one decade that show its decimals; fewer ones may all end with zeros.
 _ENOUGH = 4
+# Coordinates below this part of the largest are zeros with rounding; powers of ten up to this one are numbers.
+_ZERO, _LARGEST_POWER = 1e-12, 290
 # Rounded coordinates change singular values of the rigidity matrix by about this number of their errors.
 _MARGIN = 10.0
 # Edges shorter than this part of the mean length are few, and count as that long.
@@ -25,8 +27,8 @@ _COARSE = 0.01
 class Digits(NamedTuple):
     """The digits of coordinates.
 
-    decimals  of the largest ones, negative where their last digits are zeros; None where they have all digits, or those
-              of single precision
+    decimals  of the largest ones, unless these are exact; negative where their last digits are zeros; None where they
+              have all digits, or those of single precision
     error     largest rounding error; 0 with all digits
     """
 
@@ -53,27 +55,47 @@ class Digits(NamedTuple):
 
 
 def digits_of(coordinates: Array) -> Digits:
-    """The digits of coordinates (N_v, d): a file keeps decimals, significant digits, or single precision."""
-    size = float(np.abs(coordinates).max(initial=0.0))
-    decade = 10.0 ** np.floor(np.log10(size)) if size else 0.0
-    large = largest = coordinates[np.abs(coordinates) >= decade]
-    if large.size < _ENOUGH:
-        large = coordinates[np.abs(coordinates) >= 0.1 * decade]
-    # Of large coordinates doubles keep fewer decimals.
-    whole = max(0, int(np.floor(np.log10(size)))) if size else 0
-    # Negative decimals are those of large numbers of few digits, such as 1.234e9.
-    for decimals in range(-whole, _ALL_DECIMALS - whole):
-        if _has_decimals(large, decimals):
-            # With a fixed number of significant digits the few largest have one decimal less than the others.
-            coarser = large.size > largest.size and _has_decimals(largest, decimals - 1)
-            return Digits(decimals, 0.5 * 10.0 ** (coarser - decimals))
-    if (large == large.astype(np.float32)).all():
-        return Digits(None, single_precision(size))
-    return Digits(None, 0.0)
+    """The digits of coordinates (N_v, d): a file keeps decimals, significant digits, or single precision.
+
+    With a fixed number of decimals all decades of coordinates have the same; with significant digits each decade has
+    one more than the next.  The rule that holds for more of the different coordinates counts: some are exact, such as
+    those of a boundary, and show nothing.
+    """
+    values = np.unique(np.abs(coordinates))
+    size = float(values.max(initial=0.0))
+    if not size:
+        return Digits(0, 0.5)
+    values = values[values > _ZERO * size]
+    decades = np.floor(np.log10(values)).astype(int)
+    kept = {int(decade): _decimals(values[decades == decade], int(decade)) for decade in np.unique(decades)}
+    counts = {decade: int(np.count_nonzero(decades == decade)) for decade in kept}
+    top, enough = max(kept), [decade for decade in kept if counts[decade] >= _ENOUGH]
+    if not enough:  # all together
+        kept, counts, enough = {top: _decimals(values, top)}, {top: len(values)}, [top]
+    fixed, significant, unrounded = Counter[int](), Counter[int](), 0
+    for decade in enough:
+        if (decimals := kept[decade]) is None:
+            unrounded += counts[decade]
+        else:
+            fixed[decimals] += counts[decade]
+            significant[decimals + decade] += counts[decade]
+    if unrounded >= fixed.total():
+        single = (coordinates == coordinates.astype(np.float32)).all()
+        return Digits(None, single_precision(size) if single else 0.0)
+    (decimals, same), (digits, alike) = fixed.most_common(1)[0], significant.most_common(1)[0]
+    if alike > same:
+        return Digits(digits - top, 0.5 * 10.0 ** (top - digits))
+    # Of a single decade that is enough both rules hold: the few largest may have one decimal less.
+    coarser = top not in enough and kept[top] == decimals - 1
+    return Digits(decimals, 0.5 * 10.0 ** (coarser - decimals))
 
 
-def _has_decimals(values: Array, decimals: int) -> bool:
-    return np.allclose(np.round(values, decimals), values, rtol=4e-16, atol=0)
+def _decimals(values: Array, decade: int) -> int | None:
+    """Decimals of values of one decade; None where they have all digits."""
+    for decimals in range(-decade, min(_ALL_DIGITS - decade, _LARGEST_POWER)):
+        if np.allclose(np.round(values, decimals), values, rtol=4e-16, atol=0):
+            return decimals
+    return None
 
 
 def single_precision(size: float) -> float:

@@ -21,7 +21,8 @@ from critflow.critical.manifold import CriticalConfiguration, CriticalManifold
 from critflow.critical.transition import TransitionModulus, force_map, is_dilation, transition_modulus, vanishes
 from critflow.lengths.taut_edges import unknown_configuration
 from critflow.linalg.matrices import spread_columns
-from critflow.linalg.vectors import dot
+from critflow.linalg.tolerances import EPS
+from critflow.linalg.vectors import dot, power_of_two
 from critflow.networks.deformation import Deformable
 from critflow.networks.network import Array, Network
 from critflow.optimisation.optimum import Optimum
@@ -59,7 +60,8 @@ def largest_modulus(network: Network | CriticalManifold, strain: Deformable) -> 
         solution, shortest = _closed(manifold, balance.bond_vectors, F, A, bound)
     here = solution.value
     stats = replace(solution.stats, method="closed_form", steps=0)
-    optimum = Optimum(here, Status.ok, stats, objective=modulus.evaluate(here)[0], bound=bound)
+    value = modulus.evaluate(here)[0]
+    optimum = Optimum(here, Status.ok, stats, objective=value, bound=_covering(bound, value, network.n_edges))
     if here.residual < BALANCED and (zero or abs(optimum.gap) < BALANCED) and shortest > NO_LENGTH:
         edges = here.collapsed_edges
         note = f"edges {', '.join(map(str, edges))} have no length there" if len(edges) else ""
@@ -67,6 +69,11 @@ def largest_modulus(network: Network | CriticalManifold, strain: Deformable) -> 
     # Forces that are all parallel, or an edge that vanishes: the bound is approached, not attained.
     status = Status.edge_collapse if shortest <= NO_LENGTH else Status.singular if solution.ok else solution.status
     return replace(optimum, value=unknown_configuration(network), status=status, objective=bound)
+
+
+def _covering(bound: float, value: float, n_edges: int) -> float:
+    """The bound, or the value that attains it and exceeds it by the rounding of two sums over the edges."""
+    return value if 0 < value - bound <= n_edges * EPS * bound else bound
 
 
 def _closed(
@@ -114,7 +121,9 @@ def least_compressed_length(network: Network | CriticalManifold, strain: Deforma
     T = network.stiffness[:, None] * (L_star @ F.T)
     unit = T / np.linalg.norm(T, axis=1)[:, None]
     normal = unit @ _QUARTER_TURN.T
-    n_edges, n_coordinates, b = network.n_edges, 2 * len(network.free), network.boundary_vectors
+    # The program has an absolute tolerance, 1e-7: lengths are in a unit of their own.
+    length = power_of_two(network.spacing)
+    n_edges, n_coordinates, b = network.n_edges, 2 * len(network.free), network.boundary_vectors / length
     program = scipy.optimize.linprog(
         np.repeat([0.0, 1.0], [n_coordinates, n_edges]),
         A_ub=sp.hstack([-spread_columns(network, unit), -sp.eye_array(n_edges)]),
@@ -125,4 +134,4 @@ def least_compressed_length(network: Network | CriticalManifold, strain: Deforma
     )
     if program.status != 0:
         raise SolveError(f"no configuration has the largest modulus for this strain: {program.message}")
-    return float(program.fun)
+    return length * float(program.fun)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cached_property
+from typing import NoReturn
 
 import numpy as np
 from numpy.typing import NDArray
@@ -49,6 +50,15 @@ class Optimum(Solution[CriticalConfiguration]):
     crossings: tuple[int, ...] = ()
     nearest_singular: float = np.nan
     negative_pivots: int | None = None
+
+    def __getattr__(self, name: str) -> NoReturn:
+        """Only names that an optimum lacks come here: where they are."""
+        raise AttributeError(
+            f"{type(self).__name__!r} object has no attribute {name!r}: its value by the objective is .objective, its "
+            "configuration .value, and elasticity(...) and properties(...) of it have moduli and other quantities",
+            name=name,
+            obj=self,
+        )
 
     @cached_property
     def objective_error(self) -> float:

@@ -10,7 +10,6 @@ modulus is not a difference of larger numbers.
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass, field, replace
 from functools import cache
 from typing import Any
@@ -193,7 +192,7 @@ def _responses(state: SpringState, factor: Factor, volume: float, strains: tuple
 
     The first of them is the dilation, the last one the last shear.
     """
-    network, sigma, square = state.network, state.sigma, state.lengths**2
+    network, sigma = state.network, state.sigma
     d, m, n = network.dimension, len(strains), network.n_edges
     # Edges are the last axis: NumPy is several times slower where that is short.
     L, K = np.ascontiguousarray(state.bond_vectors.T), state.modified_stiffness
@@ -225,12 +224,33 @@ def _responses(state: SpringState, factor: Factor, volume: float, strains: tuple
         motion = u.reshape(m, -1, d).swapaxes(0, 1).reshape(-1, m * d)
         rate = affine + np.ascontiguousarray(product(incidence, motion).T).reshape(m, d, n)
     relaxations = u.reshape(m, -1, d).swapaxes(1, 2)
-    form = (form - gained) / volume
     speed = np.sqrt(np.add.reduce(rate * rate, axis=1))
     noise, first = _rounding(state, speed, relaxations, tension)
     unfinished = np.sqrt(np.outer(unfinished, unfinished))
-    form_rounding = (noise + unfinished) / volume + 4 * EPS * np.abs(form)
+    return _Responses(
+        _elasticity(state, volume, strains, (form - gained, direct), (noise, unfinished), first),
+        relaxations,
+        correction[0],
+        float((size / np.maximum(scale, 1e-300)).max()),
+        small,
+    )
 
+
+def _elasticity(
+    state: SpringState,
+    volume: float,
+    strains: tuple[int, ...],
+    forms: tuple[Array, Array],
+    errors: tuple[Array, Array],
+    first: Array,
+) -> Elasticity:
+    """Tensor, moduli and their errors from V C_ab (m, m), relaxed and affine, rounding and unfinished relaxation.
+
+    first  parts (N_b,) of the rounding of the first form, that of the dilation
+    """
+    (noise, unfinished), d, form = errors, state.network.dimension, forms[0] / volume
+    sigma, square, L = state.sigma, state.lengths**2, state.bond_vectors.T
+    form_rounding = (noise + unfinished) / volume + 4 * EPS * np.abs(form)
     T, stress = basis_change(d)[list(strains)], (sigma * L) @ L.T / volume
     stress_rounding = float(accumulated_rounding(2 * state.stress_rounding * square)) / volume
     # Dilation (1 + γ)^{1/d} is curved: b̈ = (1/d)(1/d − 1) b.
@@ -243,14 +263,8 @@ def _responses(state: SpringState, factor: Factor, volume: float, strains: tuple
     tensor = T.T @ form @ T
     rounding = np.abs(T).T @ form_rounding @ np.abs(T) + 4 * EPS * np.abs(tensor)
     rounding += (stress_rounding + 4 * EPS * float(np.abs(stress).max())) * stress_products(d)
-    errors = Errors(0.5 * (rounding + rounding.T), bulk_rounding, shear_rounding, corrected_rounding)
-    return _Responses(
-        Elasticity(tensor, T.T @ direct @ T / volume, stress, volume, errors, bulk),
-        relaxations,
-        correction[0],
-        float((size / np.maximum(scale, 1e-300)).max()),
-        small,
-    )
+    bounds = Errors(0.5 * (rounding + rounding.T), bulk_rounding, shear_rounding, corrected_rounding)
+    return Elasticity(tensor, T.T @ forms[1] @ T / volume, stress, volume, bounds, bulk)
 
 
 def _contraction(energy: Array, before: Array) -> float:
@@ -260,7 +274,7 @@ def _contraction(energy: Array, before: Array) -> float:
     """
     positive = before > 0
     ratio = float(np.maximum.reduce(np.where(positive, energy, 1.0) / np.where(positive, before, 1.0)))
-    return min(1.0, _CONTRACTION_MARGIN * math.sqrt(ratio))
+    return min(1.0, _CONTRACTION_MARGIN * float(np.sqrt(ratio)))
 
 
 def _rounding(state: SpringState, speed: Array, u: Array, tension: Array) -> tuple[Array, Array]:

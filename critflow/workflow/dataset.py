@@ -4,10 +4,13 @@ from __future__ import annotations
 
 import json
 import math
+import re
+import zlib
 from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
+from enum import IntEnum
 from hashlib import sha256
 from pathlib import Path
 from typing import Any
@@ -18,9 +21,22 @@ import numpy as np
 import xarray as xr
 
 from critflow.result import IntegrityError, Status, StudyError
+from critflow.workflow.code import code_version
+from critflow.workflow.description import summary_text
+from critflow.workflow.folder import FAILED, CaseState
 from critflow.workflow.plan import SEED_ENTROPY, Case, Selection
-from critflow.workflow.provenance import code_version, dataset_versions, source_tree, timestamp
-from critflow.workflow.store import SCHEMA_VERSION, append_seal, read_shard, replacing, verified_checksum
+from critflow.workflow.provenance import dataset_versions, source_tree, timestamp
+from critflow.workflow.store import (
+    SCHEMA_VERSION,
+    Shard,
+    Stored,
+    append_seal,
+    read_shard,
+    refuse_sizes,
+    replacing,
+    sizes_of,
+    verified_checksum,
+)
 from critflow.workflow.study import Variable
 
 REWRITE = "run the study again to write it"  # end of a message about a damaged or outdated file
@@ -28,22 +44,36 @@ REWRITE = "run the study again to write it"  # end of a message about a damaged 
 _KEYWORDS = ("rigidity transition", "spring networks", "force density", "prestress stability")
 _COMMENT = (
     "Attributes named in volatile_attributes, and variables with such a comment, differ from run to run; shards_sha256 "
-    "adds up, modulo 2**256, the SHA-256 of a line for each case: its name and its shard's checksum."
+    "adds up, modulo 2**256, the SHA-256 of a line for each stored network: the name and the checksum of its shard."
 )
 SMALL = 2**29  # bytes of a dataset that may be in memory as a whole
 _PIECE = 2**26  # bytes of a dataset in memory at once
+_CHUNK = 2**24  # bytes of a chunk of the largest variable
+_LARGEST_CHUNK = 2**26
+_SAMPLE = 2**20  # bytes on which compression is tried, and those below which it is not
+_TOO_FEW = 2**12
+_SAVED = 0.2  # the least part of the bytes that compression must save
 
 
 class Assembly:
     """The dataset of a selection in pieces along its first axis, so that one piece at a time is in memory.
 
-    Cases without a shard have fill values and the status `missing`.
+    states  those of its cases; without a shard a case has fill values and the status `missing` or `failed`
+
+    Cases of different code have a further variable, `code`.
     """
 
-    def __init__(self, selection: Selection, shards: Path, failed: Iterable[str] = ()):
-        self.selection, self.shards, self.failed = selection, shards, frozenset(failed)
+    def __init__(self, selection: Selection, shards: Path, states: Sequence[CaseState]):
+        self.selection, self.shards = selection, shards
+        self.records = {one.case.id: one.record for one in states if one.record}
+        self.failed = {one.case.id for one in states if one.state == FAILED}
         self.first, self.variables = selection.study.axis_names[0], selection.study.variables
+        self.codes = sorted({record.code for record in self.records.values()})
+        if len(self.codes) > 1:
+            self.variables = (*self.variables, _code_variable(selection, self.codes, states))
         self.sizes = {c.name: len(selection.parameters[c.parameter]) for c in selection.study.coordinates}
+        self.grouped = selection.study.axes[-1].is_words
+        self._shard: tuple[str, Shard | None] = ("", None)
         self._begin_origins()
 
     def pieces(self) -> Iterator[tuple[slice, dict[str, np.ndarray]]]:
@@ -61,15 +91,16 @@ class Assembly:
             filled = {place for place in filled if place[0] in whole}
             places = {name: {value: i for i, value in enumerate(values)} for name, values in part.axes.items()}
             for case in part.cases():
-                status, arrays = Status.failed, dict[str, np.ndarray]()
-                if case.id not in self.failed:
-                    if (shard := read_shard(self.shards, self.selection.study, case)) is None:
-                        continue
-                    status, arrays = shard.status, dict(shard.arrays)
-                    self.codes[shard.code] += 1
-                    self.environments[shard.environment] += 1
-                    self.checksum += int.from_bytes(sha256(f"{case.id} {shard.checksum}\n".encode()).digest())
-                self._insert(case, arrays | {"status": np.asarray(int(status))}, rows | whole, places, filled)
+                status, sound = (Status.failed if case.id in self.failed else Status.missing), False
+                if case.id in self.failed:
+                    self._insert(case, {"status": np.asarray(Status.failed)}, rows | whole, places, filled)
+                elif stored := self._stored(case):
+                    code = {"code": np.array(self.codes.index(stored.record.code), "i2")} if len(self.codes) > 1 else {}
+                    status, sound = stored.record.status, bool(np.all(stored.arrays.get("valid", False)))
+                    self.environments[stored.record.environment] += 1
+                    arrays = {**stored.arrays, "status": np.asarray(status), **code}
+                    self._insert(case, arrays, rows | whole, places, filled)
+                self.outcomes[str([*case.values.values()][-1]) if self.grouped else "", status, sound] += 1
             last = start + n >= len(values)
             yield slice(start, start + len(part.axes[self.first])), rows | whole if last else rows
 
@@ -90,6 +121,10 @@ class Assembly:
             axis.name: xr.Variable(axis.name, list(self.selection.axes[axis.name]), _meaning(axis.long_name, "1"))
             for axis in self.selection.study.axes
         }
+        for axis in self.selection.study.axes:
+            for label in axis.labels:
+                texts = [label.texts[word] for word in self.selection.axes[axis.name]]
+                coordinates[label.name] = xr.Variable(axis.name, texts, _meaning(label.long_name, "1"))
         for c in self.selection.study.coordinates:
             labels = np.asarray(self.selection.parameters[c.parameter])
             coordinates[c.name] = xr.Variable(c.name, labels, _meaning(c.long_name, c.units))
@@ -107,29 +142,63 @@ class Assembly:
         The code that computed the cases may be older than the code that wrote the dataset.
         """
         volatile = " shards_sha256" * any(v.volatile for v in self.variables)
+        codes = _counted(Counter(record.code for record in self.records.values()))
         attributes = {
-            "cases_code": _counted(self.codes),
+            "summary": summary_text(self.selection, self.sizes, self.outcomes, codes),
+            "cases_code": codes,
             "cases_environment": _counted(self.environments),
             "shards_sha256": f"{self.checksum % 2**256:064x}",
             "volatile_attributes": f"history{volatile}",
         }
         return {name: value for name, value in attributes.items() if value != ""}
 
+    def chunk(self, variable: Variable) -> tuple[int, ...] | None:
+        """The chunk of a variable along the first axis, None for one without it or without values."""
+        shape = self._shape(variable, self.selection)
+        if self.first not in variable.dims or 0 in shape:
+            return None
+        chunk = [
+            self._chunk_rows() if dim == self.first else size for dim, size in zip(variable.dims, shape, strict=True)
+        ]
+        if np.dtype(variable.dtype).itemsize * math.prod(chunk) > _LARGEST_CHUNK:
+            outer = self.selection.axes
+            chunk = [1 if dim in outer else size for dim, size in zip(variable.dims, chunk, strict=True)]
+        return tuple(chunk)
+
     def _begin_origins(self) -> None:
-        self.codes, self.environments, self.checksum = Counter[str](), Counter[str](), 0
+        self.environments, self.checksum, self._shard = Counter[str](), 0, ("", None)
+        self.outcomes = Counter[tuple[str, Status, bool]]()  # by the word of the last axis
+
+    def _stored(self, case: Case) -> Stored | None:
+        """A complete case; its shard stays in memory for the next one."""
+        if case.id not in self.records:
+            return None
+        if self._shard[0] != case.shard:
+            shard = read_shard(self.shards, self.selection.study, case)
+            self._shard = (case.shard, shard)
+            if shard:
+                self.checksum += int.from_bytes(sha256(f"{case.shard} {shard.checksum}\n".encode()).digest())
+        return self._shard[1].cases.get(case.id) if self._shard[1] else None
 
     def _rows(self) -> int:
-        """Rows of a piece of about `_PIECE` bytes; the inner sizes are those of the first cases that have them."""
+        """Rows of a piece of about `_PIECE` bytes, in whole chunks; inner sizes are those of the first cases."""
         for case in self.selection.cases():
             if all(dim in {*self.sizes, *self.selection.axes} for variable in self.variables for dim in variable.dims):
                 break
-            if case.id not in self.failed and (shard := read_shard(self.shards, self.selection.study, case)):
-                self._measure(case, shard.arrays)
+            if stored := self._stored(case):
+                self._measure(case, stored.arrays)
+        self._begin_origins()
+        chunk = self._chunk_rows()
+        return chunk * max(1, _PIECE // max(sum(self._row_bytes()) * chunk, 1))
+
+    def _chunk_rows(self) -> int:
+        return max(1, min(len(self.selection.axes[self.first]), _CHUNK // max(1, *self._row_bytes())))
+
+    def _row_bytes(self) -> list[int]:
+        """Bytes of one value of the first axis, of each variable that has this axis."""
         one = replace(self.selection, axes={**self.selection.axes, self.first: (0,)})
-        row = sum(
-            np.dtype(v.dtype).itemsize * math.prod(self._shape(v, one)) for v in self.variables if self.first in v.dims
-        )
-        return max(1, _PIECE // max(row, 1))
+        of_first = [variable for variable in self.variables if self.first in variable.dims]
+        return [np.dtype(v.dtype).itemsize * math.prod(self._shape(v, one)) for v in of_first]
 
     def _shape(self, variable: Variable, part: Selection) -> tuple[int, ...]:
         """The shape of a variable in a part of the cases; a size is 0 where no case has the variable."""
@@ -141,11 +210,9 @@ class Assembly:
 
     def _measure(self, case: Case, arrays: Mapping[str, np.ndarray]) -> None:
         """Take the inner sizes of a case, and refuse those that differ."""
-        for name, array in arrays.items():
-            for dim, size in zip(self.selection.study.inner_dims[name], array.shape, strict=True):
-                if self.sizes.setdefault(dim, size) != size:
-                    lengths = f"length {size} in {dim!r} of {name!r}, cases before it {self.sizes[dim]}"
-                    raise IntegrityError(f"case {case.id} has {lengths}: run different sizes as separate studies")
+        sizes = sizes_of(self.selection.study, {k: a for k, a in arrays.items() if k not in ("status", "code")})
+        refuse_sizes(case.id, sizes, self.sizes)
+        self.sizes |= sizes
 
     def _insert(
         self,
@@ -177,21 +244,16 @@ def write_dataset(assembly: Assembly, path: Path, origin: Mapping[str, str]) -> 
     origin: attributes about the command that writes it, which is its `history`, the only one that differs between
     equal runs
     """
-    template, written = assembly.template(), []
+    template, written = assembly.template(), list[tuple[str, tuple, bytes]]()
     stamped = template.coords.to_dataset().assign_attrs(
         {**template.attrs, **origin, "history": f"{timestamp()} {origin['history']}"}
     )
     with replacing(path) as partial:
         stamped.to_netcdf(partial, engine="netcdf4", format="NETCDF4")
         with netCDF4.Dataset(partial, "a") as file:
-            for variable in assembly.variables:
-                empty = template[variable.name]
-                for dim in [dim for dim in variable.dims if dim not in file.dimensions]:
-                    file.createDimension(dim, empty.sizes[dim])
-                fill = np.nan if empty.dtype.kind == "f" else None
-                file.createVariable(variable.name, empty.dtype, variable.dims, fill_value=fill).setncatts(empty.attrs)
-            file.set_auto_maskandscale(False)
             for rows, arrays in assembly.pieces():
+                if not written:
+                    _create_variables(file, assembly, template, arrays)
                 for name, array in arrays.items():
                     place = (*(rows if dim == assembly.first else slice(None) for dim in file[name].dimensions),)
                     file[name][place] = array
@@ -204,6 +266,47 @@ def write_dataset(assembly: Assembly, path: Path, origin: Mapping[str, str]) -> 
                 raise OSError("it does not read back as written")
         append_seal(partial)
     return attributes
+
+
+def _create_variables(
+    file: netCDF4.Dataset, assembly: Assembly, template: xr.Dataset, first: Mapping[str, np.ndarray]
+) -> None:
+    """Create the variables of a file, in chunks along the first axis, compressed where the first piece shows a gain."""
+    for variable in assembly.variables:
+        name, empty = variable.name, template[variable.name]
+        for dim in [dim for dim in variable.dims if dim not in file.dimensions]:
+            file.createDimension(dim, empty.sizes[dim])
+        options: dict[str, Any] = {"fill_value": np.nan if empty.dtype.kind == "f" else None}
+        if chunk := assembly.chunk(variable):
+            options["chunksizes"] = chunk
+            if name in first and _saves(first[name]):
+                options |= {"compression": "zlib", "complevel": 4, "shuffle": True}
+        file.createVariable(name, empty.dtype, variable.dims, **options).setncatts(empty.attrs)
+    file.set_auto_maskandscale(False)
+
+
+def _saves(array: np.ndarray) -> bool:
+    """Whether compression saves enough of the bytes at the start of an array."""
+    if array.nbytes < _TOO_FEW:
+        return False
+    flat = array.ravel()[: _SAMPLE // array.dtype.itemsize]
+    shuffled = flat.view(np.uint8).reshape(-1, array.dtype.itemsize).T.tobytes()
+    return len(zlib.compress(shuffled, 4)) < (1 - _SAVED) * len(shuffled)
+
+
+def _code_variable(selection: Selection, codes: Sequence[str], states: Sequence[CaseState]) -> Variable:
+    """The variable that tells cases of different code apart, along the fewest axes that do."""
+    known = [(one.case.values, one.record.code) for one in states if one.record]
+    status = next(variable for variable in selection.study.variables if variable.name == "status")
+    dims = status.dims
+    for axis in status.dims:
+        fewer = tuple(dim for dim in dims if dim != axis)
+        if len({tuple(values[dim] for dim in fewer) for values, _ in known}) == len(
+            {(*(values[dim] for dim in fewer), code) for values, code in known}
+        ):
+            dims = fewer
+    flags = IntEnum("Code", [(re.sub(r"\W+", "_", code), n) for n, code in enumerate(codes)])  # type: ignore[misc]
+    return Variable("code", dims, "i2", long_name="code that computed the case", flags=flags, fill=-1)
 
 
 @contextmanager
@@ -225,6 +328,16 @@ def opened_dataset(path: Path) -> Iterator[xr.Dataset]:
     with dataset:
         if not {"study", "axes"} <= dataset.attrs.keys() or "status" not in dataset:
             raise IntegrityError(f"{path} was not written by `critflow run`: it has no study and no status")
+        if (schema := int(dataset.attrs.get("schema_version", 0))) != SCHEMA_VERSION:
+            advice = (
+                "the page docs/howto/dataset.md has the function that converts it; or run the study in a new folder"
+            )
+            raise StudyError(f"{path} has schema {schema}, not {SCHEMA_VERSION}: {advice}")
+        if (schema := int(dataset.attrs.get("schema_version", 0))) < SCHEMA_VERSION:
+            raise StudyError(
+                f"{path} has the names of schema {schema}, and this is schema {SCHEMA_VERSION}: convert it with the "
+                "function in docs/howto/dataset.md (Files of schema 3), or run the study again with another --out"
+            )
         yield dataset
 
 
@@ -237,8 +350,8 @@ def variable_attributes(variable: Variable) -> dict[str, Any]:
         attributes["flag_meanings"] = " ".join(flag.name for flag in variable.flags)
     elif variable.fill is not None:
         attributes["value_if_missing"] = np.array(variable.fill, variable.dtype)[()]
-    if variable.volatile:
-        attributes["comment"] = "differs from run to run"
+    if comment := "; ".join(filter(None, (variable.comment, "differs from run to run" * variable.volatile))):
+        attributes["comment"] = comment
     return attributes
 
 
@@ -251,7 +364,6 @@ def _global_attributes(selection: Selection) -> dict[str, Any]:
     return {
         "Conventions": "CF-1.11, ACDD-1.3",
         "title": study.title,
-        "summary": f"{study.description or study.title} Here: {selection.sizes}.",
         "keywords": ", ".join((*_KEYWORDS, study.name.replace("_", " "))),
         "id": study.name,
         "product_version": str(study.version),

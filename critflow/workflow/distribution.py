@@ -1,7 +1,7 @@
 """Worker processes by dask: a local cluster, a scheduler, or jobs of a batch system; and what follows if one dies.
 
-If a worker dies, its trace files name the case that ran; the other cases of the task are submitted again one by one,
-and the case itself fails after `ATTEMPTS` deaths.
+If a worker dies, its trace files name the case that ran.  The task is submitted again with this case as its last one,
+and the case fails after `ATTEMPTS` deaths.
 
 A local cluster listens on the loopback address with temporary TLS certificates.  The options of a batch system come
 from dask's configuration alone (`jobqueue.slurm` for `--cluster slurm`); each job has one worker process per core.
@@ -17,7 +17,7 @@ import signal
 import threading
 import time
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import CancelledError
 from contextlib import contextmanager
 from multiprocessing import resource_tracker
@@ -27,6 +27,7 @@ from uuid import uuid4
 
 import dask.config
 from distributed import Client, Future, LocalCluster, as_completed
+from distributed.comm.core import CommClosedError
 from distributed.scheduler import KilledWorker, NoWorkerError
 from distributed.security import Security
 
@@ -38,6 +39,9 @@ from critflow.workflow.workers import Task, Workers
 ATTEMPTS = 3
 _GRACE = 60.0  # seconds beyond the time limit before the scheduler restarts a silent worker
 _WORKERS_START = 60.0  # seconds: local workers that died are back earlier
+_ANSWER = 10.0  # seconds in which a scheduler answers
+_LOOK = 1.0  # seconds between two looks at the workers of a scheduler
+_AGAIN = "run the same command again to resume"
 _UNEXPLAINED = 20  # deaths in a row without a running case: the workers cannot start
 _NO_DASHBOARD: dict[str, Any] = {"dashboard": False, "dashboard_address": "127.0.0.1:0"}
 
@@ -47,17 +51,50 @@ def compute_in_workers(
 ) -> Iterator[list[Outcome]]:
     """As `critflow.workflow.workers.compute`, in worker processes."""
     with _client(workers, min(workers.processes, len(tasks)), Path(job.folder)) as client:
-        yield from _distributed(client, job, tasks, stopped)
+        watch = _Watch(client, workers.scheduler)
+        try:
+            yield from _distributed(client, job, tasks, stopped, watch)
+        except CommClosedError as error:
+            raise EnvironmentFailure(f"the scheduler ended: {_AGAIN}") from error
 
 
-def _distributed(client: Client, job: Job, tasks: Sequence[Task], stopped: threading.Event) -> Iterator[list[Outcome]]:
+class _Watch:
+    """Ends a run on a scheduler of the user whose workers are all gone: it would wait for ever.
+
+    Local workers are restarted, and jobs of a batch system may wait in its queue for hours.
+    """
+
+    def __init__(self, client: Client, address: str):
+        self.client, self.address = client, address
+        self.present = self.asked = time.monotonic()
+
+    def look(self) -> None:
+        """Raise `EnvironmentFailure` where no worker was there for the time limit."""
+        now = time.monotonic()
+        if not self.address or now - self.asked < _LOOK:
+            return
+        self.asked = now
+        try:
+            workers = self.client.nthreads(callback_timeout=_WORKERS_START)
+        except TimeoutError as error:
+            raise EnvironmentFailure(f"the scheduler does not answer: {_AGAIN}") from error
+        if workers:
+            self.present = now
+        elif now - self.present > _WORKERS_START:
+            gone = f"the scheduler at {self.address} has had no worker for {_WORKERS_START:.0f} s"
+            raise EnvironmentFailure(f"{gone}: start some, and {_AGAIN}")
+
+
+def _distributed(
+    client: Client, job: Job, tasks: Sequence[Task], stopped: threading.Event, watch: _Watch
+) -> Iterator[list[Outcome]]:
     completed = as_completed([], loop=client.loop)  # `with_results` never returns a result that a death deleted
     running: dict[Future, Task] = {}
     deaths = _Deaths(job)
 
-    def submit(task: Task) -> None:
+    def submit(task: Task, careful: bool = False) -> None:
         # A new key for every attempt: dask answers a known key with the stored result.
-        future = client.submit(run_cases, job, task, key=f"critflow-{uuid4().hex}", pure=False)
+        future = client.submit(run_cases, job, task, careful, key=f"critflow-{uuid4().hex}", pure=False)
         running[future] = task
         completed.add(future)
 
@@ -76,18 +113,25 @@ def _distributed(client: Client, job: Job, tasks: Sequence[Task], stopped: threa
                 del running[future]
         ended = completed.next_batch(block=False)
         if not ended:
+            watch.look()
             time.sleep(0.05)
             yield []
         for future in ended:
             if task := running.pop(future, ()):
+                again: Task = ()
                 try:
-                    outcomes, again = future.result(), list[Task]()
+                    outcomes = future.result(timeout=_ANSWER)
                     deaths.unexplained = 0
                 except (KilledWorker, NoWorkerError, CancelledError) as error:
-                    outcomes, again = ([], []) if stopped.is_set() else deaths.explain(task, error)
+                    outcomes, again = ([], ()) if stopped.is_set() else deaths.explain(task, error)
+                except TimeoutError:  # its worker died with the result, and no other one is there
+                    running[future] = task
+                    completed.add(future)
+                    watch.look()
+                    continue
                 yield outcomes
-                for part in again:
-                    submit(part)
+                if again:
+                    submit(again, careful=True)
 
 
 class _Deaths:
@@ -98,12 +142,12 @@ class _Deaths:
         self.of_case: Counter[str] = Counter()
         self.unexplained = 0  # in a row
 
-    def explain(self, task: Task, error: Exception) -> tuple[list[Outcome], list[Task]]:
-        """Failed cases of a task without a result, and the tasks to submit again; raises errors of the run."""
+    def explain(self, task: Task, error: Exception) -> tuple[list[Outcome], Task]:
+        """Failed cases of a task without a result, and those to submit again; raises errors of the run."""
         if not isinstance(error, KilledWorker):
             ended = "all workers" if isinstance(error, NoWorkerError) else "the scheduler"
-            raise EnvironmentFailure(f"{ended} ended: run the same command again to resume") from error
-        failed, again, explained = list[Outcome](), list[Task](), False
+            raise EnvironmentFailure(f"{ended} ended: {_AGAIN}") from error
+        failed, again, last, explained = list[Outcome](), list[Mapping](), list[Mapping](), False
         for values in task:
             case = self.job.case(self.study, values)
             if trace := take_trace(self.folder, case):
@@ -112,21 +156,23 @@ class _Deaths:
                 if self.of_case[case.id] == ATTEMPTS:
                     failed.append(record_failure(self.job, self.study, case, f"{trace}, in {ATTEMPTS} attempts"))
                     continue
-            again.append([values])
+                last.append(values)
+            else:
+                again.append(values)
         if explained:
             self.unexplained = 0
-            return failed, again
+            return failed, [*again, *last]
         self.unexplained += 1  # the task waited in a worker that died, or the worker cannot start
         if self.unexplained == _UNEXPLAINED:
             raise EnvironmentFailure("the worker processes end before they begin a case: try fewer, or --workers 0")
-        return [], [task]
+        return [], task
 
 
 @contextmanager
 def _client(workers: Workers, processes: int, folder: Path) -> Iterator[Client]:
     """A client of the workers; temporary credentials of jobs are stored in the folder."""
     cluster: Any = None
-    with dask.config.set(_dask_settings(workers)):
+    with dask.config.set(_dask_settings(workers)), _without_news():
         try:
             with _without_interrupts():
                 if workers.scheduler:
@@ -142,8 +188,7 @@ def _client(workers: Workers, processes: int, folder: Path) -> Iterator[Client]:
             raise EnvironmentFailure(f"the scheduler at {workers.scheduler} has no worker: start some") from error
         except BaseException:
             if isinstance(cluster, LocalCluster):
-                # Stored cases are complete; only news of broken connections follow.
-                logging.getLogger("distributed").handlers = [logging.NullHandler()]
+                # Stored cases are complete.
                 for nanny in cluster.workers.values():
                     nanny.auto_restart = False
                     if nanny.pid is not None:
@@ -240,6 +285,20 @@ def _jobs_cluster(workers: Workers, folder: Path) -> Any:
         reason = f"there is no {error.filename} here" if isinstance(error, FileNotFoundError) else str(error)
         raise EnvironmentFailure(f"cannot submit jobs of {name}: {reason}: look at {settings}") from error
     return cluster
+
+
+@contextmanager
+def _without_news() -> Iterator[None]:
+    """Silence dask's messages: what ends a run is one sentence, and broken connections are reported after it too."""
+    names = [name for name in logging.root.manager.loggerDict if name.split(".")[0] in ("distributed", "asyncio")]
+    enabled = [logger for logger in map(logging.getLogger, names) if not logger.disabled]
+    for logger in enabled:
+        logger.disabled = True
+    try:
+        yield
+    finally:
+        for logger in enabled:
+            logger.disabled = False
 
 
 @contextmanager

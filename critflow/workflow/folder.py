@@ -1,7 +1,7 @@
 """A results folder: its files, its lock, the note about its study and settings, and the state of its cases.
 
     study.json            the note: study, settings, version, file
-    shards/CASE_ID.nc     a complete case
+    shards/seed3-HASH.nc  the complete cases of one value of the first axis
     failed/CASE_ID.txt    a failed case: the command that runs it alone, its parameters, its traceback
     NAME.nc  figures/  claims.md  claims.json  summary.json  run.log  .lock
 
@@ -26,14 +26,28 @@ from typing import Any, NamedTuple
 from filelock import FileLock, Timeout
 
 from critflow.result import CritflowError, EnvironmentFailure, InputError, IntegrityError, StudyError
+from critflow.workflow.code import code_version
 from critflow.workflow.load import StudyFile, load_file, load_study
 from critflow.workflow.plan import Case, Selection
-from critflow.workflow.provenance import code_version
-from critflow.workflow.store import PARTIAL, SCHEMA_VERSION, OtherTable, failure_reason, read_shard, write_text
+from critflow.workflow.store import (
+    PARTIAL,
+    SCHEMA_VERSION,
+    OtherTable,
+    Record,
+    failure_reason,
+    read_records,
+    write_text,
+)
+from critflow.workflow.study import Study
 
 DONE, FAILED, MISSING, DAMAGED, CHANGED = ("done", "failed", "missing", "damaged", "changed")
+OTHER = "other"  # complete, computed by other code
 
 _PATIENCE = 5.0  # seconds: parts that begin or end hold the lock of the whole for a moment
+
+
+class OldFolderError(InputError):
+    """The folder was written by another schema."""
 
 
 class LockedError(CritflowError):
@@ -41,11 +55,12 @@ class LockedError(CritflowError):
 
 
 class CaseState(NamedTuple):
-    """A case and its state; the reason explains every state but `done`."""
+    """A case and its state; the reason explains every state but `done`, of `other` it is the code."""
 
     case: Case
     state: str
     reason: str = ""
+    record: Record | None = None  # of a complete case
 
 
 @dataclass(frozen=True)
@@ -183,9 +198,15 @@ class Folder:
             if text != _note_text({key: value for key, value in note.items() if key != "sha256"}):
                 raise ValueError("it does not match its checksum")
             if (version := note["schema_version"]) != SCHEMA_VERSION:
-                raise ValueError(f"its schema_version is {version}, not {SCHEMA_VERSION}")
+                raise OldFolderError(
+                    f"{self.path} contains results of schema {version}, not {SCHEMA_VERSION}: its files stay as they "
+                    f"are; compute into a new folder with --out {self.path}-new, or convert its dataset by "
+                    "docs/howto/dataset.md (Files of schema 3)"
+                )
         except OSError as error:
             raise EnvironmentFailure(f"cannot read {self.note}: {error.strerror}: correct this first") from error
+        except OldFolderError:
+            raise
         except (ValueError, TypeError, LookupError, AttributeError, RecursionError) as error:
             raise IntegrityError(f"{self.note} is damaged: {error}: run the study again to write it") from error
         del note["sha256"]
@@ -208,32 +229,40 @@ class Folder:
     def states(self, selection: Selection, read: bool = False) -> list[CaseState]:
         """State of every case: the single decision whether a case is stored.
 
-        Without `read` file names decide; with it every shard is read and verified to the last byte.
+        read  every shard is read and verified to the last byte; without it only the list of its cases
         """
+        study, code = selection.study, code_version(selection.study)
         shards, failed = _names(self.shards, ".nc"), _names(self.failed, ".txt")
-        states = []
+        states, records, trouble, last = list[CaseState](), dict[str, Record](), None, ""
         for case in selection.cases():
-            if case.id in shards:
-                state, reason = DONE, ""
-                try:
-                    if read and read_shard(self.shards, selection.study, case) is None:
-                        state, reason = MISSING, "not computed yet"
-                except OtherTable:
-                    state, reason = CHANGED, "stored with another table of variables"
-                except IntegrityError as error:
-                    state, reason = DAMAGED, str(error).rpartition(" is damaged: ")[2]
-                states.append(CaseState(case, state, reason))
+            if case.shard != last:
+                last = case.shard
+                records, trouble = self._records(study, case, read) if last in shards else ({}, None)
+            if trouble:
+                states.append(CaseState(case, *trouble))
+            elif record := records.get(case.id):
+                state = (DONE, "") if record.code == code else (OTHER, record.code)
+                states.append(CaseState(case, *state, record))
             elif case.id in failed and (reason := failure_reason(self.failed, case)):
                 states.append(CaseState(case, FAILED, reason))
             else:
                 states.append(CaseState(case, MISSING, "not computed yet"))
         return states
 
+    def _records(self, study: Study, case: Case, read: bool) -> tuple[dict[str, Record], tuple[str, str] | None]:
+        """The cases in the shard of a case, or the state of all of them and its reason where it cannot be used."""
+        try:
+            return read_records(self.shards, study, case, verified=read), None
+        except OtherTable:
+            return {}, (CHANGED, "stored with another table of variables")
+        except IntegrityError as error:
+            return {}, (DAMAGED, str(error).rpartition(" is damaged: ")[2])
+
 
 def reason_lines(states: list[CaseState], most: int = 20) -> list[str]:
     """One line for each state and reason, without the cases that are done."""
     groups: dict[tuple[str, str], list[Case]] = {}
-    for case, state, reason in states:
+    for case, state, reason, _ in states:
         if state != DONE:
             groups.setdefault((state, reason), []).append(case)
     lines = []

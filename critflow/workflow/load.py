@@ -14,10 +14,21 @@ from pathlib import Path
 from types import ModuleType
 
 from critflow.result import EnvironmentFailure, StudyError
-from critflow.workflow.provenance import STUDY_MODULE
+from critflow.workflow.code import STUDY_MODULE
 from critflow.workflow.study import Study, nearest
 
 _BENCHMARKS = ("failure_map", "speed")  # not part of the installed package
+# Names of studies that are a part of another one, and the name of that.
+_JOINED = {
+    "design_curves": "stiffening",
+    "design_isogonal": "stiffening",
+    "design_stiffening": "stiffening",
+    "design_poisson": "reach",
+    "design_reach": "reach",
+    "onset": "reach",
+    "design_pruning": "topology",
+    "design_topology": "topology",
+}
 _loading = threading.Lock()
 
 
@@ -60,6 +71,8 @@ def load_study(word: str) -> StudyFile:
         if word in _BENCHMARKS:
             place = f"run it in a source checkout of critflow, where it is workflows/benchmarks/{word}"
             raise StudyError(f"the benchmark {word!r} is not part of the installed package: {place}")
+        if word in _JOINED:
+            raise StudyError(f"the study {word!r} is a part of {_JOINED[word]!r}: critflow run {_JOINED[word]}")
         hint = nearest(word, list(named), "studies") if named else "there is none in ./workflows"
         raise StudyError(f"there is no study {word!r}: {hint}")
     loaded = load_file(named[word])

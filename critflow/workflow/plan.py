@@ -4,7 +4,7 @@ One spelling of `--set` serves every setting; the type of the default decides ho
 
     whole numbers   7    0,3,5    0:100         half-open, as in Python
     decimals        0.1  0.1,0.2  0.001:0.01:0.001   start:stop:step, stop included
-    words           bulk_modulus,random_stress
+    words           max_B_0,random_stress
 
 Every study has the setting `variables`: names of its table to compute and store, `scalars` for all variables without
 inner dimensions, or `all`.
@@ -27,6 +27,7 @@ from typing import Any
 import numpy as np
 
 from critflow.result import CritflowError, StudyError
+from critflow.workflow.former_names import POPULATIONS, REPLACED, VARIABLES, hint
 from critflow.workflow.study import LONGEST, Axis, Study, nearest, require
 
 # Derivation of every random number, stored in the files that contain some.
@@ -72,6 +73,11 @@ class Case:
         """Axis values and hash of the identity, in characters that are valid in file names."""
         values = [f"{k}{v}" if isinstance(v, int) else _UNREADABLE.sub("_", v) for k, v in self.values.items()]
         return f"{'-'.join(values)[:80]}-{sha256(self.identity.encode()).hexdigest()[:16]}"
+
+    @cached_property
+    def shard(self) -> str:
+        """Name of the file that stores all cases with this value of the first axis and these parameters."""
+        return Case(self.study, self.version, self.parameters, dict([*self.values.items()][:1]), self.variables).id
 
 
 @dataclass(frozen=True)
@@ -169,8 +175,8 @@ def _axis_values(axis: Axis, text: str) -> tuple:
     if axis.is_words:
         values: tuple = _pieces(axis.key, text)
         for value in values:
-            hint = nearest(value, [str(word) for word in axis.values], "choices")
-            require(value in axis.values, f"{axis.key} has no {value!r}: {hint}")
+            advice = hint(value, [str(word) for word in axis.values], "choices", POPULATIONS)
+            require(value in axis.values, f"{axis.key} has no {value!r}: {advice}")
     else:
         values = _numbers(axis.key, text, int)
         _refuse_negative(axis.key, values)
@@ -185,8 +191,8 @@ def _variables(study: Study, text: str) -> tuple[str, ...]:
     words |= {name: [name] for name in table}
     pieces = _pieces("variables", text)
     for piece in pieces:
-        hint = nearest(piece, list(words), "choices")
-        require(piece in words, f"study {study.name!r} has no variable {piece!r}: {hint}")
+        advice = hint(piece, list(words), "choices", VARIABLES | REPLACED)
+        require(piece in words, f"study {study.name!r} has no variable {piece!r}: {advice}")
     _refuse_duplicates("variables", pieces)
     return tuple(name for piece in pieces for name in words[piece])
 

@@ -10,7 +10,6 @@ import os
 import platform
 import re
 import subprocess
-import sys
 import time
 from collections.abc import Mapping
 from functools import cache
@@ -23,32 +22,19 @@ import numpy as np
 
 from critflow.extensions import extras
 from critflow.result import InputError
-from critflow.workflow.study import Study
-
-STUDY_MODULE = "critflow_study_"  # prefix of the modules of loaded study files
+from critflow.workflow.code import numeric_modules
 
 _PACKAGE = Path(__file__).parents[1]
-_NUMERIC = ("workflow/plan.py", "workflow/study.py")  # the parts of the engine that decide numbers
-_NOT_NUMERIC = ("command", "figures", "workflow", "studies")
 _ENVIRONMENT = ("numpy", "scipy", "qdldl", "clarabel", "pypardiso", "pyamg")  # packages that numbers may depend on
-
-
-def code_version(study: Study) -> str:
-    """The code that computes a case: version and digest of the library, digest of the study."""
-    module = str(getattr(study.case, "__module__", ""))
-    reports = (*study.figures.values(), *study.animations.values(), study.claims, study.summary, study.verify)
-    reporting = frozenset(str(getattr(report, "__module__", "")) for report in reports)
-    return f"critflow {libraries()['critflow']}, study {_module_digest(module, reporting)}"
 
 
 @cache
 def libraries() -> Mapping[str, str]:
-    """Versions that must be equal in every process of a run, with a digest of the modules that decide numbers."""
-    names = [path.relative_to(_PACKAGE).as_posix() for path in sorted(_PACKAGE.rglob("[!_]*.py"))]
-    apart = {*_NOT_NUMERIC, *(name for name, extra in extras().items() if not extra.numeric)}
-    names = [name for name in names if name.removeprefix("extras/").split("/")[0] not in apart]
-    digest = _digest({name: _PACKAGE / name for name in (*names, *_NUMERIC)})
-    return {"critflow": f"{version('critflow')} {digest}"} | _versions()
+    """Versions that must be equal in every process of a run, with a digest of the files that decide numbers."""
+    whole, numeric = sha256(), [name for name, extra in extras().items() if extra.numeric]
+    for name, path in numeric_modules(numeric).items():
+        whole.update(f"{name}\0".encode() + sha256(path.read_bytes()).digest())
+    return {"critflow": f"{version('critflow')} {whole.hexdigest()[:12]}"} | _versions()
 
 
 @cache
@@ -103,22 +89,3 @@ def _environment() -> dict[str, str]:
     blas = np.show_config(mode="dicts")["Build Dependencies"]["blas"]
     machine = {"python": platform.python_version(), "processor": platform.machine()}
     return machine | _versions() | {"BLAS": f"{blas['name']} {blas.get('version', '')}".strip()}
-
-
-@cache
-def _module_digest(module: str, reporting: frozenset[str]) -> str:
-    """Digest of the file of a case function and of the modules that it imports from its folder, without reports."""
-    root = module.split(".")[0]
-    names = [module]
-    if root.startswith(STUDY_MODULE):
-        neighbours = [name for name in sys.modules if name.startswith(f"{root}.") and name not in reporting]
-        names = sorted({root, module, *neighbours})
-    files = {name.removeprefix(root): getattr(sys.modules.get(name), "__file__", None) for name in names}
-    return _digest({name: Path(file) for name, file in files.items() if file})
-
-
-def _digest(files: Mapping[str, Path]) -> str:
-    whole = sha256()
-    for name, path in files.items():
-        whole.update(f"{name}\0".encode() + sha256(path.read_bytes()).digest())
-    return whole.hexdigest()[:12]

@@ -6,7 +6,7 @@ import io
 import json
 import math
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -19,10 +19,11 @@ from matplotlib.figure import Figure
 from PIL import Image
 
 from critflow.result import CritflowError, StudyError
+from critflow.workflow.claim import Claim, claims_files
 from critflow.workflow.dataset import opened_dataset
 from critflow.workflow.folder import Folder
 from critflow.workflow.store import replacing
-from critflow.workflow.study import KINDS, Claim, Study, tally
+from critflow.workflow.study import Study
 
 FORMATS = ("png", "pdf", "svg")
 
@@ -98,7 +99,7 @@ def text_parts(study: Study, folder: Folder) -> list[Part]:
 def _figure(draw: Callable[[xr.Dataset], Figure], format: str, dataset: xr.Dataset) -> list[bytes]:
     file = io.BytesIO()
     with np.errstate(over="ignore", invalid="ignore"):  # axes in three dimensions compute with NaN of missing data
-        figure = draw(dataset)
+        figure = _noted(draw(dataset), dataset)
         if (engine := figure.get_layout_engine()) is not None:
             # `savefig` would draw all twice, the first time for the layout alone.
             engine.execute(figure)
@@ -112,7 +113,7 @@ def _figure(draw: Callable[[xr.Dataset], Figure], format: str, dataset: xr.Datas
 def _animation(frames: Callable[[xr.Dataset], Iterable[Figure]], dataset: xr.Dataset) -> list[bytes]:
     images, file = [], io.BytesIO()
     for figure in frames(dataset):
-        canvas = FigureCanvasAgg(figure)
+        canvas = FigureCanvasAgg(_noted(figure, dataset))
         canvas.draw()
         images.append(Image.fromarray(np.asarray(canvas.buffer_rgba())).convert("RGB"))
         plt.close(figure)
@@ -123,23 +124,25 @@ def _animation(frames: Callable[[xr.Dataset], Iterable[Figure]], dataset: xr.Dat
     return [file.getvalue()]
 
 
+def code_note(dataset: xr.Dataset) -> str:
+    """The sentence about a dataset whose cases were computed by several versions of the code, else empty."""
+    if "code" not in dataset or "flag_meanings" not in dataset["code"].attrs:
+        return ""
+    return f"the cases are of {len(dataset['code'].attrs['flag_meanings'].split())} versions of the code"
+
+
+def _noted(figure: Figure, dataset: xr.Dataset) -> Figure:
+    if note := code_note(dataset):
+        figure.text(0.005, 0.002, note, fontsize=6, color="#C00000")
+    return figure
+
+
 def _claims_files(study: Study, dataset: xr.Dataset, claims: Iterable[Claim]) -> list[bytes]:
-    """The claims as JSON, and as Markdown: a table for each kind, followed by the reasons."""
+    """The claims as JSON, and as Markdown."""
     axis = study.axes[0]
-    whole = axis.counted(dataset.sizes[axis.name])
-    stated = [replace(claim, sample=claim.sample or whole) for claim in claims]
-    lines, counts = [f"# {study.title}"], tally(stated)
-    for kind, title in KINDS.items():
-        if of_kind := [claim for claim in stated if claim.kind == kind]:
-            lines += ["", f"## {title.capitalize()}" + (f": {counts[kind]}" if kind in counts else ""), ""]
-            lines += ["| claim | statement | paper | criterion | here | sample | verdict |", "|---" * 7 + "|"]
-            for c in of_kind:
-                cells = (c.key, c.statement, c.paper, c.criterion, c.value, c.sample, c.verdict)
-                row = " | ".join(text.replace("|", "\\|") for text in cells)
-                lines.append(f"| {row} |".replace("\n", " "))
-    reasons = [f"- **{c.key}** {c.verdict}: {c.because}" for c in stated if c.because]
-    table = "\n".join([*lines, *(["", *reasons] if reasons else [])]) + "\n"
-    return [_json([asdict(claim) for claim in stated]), table.encode()]
+    note = code_note(dataset)
+    texts = claims_files(study.title, claims, axis.counted(dataset.sizes[axis.name]), note)
+    return [text.encode() for text in texts]
 
 
 def _json(value: Any) -> bytes:

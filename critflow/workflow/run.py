@@ -8,7 +8,8 @@ replace the dataset; the cases of the former settings stay stored, and a run wit
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections import Counter
+from collections.abc import Mapping, Sequence
 from contextlib import nullcontext
 from dataclasses import dataclass, field, replace
 from itertools import groupby
@@ -24,15 +25,27 @@ from rich.progress import (
     TimeRemainingColumn,
 )
 
-from critflow.result import IntegrityError, Status, StudyError
+from critflow.result import CritflowError, EnvironmentFailure, IntegrityError, Status, StudyError
+from critflow.workflow.code import code_version
 from critflow.workflow.dataset import Assembly, write_dataset
-from critflow.workflow.folder import CHANGED, DAMAGED, DONE, FAILED, MISSING, CaseState, Folder, Note, reason_lines
+from critflow.workflow.folder import (
+    CHANGED,
+    DAMAGED,
+    DONE,
+    FAILED,
+    MISSING,
+    OTHER,
+    CaseState,
+    Folder,
+    Note,
+    reason_lines,
+)
 from critflow.workflow.load import StudyFile
 from critflow.workflow.plan import LONGEST, Case, Selection, spelled
-from critflow.workflow.provenance import code_version, environment, timestamp
+from critflow.workflow.provenance import environment, timestamp
 from critflow.workflow.report import Report, ReportError, write_report
-from critflow.workflow.store import delete_failure
-from critflow.workflow.study import plural
+from critflow.workflow.store import delete_failure, refuse_sizes
+from critflow.workflow.study import Study, plural
 from critflow.workflow.tasks import Interrupted, Job
 from critflow.workflow.workers import Task, Workers, compute, interruption
 
@@ -62,18 +75,35 @@ class RunResult:
     messages: list[str] = field(default_factory=list)
 
 
-def plan_run(folder: Folder, requested: Selection, retry_failed: bool) -> RunPlan:
-    """The cases to compute; every stored shard is read and verified."""
+def plan_run(folder: Folder, requested: Selection, retry_failed: bool, other: str = "refuse") -> RunPlan:
+    """The cases to compute; every stored shard is read and verified.
+
+    other  what to do with stored cases of other code: "refuse", "recompute" or "keep"
+
+    Raises `IntegrityError` for such cases where they are refused.
+    """
     selection, messages = _dataset_selection(folder, requested)
     states = folder.states(folder.part.within(selection) if folder.part else selection, read=True)
-    todo = [
-        case
-        for case, state, _ in states
-        if state in (DAMAGED, CHANGED)
-        or (_selects(requested, case) and (state == MISSING or (state == FAILED and retry_failed)))
-    ]
+    if other == "refuse":
+        _refuse_other_code(folder, requested.study, states)
+    again = {DAMAGED, CHANGED, *([OTHER] if other == "recompute" else [])}
+    wanted = {MISSING, *([FAILED] if retry_failed else [])}
+    todo = [one.case for one in states if one.state in again or (one.state in wanted and _selects(requested, one.case))]
     kept = sum(_selects(requested, state.case) for state in states) - sum(_selects(requested, case) for case in todo)
     return RunPlan(requested, selection, states, todo, messages, kept)
+
+
+def _refuse_other_code(folder: Folder, study: Study, states: Sequence[CaseState]) -> None:
+    """Raise `IntegrityError` where stored cases were computed by other code."""
+    if counts := Counter(one.reason for one in states if one.state == OTHER):
+        stored = sum(one.record is not None for one in states)
+        codes = "; ".join(f"{count} by {code}" for code, count in sorted(counts.items()))
+        now = f"{codes}; now {code_version(study)}"
+        raise IntegrityError(
+            f"{counts.total()} of {plural(stored, 'stored case')} in {folder.path} were computed by other code ({now}):"
+            " add --recompute to compute them again, --keep to keep them with the variable `code` in the dataset, or "
+            "--out DIR for another folder"
+        )
 
 
 def run_study(
@@ -83,13 +113,17 @@ def run_study(
     workers: Workers,
     origin: Mapping[str, str],
     retry_failed: bool = False,
+    other: str = "refuse",
 ) -> RunResult:
     """Compute the cases that are not stored, then write the dataset and its report.
 
-    origin: attributes of the dataset, as in `write_dataset`.  Raises `Interrupted` if the run is stopped.
+    origin  attributes of the dataset, as in `write_dataset`
+    other   as in `plan_run`
+
+    Raises `Interrupted` if the run is stopped.
     """
     with folder.locked(loaded):
-        plan = plan_run(folder, requested, retry_failed)
+        plan = plan_run(folder, requested, retry_failed, other)
         folder.write_note(loaded, plan.selection)
         for case in plan.todo:
             delete_failure(folder.failed, case)
@@ -98,7 +132,7 @@ def run_study(
         if folder.part is None:
             return _finish(plan, folder, origin, progress)
         states = folder.states(plan.selection)
-        if others := sum(state == MISSING for _, state, _ in states):
+        if others := sum(one.state == MISSING for one in states):
             message = f"{others} cases of other parts are missing: the last part writes the dataset"
         else:
             with folder.merging() as last:
@@ -106,7 +140,7 @@ def run_study(
                     return _finish(plan, folder, origin, progress)
             message = "another run writes the dataset of all parts"
         own = {state.case.id for state in plan.states}
-        failed = {case.id: reason for case, state, reason in states if state == FAILED and case.id in own}
+        failed = {one.case.id: one.reason for one in states if one.state == FAILED and one.case.id in own}
         return RunResult(None, plan.kept, failed, messages=[message])
 
 
@@ -118,13 +152,15 @@ def write_partial_dataset(folder: Folder, origin: Mapping[str, str]) -> str:
     loaded, selection = folder.selection()
     with folder.locked(loaded):
         axis, states = selection.study.axes[0], folder.states(selection)
-        open_values = {state.case.values[axis.name] for state in states if state.state != DONE}
+        open_values = {state.case.values[axis.name] for state in states if state.record is None}
         complete = tuple(value for value in selection.axes[axis.name] if value not in open_values)
         sizes = f"{len(complete)} of {axis.counted(len(selection.axes[axis.name]))}"
         if not complete:
             raise StudyError(f"no dataset and {sizes} complete in {folder.path}: {_RESUME}")
         partial = replace(selection, axes={**selection.axes, axis.name: complete})
-        write_dataset(Assembly(partial, folder.shards), folder.dataset(partial.study.name), origin)
+        write_dataset(
+            Assembly(partial, folder.shards, folder.states(partial)), folder.dataset(partial.study.name), origin
+        )
     return f"{sizes} are complete: {_RESUME}"
 
 
@@ -162,7 +198,7 @@ def _dataset_selection(folder: Folder, requested: Selection) -> tuple[Selection,
 def _with_stored_cases(folder: Folder, requested: Selection, note: Note) -> tuple[Selection, list[str]]:
     """The requested cases and all that the folder stores with the same settings, with a message if these are more."""
     states = folder.states(replace(requested, axes=note.axes))
-    stored = [case for case, state, _ in states if state in (DONE, FAILED)]
+    stored = [one.case for one in states if one.record or one.state == FAILED]
     values = {name: {*chosen, *(case.values[name] for case in stored)} for name, chosen in requested.axes.items()}
     joined = replace(requested, axes={axis.name: axis.ordered(values[axis.name]) for axis in requested.study.axes})
     if joined.count > LONGEST:
@@ -183,14 +219,15 @@ def _compute(loaded: StudyFile, plan: RunPlan, folder: Folder, workers: Workers,
     command = (word, f"--out={folder.path}-alone", "--retry-failed", *workers.options)
     seconds = workers.case_seconds if workers.processes or workers.remote else None
     parameters, path = dict(plan.selection.parameters), str(folder.path.absolute())
-    job = Job(str(loaded.path), loaded.digest, path, parameters, study.selected, command, seconds, folder.part)
+    code, digest = code_version(study), loaded.digest
+    job = Job(str(loaded.path), digest, path, parameters, study.selected, command, code, seconds, folder.part)
     groups = groupby(plan.todo, lambda case: case.values[first])
     tasks: list[Task] = [[case.values for case in group] for _, group in groups]
-    stored = 0
+    stored, sizes = 0, dict[str, int]()
     cases = f"{plural(len(plan.todo), 'case')} in {workers.place}"
     bar = nullcontext() if progress.bar.disable else progress.bar  # rich 13 and 14 end one that is off by a line
     with bar, open(folder.log, "a", encoding="utf-8") as log, interruption(folder.stop) as stopped:
-        log.write(f"# {timestamp()} {code_version(study)}; {environment()}; {cases}\n")
+        log.write(f"# {timestamp()} {code}; {environment()}; {cases}\n")
         for line in [*plan.messages, *reason_lines([s for s in plan.states if s.state in (DAMAGED, CHANGED)])]:
             progress.say(f"critflow: {line}")
         if tasks:
@@ -198,28 +235,46 @@ def _compute(loaded: StudyFile, plan: RunPlan, folder: Folder, workers: Workers,
         try:
             for outcomes in compute(job, tasks, workers, stopped) if tasks else ():
                 stored += len(outcomes)
-                for case_id, status, seconds, checksum, error in outcomes:
-                    log.write(f"{case_id} {Status(status).name} {seconds:.3f} s {checksum} {error}\n")
+                for one in outcomes:
+                    log.write(
+                        f"{one.case_id} {Status(one.status).name} {one.seconds:.3f} s {one.checksum} {one.error}\n"
+                    )
+                    refuse_sizes(one.case_id, one.sizes, sizes)
+                    sizes |= one.sizes
                 log.flush()
                 progress.count(stored)
         except KeyboardInterrupt:
-            raise Interrupted(f"stopped at once; complete cases are stored: {_RESUME}") from None
+            raise Interrupted(f"stopped at once; {_complete(plan, folder)}: {_RESUME}") from None
+        except EnvironmentFailure as error:
+            raise EnvironmentFailure(f"{_complete(plan, folder)}, but {error}") from error
     if stored < len(plan.todo):
         raise Interrupted(f"interrupted after {stored} of {len(plan.todo)} cases: {_RESUME}")
+
+
+def _complete(plan: RunPlan, folder: Folder) -> str:
+    """How many of the cases of a run are complete in its folder."""
+    todo = {case.id for case in plan.todo}
+    part = folder.part.within(plan.selection) if folder.part else plan.selection
+    try:
+        done = sum(one.state == DONE and one.case.id in todo for one in folder.states(part))
+    except CritflowError:  # a disk that fails
+        return "complete cases are stored"
+    return f"{done} of {len(todo)} cases are complete"
 
 
 def _finish(plan: RunPlan, folder: Folder, origin: Mapping[str, str], progress: _RunProgress) -> RunResult:
     """Write the dataset of all stored cases, and its report."""
     study, states = plan.selection.study, folder.states(plan.selection)
     path = folder.dataset(study.name)
-    failed = [(case, reason) for case, state, reason in states if state == FAILED]
     progress.say(f"{study.name}: writing the dataset of {plural(len(states), 'case')}")
-    attributes = write_dataset(Assembly(plan.selection, folder.shards, [case.id for case, _ in failed]), path, origin)
-    requested = {case.id: reason for case, reason in failed if _selects(plan.requested, case)}
-    code, codes = code_version(study), attributes.get("cases_code", "").split("; ")
-    others = [text for text in codes if text and not text.startswith(f"{code}:")]
-    advice = "they are kept; raise the study's version to compute them again"
-    messages = [f"cases computed by other code than {code}: {'; '.join(others)}: {advice}"] if others else []
+    write_dataset(Assembly(plan.selection, folder.shards, states), path, origin)
+    requested = {
+        one.case.id: one.reason for one in states if one.state == FAILED and _selects(plan.requested, one.case)
+    }
+    messages = list[str]()
+    if others := Counter(one.reason for one in states if one.state == OTHER):
+        counts = "; ".join(f"{code}: {count} cases" for code, count in sorted(others.items()))
+        messages = [f"cases of other code than {code_version(study)} are kept: {counts}: the variable `code` has them"]
     progress.say(f"{study.name}: drawing the figures and testing the claims")
     try:
         report = write_report(study, folder)

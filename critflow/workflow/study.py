@@ -17,7 +17,6 @@ import json
 import math
 import re
 import sys
-from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from difflib import get_close_matches
@@ -29,6 +28,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from critflow.result import Status, StudyError
+from critflow.workflow.claim import Claim
 
 if TYPE_CHECKING:  # a case function needs neither library
     import xarray as xr
@@ -57,6 +57,15 @@ def require(condition: bool, message: str) -> None:
 
 
 @dataclass(frozen=True)
+class AxisLabel:
+    """A coordinate of the dataset along an axis of words: one text for each word, such as its name in print."""
+
+    name: str
+    long_name: str
+    texts: Mapping[str, str]
+
+
+@dataclass(frozen=True)
 class Axis:
     """An axis of the study: one case is computed for every combination of axis values.
 
@@ -68,6 +77,7 @@ class Axis:
     long_name: str
     key: str = ""  # word of `--set`; the name with an s by default
     noun: str = ""  # for one value, where they are counted; the name and the key by default
+    labels: Sequence[AxisLabel] = ()  # texts of every word
 
     def __post_init__(self) -> None:
         _identifier(self.name, "axis")
@@ -79,7 +89,12 @@ class Axis:
         require(kinds in ({int}, {str}), f"{name} needs whole numbers or words, all of one kind")
         negative = any(isinstance(value, int) and value < 0 for value in values)
         require(not negative, f"{name} needs whole numbers from zero")
+        for label in self.labels:
+            _identifier(label.name, "label")
+            bare = [value for value in values if value not in label.texts]
+            require(not bare, f"label {label.name!r} of {name} has no text for {''.join(map(str, bare[:1]))!r}: add it")
         object.__setattr__(self, "values", values)
+        object.__setattr__(self, "labels", tuple(self.labels))
         object.__setattr__(self, "key", self.key or f"{self.name}s")
 
     @property
@@ -89,6 +104,12 @@ class Axis:
     def counted(self, number: int) -> str:
         """A number of values with their noun, as in "3 networks"."""
         return plural(number, self.noun) if self.noun else f"{number} {self.name if number == 1 else self.key}"
+
+    def place(self, value: Any) -> tuple[int, str]:
+        """Where a value stands in order: words as they are declared, and behind them former ones."""
+        if not self.is_words:
+            return (value, "")
+        return (list(self.values).index(value) if value in self.values else len(self.values), value)
 
     def ordered(self, values: Iterable[Any]) -> tuple:
         """Values of this axis in the order of every dataset: numbers increase, words are in the declared order."""
@@ -121,6 +142,7 @@ class Variable:
     flags: type[IntEnum] | None = field(default=None, kw_only=True)  # the meaning of integer codes
     fill: int | None = field(default=None, kw_only=True)  # stands for a missing integer; an end of the dtype by default
     volatile: bool = field(default=False, kw_only=True)  # differs between runs, for example a time
+    comment: str = field(default="", kw_only=True)  # what a reader must know beyond the long name
 
     def __post_init__(self) -> None:
         _identifier(self.name, "variable")
@@ -158,62 +180,6 @@ class Variable:
         return array
 
 
-# Kinds of claims.  Identities, and budgets of time or memory, are checks of the code.
-KINDS = {"paper": "claims of the paper", "ours": "claims of ours", "check": "checks of the code"}
-_VERDICTS = ("holds", "differs", "undecided", "measured")
-
-
-@dataclass(frozen=True)
-class Claim:
-    """A statement, the criterion of its verdict, and the value measured in the dataset.
-
-    The criterion follows from the statement and is chosen before the value is known.
-    """
-
-    key: str
-    statement: str
-    paper: str  # value printed there
-    value: str  # measured, with its spread
-    verdict: str  # "holds", "differs", or "undecided" between them; "measured" without a criterion
-    because: str = ""  # required when it differs or is undecided
-    criterion: str = ""  # tolerance of the verdict, required with one
-    sample: str = ""  # what was measured, for example "84 networks"; values of the first axis by default
-    kind: str = "ours"
-
-    def __post_init__(self) -> None:
-        claim, tested = f"claim {self.key!r}", self.verdict != "measured"
-        require(self.verdict in _VERDICTS, f"verdict {self.verdict!r} of {claim} must be one of {', '.join(_VERDICTS)}")
-        require(self.kind in KINDS, f"kind {self.kind!r} of {claim} must be one of {', '.join(KINDS)}")
-        explained = self.verdict in ("holds", "measured") or bool(self.because.strip())
-        require(explained, f"{claim} {self.verdict}: give the reason in `because`")
-        require(not tested or bool(self.criterion), f"{claim} {self.verdict}: state its `criterion`")
-
-    @classmethod
-    def tested(
-        cls, key: str, statement: str, paper: str, value: str, holds: object, because: str = "", note: str = "",
-        **more: str,
-    ) -> Claim:  # fmt: skip
-        """The claim with the verdict of one condition, "undecided" if it is None.
-
-        because  reason if it does not hold, dropped otherwise; `note` is stored in both cases
-        more     criterion, sample and kind
-        """
-        reasons = "; ".join(filter(None, (note,) if holds else (because, note)))
-        verdict = "undecided" if holds is None else "holds" if holds else "differs"
-        return cls(key, statement, paper, value, verdict, reasons, **more)
-
-
-def tally(claims: Sequence[Claim]) -> dict[str, str]:
-    """Number of claims that hold, of each kind that is present; measured values do not count."""
-    counts = {}
-    for kind in KINDS:
-        verdicts = Counter(claim.verdict for claim in claims if claim.kind == kind)
-        if tested := verdicts.total() - verdicts["measured"]:
-            undecided = f", {verdicts['undecided']} undecided" * bool(verdicts["undecided"])
-            counts[kind] = f"{verdicts['holds']} of {tested} hold{undecided}"
-    return counts
-
-
 @dataclass(frozen=True, kw_only=True)
 class Study:
     """Axes, case function and table of variables, with the figures, claims and checks made from the dataset.
@@ -238,16 +204,18 @@ class Study:
     summary: Callable[[xr.Dataset], Mapping[str, Any]] | None = None
     verify: Callable[[xr.Dataset], Sequence[str]] | None = None  # recomputes results; a line per contradiction
     references: str = ""  # dataset attribute of the same name
+    committed: str = ""  # results of the authors' own run in a few words, printed after the verdicts of a run
     # Variables that a figure, an animation, "claims", "summary" or "verify" reads; all variables without an entry.
     needs: Mapping[str, Sequence[str]] = field(default_factory=dict)
     workers: int | None = None  # largest number of simultaneous cases: 1 if cases measure time
+    extras: Sequence[str] = ()  # of critflow that cases use without an import or a name in the study
     left_out: Sequence[Variable] = ()  # rows of the table that are not stored; set by `storing`
 
     def __post_init__(self) -> None:
         name = f"study {self.name!r}"
         valid = re.fullmatch(r"[A-Za-z0-9][A-Za-z0-9_-]*", self.name) is not None
         require(valid, f"study name {self.name!r} must be letters, digits, - and _")
-        for key in ("axes", "variables", "coordinates", "left_out"):
+        for key in ("axes", "variables", "coordinates", "extras", "left_out"):
             object.__setattr__(self, key, tuple(getattr(self, key)))
         parameters = {key: _plain_parameter(key, value) for key, value in self.parameters.items()}
         object.__setattr__(self, "parameters", parameters)
@@ -282,9 +250,12 @@ class Study:
         """Raise unless names are unique and axes, parameters, coordinates and variables agree."""
         name, parameters = f"study {self.name!r}", self.parameters
         labels = [*self.axis_names, *(c.name for c in self.coordinates), *(v.name for v in self.variables)]
+        labels += [label.name for axis in self.axes for label in axis.labels]
         for names in (labels, ["variables", *(axis.key for axis in self.axes), *parameters]):
             twice = sorted({word for word in names if names.count(word) > 1})
             require(not twice, f"{name} uses the name {''.join(twice[:1])!r} twice")
+        for reserved in {"code", "stored_case"} & {*labels, *(dim for v in self.variables for dim in v.dims)}:
+            raise StudyError(f"{name} uses the name {reserved!r}, which the engine writes: choose another")
         for c in self.coordinates:
             listed = isinstance(parameters.get(c.parameter), tuple)
             require(listed, f"coordinate {c.name!r} needs a parameter {c.parameter!r} with a list")

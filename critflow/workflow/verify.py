@@ -1,55 +1,114 @@
-"""Verification of a results folder: every byte of its shards and its dataset, the texts of its report, its physics."""
+"""Verification of a results folder: every byte of its shards and its dataset, the texts of its report, its physics.
+
+A sample of the cases is computed again.  The numbers must be the same bits on the libraries that computed them first;
+on others they may differ by `_CLOSE`.
+"""
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterator
+from dataclasses import dataclass
+from hashlib import sha256
 from typing import Any
 
 import numpy as np
 import xarray as xr
+from threadpoolctl import threadpool_limits
 
 from critflow.result import IntegrityError, StudyError
+from critflow.workflow.code import code_version
 from critflow.workflow.dataset import REWRITE, SMALL, Assembly, opened_dataset
-from critflow.workflow.folder import CHANGED, DAMAGED, DONE, FAILED, Folder
+from critflow.workflow.folder import CHANGED, DAMAGED, DONE, OTHER, CaseState, Folder
+from critflow.workflow.plan import Case, Selection
+from critflow.workflow.provenance import environment
 from critflow.workflow.report import text_parts
-from critflow.workflow.store import shard_path
-from critflow.workflow.study import Study
+from critflow.workflow.store import read_shard, shard_path
+from critflow.workflow.study import Study, plural
 
 # Attributes that state the data of a file, and their origin; others state the present code.
 _COMPARED = ("study", "study_version", "schema_version", "axes", "parameters")
-_ORIGINS = ("cases_code", "cases_environment", "shards_sha256")
+_CLOSE = 1e-6  # of the largest number of a variable
+_ORIGINS = ("summary", "cases_code", "cases_environment", "shards_sha256")
 
 
-def verify_folder(folder: Folder) -> tuple[int, list[str], bool]:
+@dataclass(frozen=True)
+class Verification:
+    """What was verified, and a line for each problem."""
+
+    stored: int  # cases that were read
+    problems: list[str]
+    physics: bool  # whether the study recomputed its physics from the stored arrays
+    sample: list[Case]  # computed again
+
+
+def verify_folder(folder: Folder, sample: int = 0) -> Verification:
     """Compare shards, dataset, texts and physics of the last run; a case that was not computed is no problem.
 
-    Returns the number of verified shards, a line per problem, and whether the physics was recomputed.
+    sample  cases that are computed again, chosen by their ids
 
     Raises `IntegrityError` if the note is damaged, `StudyError` if there is no dataset and no problem.
     """
     _, selection = folder.selection()
-    study, path = selection.study, folder.dataset(selection.study.name)
     states = folder.states(selection, read=True)
-    stored = sum(state == DONE for _, state, _ in states)
-    bad = [state for state in states if state.state in (DAMAGED, CHANGED)]
-    problems = [f"{shard_path(folder.shards, case)} is {state}: {reason}" for case, state, reason in bad]
-    recomputed = False
+    stored = sum(one.record is not None for one in states)
+    bad = [one for one in states if one.state in (DAMAGED, CHANGED)]
+    # The cases of a shard have one line.
+    lines = (f"{shard_path(folder.shards, one.case)} is {one.state}: {one.reason}" for one in bad)
+    problems = list(dict.fromkeys(lines))
+    physics = _verify_dataset(folder, selection, states, problems)
+    now = code_version(selection.study)
+    for code, count in Counter(one.reason for one in states if one.state == OTHER).items():
+        problems.append(f"{plural(count, 'case')} of other code: {code}, now {now}")
+    done = sorted((one.case for one in states if one.state == DONE), key=lambda case: sha256(case.id.encode()).digest())
+    for case in done[:sample]:
+        problems += _recomputed(folder, selection.study, case)
+    return Verification(stored, problems, physics, done[:sample])
+
+
+def _verify_dataset(folder: Folder, selection: Selection, states: list[CaseState], problems: list[str]) -> bool:
+    """Compare the dataset with the shards, its texts and physics with it; add to the problems.
+
+    Returns whether the study recomputed its physics.
+    """
+    study, path = selection.study, folder.dataset(selection.study.name)
     try:
         with opened_dataset(path) as opened:
             dataset = opened.load() if opened.nbytes < SMALL else opened
             if not problems:  # damaged shards can be compared with nothing
-                assembly = Assembly(selection, folder.shards, [case.id for case, state, _ in states if state == FAILED])
+                assembly = Assembly(selection, folder.shards, states)
                 problems += [f"{path}: {line}: {REWRITE}" for line in _differences(assembly, dataset)]
             if not problems:  # texts and physics of a damaged dataset can be anything
                 problems += _outdated_texts(study, folder, dataset)
                 if study.verify is not None and study.can_report("verify"):
                     problems += [f"{path}: {line}" for line in study.verify(dataset)]
-                    recomputed = True
+                    return True
     except (IntegrityError, StudyError) as error:
         if isinstance(error, StudyError) and not problems:  # of a run that was stopped
             raise
         problems.append(str(error))
-    return stored, problems, recomputed
+    return False
+
+
+def _recomputed(folder: Folder, study: Study, case: Case) -> Iterator[str]:
+    """A line for each variable of a case that is another one when it is computed again."""
+    shard, volatile = read_shard(folder.shards, study, case), {v.name for v in study.variables if v.volatile}
+    if shard is None or case.id not in shard.cases:
+        return
+    stored = shard.cases[case.id]
+    with threadpool_limits(limits=1):
+        try:
+            arrays = study.computed(case.parameters, case.values)
+        except Exception as error:
+            yield f"case {case.id} cannot be computed again: {type(error).__name__}: {error}"
+            return
+    same = stored.record.environment == environment()
+    expected = {**stored.arrays, "status": np.asarray(stored.record.status, arrays["status"].dtype)}
+    for name in sorted((arrays.keys() | expected.keys()) - volatile):
+        if name not in arrays or name not in expected:
+            yield f"case {case.id}: {name} is not in both the stored and the recomputed case"
+        elif not (_equal(expected[name], arrays[name]) or (not same and _close(expected[name], arrays[name]))):
+            yield f"case {case.id}: {name} is another one when it is computed again"
 
 
 def _differences(assembly: Assembly, dataset: xr.Dataset) -> Iterator[str]:
@@ -82,6 +141,12 @@ def _differences(assembly: Assembly, dataset: xr.Dataset) -> Iterator[str]:
 def _equal(expected: np.ndarray, stored: np.ndarray) -> bool:
     same_kind = expected.dtype == stored.dtype or expected.dtype.kind == "U"  # words are stored as characters
     return same_kind and np.array_equal(expected, stored, equal_nan=expected.dtype.kind == "f")
+
+
+def _close(expected: np.ndarray, found: np.ndarray) -> bool:
+    scale = float(np.nanmax(np.abs(expected), initial=0.0)) if expected.dtype.kind == "f" else 0.0
+    close = expected.dtype.kind == "f" and expected.shape == found.shape
+    return close and np.allclose(found, expected, rtol=_CLOSE, atol=_CLOSE * scale, equal_nan=True)
 
 
 def _plain(attributes: dict[Any, Any]) -> dict[str, list]:

@@ -1,4 +1,7 @@
-"""The API reference: the directive `layer` documents the public names of one folder of the scene, or of one extra.
+"""The API reference: a page for each function and class, and lists of them.
+
+The directive `layer` lists the names of one folder of the scene, or of one extra, with a line each; `names` lists all
+public names by the headings of the reference.  `entries.py` writes the page of each name.
 
 Docstrings are plain text.  Tables of two columns become definition lists, indented lines displayed equations, lines
 after `>>>` code, and `names` links: to a public name, or to the page that explains the equation of the paper with this
@@ -8,9 +11,10 @@ label.  In the pages of the theory `folder: NAME` links to its entry; a folder i
 import inspect
 import re
 from enum import Enum
+from functools import cache
 from importlib import import_module
 from pathlib import Path
-from typing import ClassVar
+from typing import ClassVar, NamedTuple
 
 from docutils import nodes
 from docutils.parsers.rst import Directive
@@ -24,6 +28,9 @@ from workflows.pages.paper import EQUATIONS, printed
 
 ROW = re.compile(r"([^\s.]+(?:,? [^\s.]+){0,4}) {2,}(\S.*)")  # not two sentences
 THEORY = Path(__file__).parents[1] / "theory"
+REFERENCE = Path(__file__).parents[1] / "reference"
+ENTRIES = "entries"  # the folder of the pages of the names, in that of the reference
+BLOCK = re.compile(r"^(#+) (.+)$|^```\{layer\} (\w+)\n(?::first: (.*)\n)?([^`]*)```$", flags=re.M)
 PAGES = {equation.label: equation.page for equation in EQUATIONS}  # those that explain the equations
 FUNCTION = re.compile(r"(\w+): (\w+(?:\.\w+)*)")  # of a layer, in the tables of the theory
 CLASS = "   :members:\n   :member-order: bysource\n   :exclude-members: __init__, __new__\n"
@@ -121,29 +128,79 @@ def summary(paths: list[str]) -> str:
     return "\n".join([*rows, ""])
 
 
-class Layer(Directive):
-    """`layer NAME`: a table of the public names of the folder, then each of them, those of the option `first` before.
+class Listed(NamedTuple):
+    """A directive `layer` of the reference: its page, the heading above it, and the paths of its names in order."""
 
-    After the public names stand the classes that they return, the names of modules that the content lists as
-    MODULE.NAME, and those that the theory names.
+    page: str
+    heading: str
+    paths: list[str]
+
+
+def paths_of(layer: str, first: list[str], others: list[str]) -> list[str]:
+    """The names that the reference documents of a layer: those of `first`, the other public names, the classes that
+    they return, those that are listed as MODULE.NAME, and those that the theory names."""
+    public = public_names(layer)
+    paths = [f"critflow.{name}" for name in [*first, *public]]
+    paths += [path for path in results_of(public) if within(path.rpartition(".")[0], layer)]
+    paths += [f"{package_of(layer)}.{name}" for name in others]
+    return list(dict.fromkeys([*paths, *in_theory(layer)]))
+
+
+def listed() -> list[Listed]:
+    """All directives `layer` of the reference, in the order of its index."""
+    index = (REFERENCE / "index.md").read_text(encoding="utf-8")
+    pages = dict.fromkeys([*re.findall(r"\]\((\w+)\.md\)", index), "index"])
+    found = []
+    for page in pages:
+        heading = ""
+        for block in BLOCK.finditer((REFERENCE / f"{page}.md").read_text(encoding="utf-8")):
+            heading = block[2] or heading
+            if layer := block[3]:
+                found.append(Listed(page, heading, paths_of(layer, (block[4] or "").split(), block[5].split())))
+    return found
+
+
+def entry_of(path: str) -> str:
+    """The name of the page of a function or class: that of `critflow.NAME`, or MODULE.NAME in its package.
+
+    Files such as those of `quantity` and `Quantity` would be one on some disks.
     """
+    name = path.removeprefix("critflow.")
+    return f"{name}_class" if name != name.lower() and name.lower() in PUBLIC else name
+
+
+class Layer(Directive):
+    """`layer NAME`: a table of the names of a folder, with a line of each, and their pages in the contents."""
 
     required_arguments = 1
     has_content = True
     option_spec: ClassVar = {"first": str.split}
 
     def run(self):
-        layer, first = self.arguments[0], self.options.get("first", [])
-        public = public_names(layer)
-        names = [*first, *(name for name in public if name not in first)]
-        paths = [f"critflow.{name}" for name in names]
-        paths += [path for path in results_of(public) if within(path.rpartition(".")[0], layer)]
-        paths += [f"{package_of(layer)}.{name}" for name in " ".join(self.content).split()]
-        paths = list(dict.fromkeys([*paths, *in_theory(layer)]))
-        text = "\n".join(["````{eval-rst}", summary(paths), *map(autodoc, paths), "````"])
-        container = nodes.container()
-        self.state.nested_parse(StringList(text.splitlines(), source=f"layer {layer}"), 0, container)
-        return container.children
+        layer = self.arguments[0]
+        paths = paths_of(layer, self.options.get("first", []), " ".join(self.content).split())
+        pages = [f"   {ENTRIES}/{entry_of(path)}" for path in paths]
+        contents = [".. toctree::", "   :hidden:", "", *pages, ""] if pages else []
+        return parsed(self, "\n".join([summary(paths), *contents]))
+
+
+class Names(Directive):
+    """`names`: a table of the public names below each heading of the reference."""
+
+    def run(self):
+        parts = []
+        for page, heading, paths in listed():
+            if public := [path for path in paths if path.count(".") == 1]:
+                parts += [f".. rubric:: :doc:`{heading} <{page}>`", "", summary(public)]
+        return parsed(self, "\n".join(parts))
+
+
+def parsed(directive: Directive, text: str) -> list[nodes.Node]:
+    """The nodes of reStructuredText in a page of Markdown."""
+    container = nodes.container()
+    lines = StringList(["````{eval-rst}", *text.splitlines(), "````"], source=directive.name)
+    directive.state.nested_parse(lines, 0, container)
+    return container.children
 
 
 class FunctionLinks(SphinxTransform):
@@ -178,7 +235,7 @@ def restructured(lines: list[str]) -> list[str]:
         row = ROW.fullmatch(line)
         indent = len(line) - len(line.lstrip())
         if column and line and indent >= column:
-            made[-1] += " " + line.strip()
+            made[-1] += " " + escaped(line.strip())
             continue
         column = 0
         if row and row.start(1) == 0 and not line.rstrip().endswith("::"):
@@ -211,9 +268,19 @@ def escaped(line: str) -> str:
 def reference(name: str) -> str:
     if name in PAGES:
         return f":doc:`{printed(name)} </theory/{PAGES[name]}>`"
-    if name in PUBLIC:
-        return f":py:obj:`~critflow.{name}`"
+    head, _, member = name.partition(".")
+    path = documented().get(head)
+    if path and not member:
+        return f":py:obj:`~{path}`"
+    if path and member in vars(thing_at(path)):
+        return f":py:obj:`{name} <{path}.{member}>`"
     return f"``{name}``"
+
+
+@cache
+def documented() -> dict[str, str]:
+    """The path of each name with a page: no two pages have one name."""
+    return {path.rpartition(".")[2]: path for layer in listed() for path in layer.paths}
 
 
 def process(app, what, name, thing, options, lines):
@@ -225,13 +292,14 @@ def shortened(app, what, name, thing, options, signature, returned):
 
     def short(text):
         text = re.sub(r"TypeAliasForwardRef\('(\w+)'\)", r"\1", text or "")
-        return re.sub(r"ndarray\[tuple\[Any, \.\.\.\], dtype\[\w+\]\]", "Array", text)
+        return re.sub(r"[~\w.]*ndarray\[tuple\[[~\w.]*Any, \.\.\.\], [~\w.]*dtype\[[~\w.]+\]\]", "Array", text)
 
     return (short(signature), short(returned) or None) if signature else None
 
 
 def setup(app):
     app.add_directive("layer", Layer)
+    app.add_directive("names", Names)
     app.add_transform(FunctionLinks)
     app.connect("autodoc-process-docstring", process)
     app.connect("autodoc-process-signature", shortened)

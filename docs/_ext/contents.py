@@ -3,9 +3,6 @@
 import re
 from pathlib import Path
 
-from workflows.pages.paper import printed
-from workflows.pages.results import studies
-
 ROOT = Path(__file__).parents[2]
 ELSEWHERE = {"results/README.md": "results.md", "README.md": "index.md"}
 
@@ -20,7 +17,7 @@ def relocated(text: str, page: Path) -> str:
         made = next((made for source, made in ELSEWHERE.items() if target == ROOT / source), None)
         return f"]({up}{made}{found['anchor']})" if made else found[0]
 
-    text = re.sub(r"(\]\([./]*notebooks/0\w+)\.py\)", r"\1.md)", text)
+    text = re.sub(r"(\]\([./]*notebooks/0\w+)\.ipynb\)", r"\1.md)", text)
     return re.sub(r"\]\((?P<path>[^)#\s]+\.md)(?P<anchor>#[^)\s]*|)\)", link, text)
 
 
@@ -48,26 +45,13 @@ def table_of(caption: str, pages: list[str]) -> str:
 def all_studies() -> str:
     """results/README.md as the second part of the page of results."""
     text = (ROOT / "results" / "README.md").read_text(encoding="utf-8").split("\n", 1)[1]
-    text = re.sub(r"\]\(reference/(\w+)/claims\.md\)", r"](claims.md#\1)", text)
+    text = re.sub(r"\]\(reference/(\w+)/claims\.md\)", "](claims.md)", text)
     text = re.sub(r"^(- .*; claims in )\[[^\]]*\]", r"\1[the table](claims.md)", text, flags=re.M)
     text = re.sub(r"\]\(reference/([^)]+)\)", r"](../results/reference/\1)", text)
     return "## Studies\n" + re.sub(r"\]\(\.\./docs/([^)]+)\)", r"](\1)", text)
 
 
-def all_claims() -> str:
-    """The claims of all studies in the order of the paper, with its numbers in place of labels."""
-    parts = []
-    for study in studies():
-        file = ROOT / "results" / "reference" / study / "claims.md"
-        title, _, table = file.read_text(encoding="utf-8").partition("\n")
-        table = re.sub(r"^\| ([\w+-]+) \|", lambda row: f"| {printed(row[1])} |", table, flags=re.M)
-        table = re.sub(r"(\*\*|`)([\w+-]+)(?=\1)", lambda key: f"{key[1]}{printed(key[2])}", table)
-        table = re.sub(r"^## ", "### ", table, flags=re.M)
-        parts.append(f"## {study}\n\n{title.lstrip('# ')}.\n{table}")
-    return "\n".join(parts)
-
-
-APPENDED = {"results": all_studies, "claims": all_claims}
+APPENDED = {"results": all_studies}
 
 
 def unbroken(text: str) -> str:

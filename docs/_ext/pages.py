@@ -58,6 +58,10 @@ def page_of(notebook: Path) -> str:
         for output in cell["outputs"]:
             if output["output_type"] == "stream":
                 parts.append(f"```output\n{output['text'].rstrip()}\n```")
+            elif "text/html" in output["data"]:
+                parts.append(f'````{{raw}} html\n<div class="value">{output["data"]["text/html"]}</div>\n````')
+            elif "text/plain" in output["data"]:
+                parts.append(f"```output\n{output['data']['text/plain']}\n```")
             else:
                 pictures += 1
                 file = executed.with_name(f"{notebook.stem}_{pictures}.png")

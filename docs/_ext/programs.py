@@ -6,14 +6,13 @@ by the functions below, so that a site built after the tests executes nothing.
 
 from __future__ import annotations
 
+import ast
 import base64
 import hashlib
 import io
 import json
 import os
-import re
 import runpy
-import sys
 import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager, redirect_stdout
@@ -37,7 +36,8 @@ def gallery_scripts() -> list[Path]:
 
 
 def notebooks() -> list[Path]:
-    return sorted((DOCS / "notebooks").glob("*.py"))
+    """The notebooks on the dataset; those that are made from a page of the documents have no number."""
+    return sorted((DOCS / "notebooks").glob("0*.ipynb"))
 
 
 @cache
@@ -93,22 +93,30 @@ def picture_of(script: Path) -> Path:
 
 
 class Cell(NamedTuple):
-    """A cell of a notebook: its text, whether it is code, and its output and pictures."""
+    """A cell of a notebook: its text, whether it is code, what it prints, its value as text and HTML, its pictures."""
 
     text: str
     code: bool
     printed: str = ""
+    value: tuple[str, str] = ("", "")
     pictures: tuple[bytes, ...] = ()
 
 
 def cells_of(notebook: Path) -> list[Cell]:
-    """The cells of a notebook that is stored as text: `# %%` begins code, `# %% [markdown]` prose in comments."""
-    found = []
-    for part in re.split(r"^# %%", notebook.read_text(encoding="utf-8"), flags=re.M)[1:]:
-        kind, _, text = part.partition("\n")
-        code = kind.strip() != "[markdown]"
-        found.append(Cell(text.strip() if code else re.sub(r"^# ?", "", text, flags=re.M).strip(), code))
-    return found
+    """The cells of a notebook, without outputs."""
+    cells = json.loads(notebook.read_text(encoding="utf-8"))["cells"]
+    return [Cell("".join(cell["source"]), cell["cell_type"] == "code") for cell in cells]
+
+
+def _run(text: str, file: str, names: dict[str, Any]) -> tuple[str, str]:
+    """Execute a cell as Jupyter does: the value of a last expression is shown, as text and, where it has one, HTML."""
+    program = ast.parse(text)
+    last = program.body.pop() if program.body and isinstance(program.body[-1], ast.Expr) else None
+    exec(compile(program, file, "exec"), names)
+    value = eval(compile(ast.Expression(last.value), file, "eval"), names) if isinstance(last, ast.Expr) else None
+    if value is None:
+        return "", ""
+    return repr(value), value._repr_html_() if hasattr(value, "_repr_html_") else ""
 
 
 def execute_notebook(notebook: Path, folder: Path) -> tuple[list[Cell], dict[str, Any]]:
@@ -130,9 +138,8 @@ def execute_notebook(notebook: Path, folder: Path) -> tuple[list[Cell], dict[str
     with _inside(folder), patch.object(plt, "show", show), empty:
         for cell in cells_of(notebook):
             with redirect_stdout(io.StringIO()) as stream:
-                if cell.code:
-                    exec(compile(cell.text, notebook.name, "exec"), names)
-            cells.append(cell._replace(printed=stream.getvalue(), pictures=tuple(pictures)))
+                value = _run(cell.text, notebook.name, names) if cell.code else ("", "")
+            cells.append(cell._replace(printed=stream.getvalue(), value=value, pictures=tuple(pictures)))
             pictures.clear()
     _keep(notebook, cells)
     return cells, names
@@ -164,6 +171,10 @@ def _ipynb(cells: list[Cell]) -> dict[str, Any]:
             outputs: list[dict[str, Any]] = []
             if cell.printed:
                 outputs.append({"output_type": "stream", "name": "stdout", "text": cell.printed})
+            if any(cell.value):
+                data = dict(zip(("text/plain", "text/html"), filter(None, cell.value), strict=False))
+                shown = {"output_type": "execute_result", "execution_count": count, "data": data, "metadata": {}}
+                outputs.append(shown)
             for picture in cell.pictures:
                 data = {"image/png": base64.b64encode(picture).decode()}
                 outputs.append({"output_type": "display_data", "data": data, "metadata": {}})
@@ -185,6 +196,5 @@ def ipynb_of(notebook: Path) -> Path:
     """The executed notebook, executed again if it or the package has changed."""
     kept = BUILT / "notebooks" / f"{notebook.stem}.digest"
     if not kept.exists() or kept.read_text(encoding="utf-8") != _digest(notebook):
-        with patch.object(sys, "argv", ["notebook"]):
-            execute_notebook(notebook, Path(_folder_without_ensemble().name))
+        execute_notebook(notebook, Path(_folder_without_ensemble().name))
     return kept.with_suffix(".ipynb")

@@ -3,11 +3,14 @@
 from functools import partial
 
 import numpy as np
-from problems import NETWORKS, critical_of, stressed_lines, taut_rows, triangular_lattice
+import pytest
+from problems import NETWORKS, critical_of, random_stress, stressed_lines, taut_rows, triangular_lattice
 from units import same_in_units
 
 from critflow import certify, lattice, rigidity, self_stresses, voronoi_network
+from critflow.certificates.prestress import stiffness_error
 from critflow.certificates.spaces import zero_modes
+from critflow.certificates.spectrum import edge_without_length
 from critflow.certificates.uniqueness import only_self_stress
 from critflow.critical.manifold import critical_configuration
 
@@ -57,3 +60,32 @@ test_certificates_in_other_units = same_in_units(
     | {"triangular": (of_positions, lambda: triangular_lattice(4, 4)[0])}
     | {name: (partial(of_parts, make()), lambda make=make: make().network) for name, make in PARTS.items()}
 )
+
+
+@pytest.mark.parametrize("unit", [2.0**-40, 1.0, 2.0**40])
+def test_an_edge_has_no_length_relative_to_the_others(unit):
+    lengths = unit * np.ones(5)
+    assert not edge_without_length(lengths)
+    lengths[3] = 1e-13 * unit
+    assert "edge 3 has no length" in edge_without_length(lengths)
+    lengths[3] = 1e-3 * unit
+    assert not edge_without_length(lengths)
+
+
+@pytest.mark.parametrize("name", ["voronoi", "pinned grid", "voronoi 3D"])
+def test_the_error_of_a_stiffness_is_that_of_turned_modes_and_changed_stresses(name):
+    """z·P(σ)z changes by at most `stiffness_error`, and that is no more than thirty times a change that occurs."""
+    network, rng, turned, largest = NETWORKS[name](), np.random.default_rng(1), 1e-4, 0.0
+    sigma, g = random_stress(network.n_edges, 2), network.free_incidence.toarray()
+    bound = stiffness_error(network, sigma, turned)
+    P = g.T @ np.diag(sigma) @ g
+    for z in [*rng.standard_normal((20, len(P))), np.linalg.eigh(P)[1][:, -1]]:
+        z = z / np.linalg.norm(z)
+        change = rng.standard_normal((10, len(z)))
+        change *= turned / np.linalg.norm(change, axis=1)[:, None]
+        changed_stress = sigma * (1 + turned * rng.choice([-1, 1], (10, len(sigma))))
+        for one, stress in zip([*change, turned * z], [*changed_stress, (1 + turned) * sigma], strict=True):
+            there = z + one
+            largest = max(largest, abs(there @ (g.T @ np.diag(stress) @ g) @ there - z @ P @ z))
+    assert largest <= bound <= 30 * largest
+    assert stiffness_error(network, -2 * sigma, turned) == pytest.approx(2 * bound)

@@ -1,15 +1,19 @@
 """Figures: every edge is drawn once, whole and in its cell."""
 
+from dataclasses import replace
+
 import matplotlib
 import numpy as np
 import pytest
 from matplotlib.collections import PathCollection
+from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
 from problems import critical_of, oblique, pinned_grid, random_stress, sheared, slack_lattice
 from scipy.spatial import cKDTree
 
-from critflow import CriticalManifold, draw, foam_network, lattice, voronoi_network
+from critflow import CriticalManifold, draw, foam_network, lattice, spring_state, voronoi_network
 from critflow.figures.plot import (
+    TENSION_MAP,
     draw_in_depth,
     draw_network,
     face_polygons,
@@ -18,6 +22,7 @@ from critflow.figures.plot import (
     shade_faces,
     unit_pressure_tensions,
 )
+from critflow.figures.shades import hexadecimal
 
 matplotlib.use("Agg")
 
@@ -51,6 +56,42 @@ def clipped_length(ends: np.ndarray, cell: np.ndarray) -> float:
         a, b = sorted(((0 - s) / step, (1 - s) / step))
         low, high = max(low, a), min(high, b)
     return max(0.0, high - low) * float(np.linalg.norm(ends[1] - ends[0]))
+
+
+def stiff(network, low, high):
+    k = np.geomspace(low, high, network.n_edges)
+    return replace(network, stiffness=k), k
+
+
+@pytest.mark.parametrize("name", ["voronoi", "pinned", "diamond"])
+@pytest.mark.parametrize(("low", "high"), [(0.04, 20.0), (1.0, 2.0)])
+def test_a_network_at_rest_shows_its_stiffnesses(name, low, high):
+    """Where no edge carries tension, colour and width are those of k, with a bar whose ends are those of k."""
+    networks = {"pinned": pinned_grid, "diamond": lambda: lattice("diamond", 2, 2, 2)}
+    network, k = stiff({**CASES, **networks}[name](), low, high)
+    axes = draw(network)
+    bar = axes.figure.axes[-1]
+    assert bar.get_ylabel() == "stiffness k"
+    assert bar.get_ylim() == pytest.approx((low if high > 10 * low else 0.0, high))
+    widths = np.concatenate([lines.get_linewidths() for lines in axes.collections])
+    assert len(set(widths.round(6))) >= network.n_edges // 2
+    same = draw(replace(network, stiffness=np.full_like(k, 2.0)))
+    assert len(same.figure.axes) == 1
+
+
+def test_springs_at_rest_show_their_stiffness_and_springs_in_tension_their_tension():
+    network, k = stiff(voronoi_network(40, seed=1), 0.1, 10.0)
+    lengths = np.linalg.norm(network.bond_vectors(network.positions), axis=1)
+    rest = draw(spring_state(network, lengths * (1 + 1e-15), network.positions))
+    assert len(rest.figure.axes) == 2
+    critical = CriticalManifold(network).configuration(random_stress(network.n_edges, 1))
+    assert len(draw(critical).figure.axes) == 1
+    assert len(draw(network, color=k).figure.axes) == 1
+
+
+def test_colours_without_matplotlib_are_those_of_figures():
+    for place in np.linspace(0, 1, 7):
+        assert np.abs(np.subtract(to_rgb(hexadecimal(place)), TENSION_MAP(float(place))[:3])).max() < 0.01
 
 
 @pytest.mark.parametrize("moved", [0.0, 13.37], ids=["as it is", "far from the origin"])

@@ -9,7 +9,7 @@ from critflow import CriticalManifold, Network, critical_from_lengths, voronoi_n
 from critflow.lengths.boundary import Expansion
 from critflow.lengths.cone import fit_lengths
 from critflow.lengths.lengths_end import newton_error
-from critflow.lengths.taut_edges import OnsetState, newton_taut
+from critflow.lengths.taut_edges import OnsetState, newton_taut, taut_part
 from critflow.lengths.taut_set import _shortening, placed, polish_taut
 from critflow.linalg.matrices import balanced_part
 from critflow.linalg.saddle import Saddle
@@ -113,3 +113,19 @@ def test_a_pin_outside_the_stressed_part_leaves_it_in_place():
     np.testing.assert_array_equal(found.slack_edges, [18, 19])
     strain = found.value.lengths / rest
     assert strain[18:].max() < strain[:18].max()
+
+
+def test_the_error_of_a_state_does_not_depend_on_the_unit_of_its_stress_or_lengths():
+    rng, found = np.random.default_rng(2), []
+    moved = CRITICAL.coordinates + 1e-3 * rng.standard_normal(CRITICAL.coordinates.shape)
+    moved[0] = CRITICAL.coordinates[0]
+    right = np.linalg.norm(NETWORK.bond_vectors(moved), axis=1)
+    for length, stress in ((1.0, 1.0), (2.0**-30, 1.0), (2.0**30, 1.0), (1.0, 2.0**-40), (1.0, 2.0**40)):
+        path = scaling(NETWORK.deformed(length * np.eye(2)))
+        state = all_taut(path.network, length * moved, stress * CRITICAL.sigma)
+        part = taut_part(path, state.taut)
+        found.append([part.residuals(path, length * lengths, state).error for lengths in (CRITICAL.lengths, right)])
+    # With wrong lengths, and with the right ones, where only forces are left.
+    np.testing.assert_allclose(found, [found[0]] * 5, rtol=1e-9)
+    force = NETWORK.divergence @ (CRITICAL.sigma[:, None] * NETWORK.bond_vectors(moved))
+    assert found[0][1] == pytest.approx(np.abs(force).max() / np.mean(CRITICAL.sigma * right), rel=1e-9)

@@ -3,8 +3,9 @@
 from functools import partial
 
 import numpy as np
+import pytest
 from problems import NETWORKS, hung_ring, random_stress, slack_lattice, voronoi_3d
-from units import same_in_units
+from units import Units, same_in_units
 
 from critflow import CriticalManifold, critical_from_lengths, voronoi_network
 from critflow.lengths.boundary import Expansion
@@ -66,3 +67,24 @@ test_configurations_in_other_units = same_in_units(
     },
     rtol=1e-6,  # of the bound, an error of a regularised system
 )
+
+
+@pytest.mark.parametrize("spread", [0.05, 0.4])
+@pytest.mark.parametrize("exponent", [-42, -33, 20, 42])
+def test_the_unit_of_lengths_is_not_that_of_the_network(spread, exponent):
+    # Ratios alone count; 0.4 leaves edges slack.
+    network, unit = voronoi_network(40, seed=2), 2.0**exponent
+    here, other = (critical_from_lengths(network, u * lengths(network, spread), throw=False) for u in (1.0, unit))
+    taut = here.value.sigma > 0  # vertices off taut edges have no certain place
+    np.testing.assert_allclose(other.value.bond_vectors[taut], here.value.bond_vectors[taut], rtol=0, atol=1e-13)
+    assert other.status is here.status and other.ratio * unit == pytest.approx(here.ratio, rel=1e-13)
+    np.testing.assert_array_equal(other.slack_edges, here.slack_edges)
+    np.testing.assert_allclose(other.value.rest_lengths, here.value.rest_lengths, rtol=1e-13)
+
+
+@pytest.mark.parametrize("exponent", [-42, -33, 42])
+def test_error_bounds_in_units_of_any_size(exponent):
+    network, unit = voronoi_network(40, seed=2), 2.0**exponent
+    here = critical_from_lengths(network, lengths(network, 0.05))
+    other = critical_from_lengths(Units(length=unit).network(network), unit * lengths(network, 0.05))
+    assert other.stats.error_bound == unit * here.stats.error_bound > 0

@@ -55,3 +55,20 @@ def test_a_few_largest_numbers_may_have_one_decimal_less(digits):
     rounded = np.vectorize(lambda value: float(f"{value:.{digits}e}"))(exact)
     assert np.abs(rounded - exact).max() <= digits_of(rounded).error == 0.5 * 10.0 ** (6 - digits)
     assert digits_of(np.round(exact, 1)) == (1, 0.05)
+
+
+def test_exact_coordinates_show_nothing_of_the_others():
+    """Boundaries of a box, pins on a grid and a few large values: decimals are those of most coordinates."""
+    rng = np.random.default_rng(2)
+    for size in (0.7, 9.9, 10.0, 12.0, 110.0):
+        for decimals in (2, 5, 8):
+            x = np.round(size * rng.random((80, 2)), decimals)
+            x[:10, 0], x[10:20, 1], x[20:23] = size, 0.0, np.round(0.5 * size, 1)
+            assert digits_of(x) == (decimals, pytest.approx(0.5 * 10.0**-decimals)), (size, decimals)
+    # Significant digits that span decades, with exact ones among the largest
+    for size in (0.7, 9.9, 12.0, 110.0):
+        x = np.vectorize(lambda value: float(f"{value:.5e}"))(size * rng.random((300, 2)))
+        exact = 0.5 * 10.0 ** (np.floor(np.log10(size)) - 5)
+        assert digits_of(x).error == pytest.approx(exact)
+    assert digits_of(np.zeros((3, 2))) == (0, 0.5)
+    assert digits_of(1e-300 * rng.random((30, 2))).error == 0

@@ -195,3 +195,11 @@ def test_optimize_returns_it_when_compression_is_allowed():
         optimize(network, "shear_modulus", "closed_form")
     with pytest.raises(InputError, match="'positive' or 'any'"):
         optimize(network, "bulk_modulus", signs="both")
+
+
+@pytest.mark.parametrize("n_vertices", [20, 60, 1000])
+def test_the_bound_is_never_below_the_value_that_attains_it(n_vertices):
+    """Both are sums that are rounded; README's first example prints them next to each other."""
+    for seed in range(12):
+        best = optimize(voronoi_network(n_vertices=n_vertices, seed=seed), "B_0")
+        assert best.objective <= best.bound <= best.objective * (1 + 1e-12)

@@ -4,9 +4,9 @@ from functools import partial
 
 import numpy as np
 from problems import NETWORKS, hung_ring
-from units import SCALED, same_in_units
+from units import Units, same_in_units
 
-from critflow import CriticalManifold, foam_network, optimize, voronoi_network
+from critflow import CriticalManifold, Network, foam_network, optimize, voronoi_network
 from critflow.critical.transition import pure_shear
 from critflow.optimisation.descent import StressObjective
 from critflow.optimisation.largest_modulus import largest_modulus, least_compressed_length
@@ -87,4 +87,21 @@ test_closed_forms_in_other_units = same_in_units(
 )
 
 
-test_programs_in_larger_units = same_in_units({"compressed": (compressed, NETWORK)}, 1e-9, others=[SCALED])
+test_programs_in_other_units = same_in_units({"compressed": (compressed, NETWORK)}, 1e-9)
+
+
+def with_edges_that_stay_slack():
+    network, pairs = voronoi_network(40, seed=1), np.random.default_rng(1).integers(0, 40, (9, 2))
+    edges = np.concatenate([network.edges, pairs[pairs[:, 0] != pairs[:, 1]]])
+    offsets = np.zeros_like(edges)
+    offsets[: network.n_edges] = network.offsets
+    return Network(edges, offsets, network.cell, n_vertices=40)
+
+
+def conic(network, units):
+    found = optimize(network, "V_L", "conic", throw=False)
+    return {"number": (found.status, found.slack_edges, found.value.sigma)}
+
+
+FAR = [Units(length=2.0**-40), Units(length=2.0**-30), Units(length=2.0**40)]
+test_the_cone_program_in_units_of_any_size = same_in_units({"slack": (conic, with_edges_that_stay_slack)}, 1e-9, FAR)

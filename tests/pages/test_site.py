@@ -11,10 +11,12 @@ from pathlib import Path
 import pytest
 from lxml import html
 
+import critflow
 from workflows.pages.paper import EQUATIONS
 
 ROOT = Path(__file__).parents[2]
-PAGES_OF_SITE = 49
+PAGES_OF_SITE = 54  # without the pages of functions and classes
+LARGEST_ENTRY = 12_000  # letters of prose
 SIGNS_OF_TEX = re.compile(r"\$|\\[a-z]+\b|[_^]\{|\\[_*|]")
 
 
@@ -36,8 +38,9 @@ def article(page):
 
 
 def prose(page):
-    """The text of a page without code and equations."""
-    words = article(page).xpath(".//text()[not(ancestor::pre or ancestor::code or ancestor::math or ancestor::script)]")
+    """The text of a page without code, equations and values that a notebook shows as HTML."""
+    outside = "ancestor::pre or ancestor::code or ancestor::math or ancestor::script or ancestor::div[@class='value']"
+    words = article(page).xpath(f".//text()[not({outside})]")
     return " ".join(word for word in words if word.strip())
 
 
@@ -60,13 +63,37 @@ def test_every_equation_of_the_theory_leads_to_its_function(site):
 
 
 def test_symbols_are_typeset_in_headings_and_docstrings(site):
-    for name in ("conventions", "reference/critical", "index"):
+    for name in ("conventions", "reference/critical", "reference/entries/stiffening", "index"):
         assert article(site[name]).xpath(".//span[@class='symbol']/sub"), name
     assert not re.search(r"(?<!['\"])\b[BGC]_[0BG]\b", prose(site["reference/critical"]))  # 'B_0' is code
 
 
+def test_every_public_name_has_a_page_that_the_reference_lists(site):
+    entries = {name for name in site if name.startswith("reference/entries/")}
+    names = article(site["reference/index"]).xpath(".//tr/td[1]//a[contains(@href, 'entries/')]//text()")
+    assert sorted(names) == sorted(critflow.__all__)
+    linked = set()
+    for page in ("solutions", "networks", "critical", "rigidity", "response", "extras"):
+        hrefs = article(site[f"reference/{page}"]).xpath(".//tr/td[1]//a/@href")
+        linked |= {f"reference/{href.partition('.html')[0]}" for href in hrefs if href.startswith("entries/")}
+    assert linked == entries
+    assert max(len(prose(site[name])) for name in entries) < LARGEST_ENTRY
+
+
+def test_a_page_of_a_function_shows_its_pictures_and_links_to_its_uses(site):
+    page = article(site["reference/entries/critical_strain"])
+    assert page.xpath(".//figure//a[contains(@href, 'gallery/index.html#')]/img")
+    assert page.xpath(".//a[contains(@href, 'howto/rigidity.html')]")
+    assert page.xpath(".//dt[@id='critflow.critical_strain']")
+
+
+def test_a_tab_has_a_picture(site):
+    for page in site.values():
+        assert page.xpath("//link[contains(@rel, 'icon')]/@href")[0].endswith("favicon.svg")
+
+
 def test_claims_are_pages_and_the_site_stays_small(site):
-    assert len(site) <= PAGES_OF_SITE
+    assert len([name for name in site if "/entries/" not in name]) <= PAGES_OF_SITE
     studies = [file.parent.name for file in (ROOT / "results" / "reference").glob("*/claims.md")]
     assert set(studies) <= set(article(site["claims"]).xpath(".//h2/text()"))
     assert not article(site["results"]).xpath(".//a[contains(@href, 'claims.md')]")

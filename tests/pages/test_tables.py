@@ -6,7 +6,9 @@ from pathlib import Path
 
 import pytest
 
-from workflows.pages.tables import MODULI, claim_counts, filled, pages
+from workflows.pages.tables import MODULI, filled, pages
+from workflows.pages.verdicts import differences, found, of_committed_run, of_the_paper, statement_counts, statements
+from workflows.paper.statements import STATEMENTS
 
 ROOT = Path(__file__).parents[2]
 
@@ -23,9 +25,9 @@ def test_a_table_follows_its_summary(tmp_path):
     (tmp_path / "ensemble").mkdir()
     measures = {"n": 3, "median": 0.25, "q05": 0.2, "q95": 0.3}
     rows = dict.fromkeys(MODULI, measures)
-    rows["shear_modulus_0"] = {"n": 3, "median": 1e-15, "q05": 0.0, "q95": 2e-15}
-    rows["C_G_exact"] = measures | {"n": 2, "median": -0.5, "q05": -0.6, "q95": -0.4}
-    summary = {"networks": 3, "parameters": {"n_vertices": 60}, "populations": {"bulk_modulus": rows}}
+    rows["G_0"] = {"n": 3, "median": 1e-15, "q05": 0.0, "q95": 2e-15}
+    rows["C_G"] = measures | {"n": 2, "median": -0.5, "q05": -0.6, "q95": -0.4}
+    summary = {"networks": 3, "parameters": {"n_vertices": 60}, "populations": {"max_B_0": rows}}
     (tmp_path / "ensemble" / "summary.json").write_text(json.dumps(summary))
     page = filled("before\n<!-- populations: generated -->\nold\n<!-- /populations -->\nafter\n", tmp_path)
     shown = "0.25 (0.2 to 0.3)"
@@ -36,16 +38,50 @@ def test_a_table_follows_its_summary(tmp_path):
     assert filled(page, tmp_path) == page
 
 
-def test_claims_are_counted_by_kind(tmp_path):
-    kinds = ["paper", "paper", "paper", "ours", "check", "check"]
-    verdicts = ["holds", "undecided", "measured", "differs", "holds", "holds"]
-    claims = [{"verdict": verdict, "kind": kind} for verdict, kind in zip(verdicts, kinds, strict=True)]
-    for study, its_claims in {"one": claims[:2], "other": claims[2:]}.items():
+def claim(key, verdict, kind="paper", **more):
+    reasons = {"because": "a reason", "criterion": "a rule"} if verdict != "measured" else {}
+    named = {"key": key, "statement": f"statement {key}", "paper": "", "value": f"value {key}", "verdict": verdict}
+    return named | reasons | {"kind": kind, "sample": "3 networks", "place": "III"} | more
+
+
+@pytest.fixture
+def reference(tmp_path):
+    """Committed results of two studies, one claim of which belongs to another study."""
+    runs = {
+        "ensemble": [claim("equal-lengths", "holds"), claim("kappa-force", "differs", difference="number")],
+        "shear": [
+            claim("compressed-number", "undecided", rows=[{"variant": "FIRE", "value": "0.5", "n": "9 ascents"}]),
+            claim("equal-lengths", "differs", difference="text"),
+            claim("a bound", "holds", "ours"),
+        ],
+    }
+    for study, claims in runs.items():
         (tmp_path / study).mkdir()
-        (tmp_path / study / "claims.json").write_text(json.dumps(its_claims))
-    table = claim_counts(tmp_path)
-    assert "Claims of the paper: 1 hold, 0 differ, 1 undecided; claims of ours: 0 hold, 1 differ, 0 undecided;" in table
-    assert table.endswith(" checks of the code: 2 hold, 0 differ, 0 undecided.")
+        (tmp_path / study / "claims.json").write_text(json.dumps(claims))
+    return tmp_path
+
+
+def test_each_statement_has_one_verdict_that_of_its_study(reference):
+    assert [one.verdict for one in of_the_paper(reference)] == ["undecided", "holds", "differs"]
+    counts = statement_counts(reference)
+    assert "Of 3 statements of the paper that were tested, 1 holds, 1 differs and 1 is undecided." in counts
+    assert counts.endswith("disagree, 1 by a number.")
+    assert of_committed_run(reference, "ensemble") == "In the committed run of 3 networks, 1 holds and 1 differs."
+    assert of_committed_run(reference, "gallery") == ""
+
+
+def test_statements_are_one_table_with_their_measurements_beneath(reference):
+    table = statements(reference)
+    rows = [line for line in table.splitlines() if line.startswith("| statement ")]
+    assert [line.split(" | ")[0] for line in rows[1:]] == [
+        f"| statement {key}" for key in ("compressed-number", "equal-lengths", "kappa-force")
+    ]
+    assert "<details><summary>criterion, 1 measurement</summary>a rule<br>FIRE: 0.5 (9 ascents)</details>" in rows[1]
+    assert f"Not in the committed results yet, {len(STATEMENTS) - 3} statements: " in table
+    first, second = differences(reference).splitlines()
+    assert first.startswith("- **Statement kappa-force** (III). The number is another. Measured: value kappa-force.")
+    assert second.endswith("Open: a reason.")
+    assert "a bound" in found(reference) and "kappa-force" not in found(reference)
 
 
 def test_an_unknown_table_is_an_error():

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from problems import NETWORKS, random_stress, strained
 
-from critflow import CriticalManifold, equilibrium, voronoi_network
+from critflow import CriticalManifold, equilibrium, three_bar_linkage, voronoi_network
 from critflow.linalg.matrices import laplacian
 from critflow.precision.residual import exact_displacement, inverse_norm
 from workflows.benchmarks import reference
@@ -19,7 +19,7 @@ def test_displacement_to_the_balance_of_a_constant_stress(name, size):
     network = NETWORKS[name]()
     sigma = random_stress(network.n_edges, 1)
     manifold = CriticalManifold(network)
-    x = manifold.configuration(sigma).coordinates
+    x = manifold.configuration(sigma).coordinates.copy()
     x[network.free] += size * np.random.default_rng(2).standard_normal((len(network.free), network.dimension))
     found = exact_displacement(network, x, lambda _: sigma, manifold.prestress.factorize(sigma).solve)
     exact = reference.configuration(network, sigma).coordinates[network.free]
@@ -47,7 +47,7 @@ def test_remainder_contains_the_rounding_of_the_tensions(gamma):
 def balanced():
     """A network with its prestress matrix, a stress and the coordinates that it balances."""
     manifold, sigma = CriticalManifold(voronoi_network(40, seed=1)), random_stress(60, 1)
-    return manifold.network, manifold.prestress, sigma, manifold.configuration(sigma).coordinates
+    return manifold.network, manifold.prestress, sigma, manifold.configuration(sigma).coordinates.copy()
 
 
 def test_corrections_that_do_not_shrink_have_no_bound():
@@ -79,3 +79,37 @@ def test_norm_of_an_inverse(seed):
     once = factor.solve(rng.standard_normal(len(P)))
     assert exact / 3 < inverse_norm(factor, once) <= exact * (1 + 1e-12)
     assert 0 < inverse_norm(factor, np.zeros_like(once)) <= exact * (1 + 1e-12)
+
+
+def corrections(sizes, regularised, force=1.0, unit=1.0):
+    """`exact_displacement` with solves that give corrections of these sizes, and residual forces of a size."""
+    network = NETWORKS["voronoi"]()
+    sigma, steps = unit * random_stress(network.n_edges, 1), iter(sizes)
+    x = CriticalManifold(network).configuration(sigma).coordinates.copy()
+    x[network.free] += force * np.random.default_rng(2).standard_normal((len(network.free), 2))
+
+    def solve(forces):
+        out = np.zeros_like(forces)
+        out[0, 0] = next(steps)
+        return out
+
+    return exact_displacement(network, x, lambda _: sigma, solve, regularised), np.abs(x).max() * ROUNDING
+
+
+def test_corrections_that_do_not_shrink_are_noise_only_at_the_size_of_rounding():
+    found, rounding = corrections([1e-3, 1.0], regularised=False)
+    assert found.remainder == np.inf
+    size = 0.3 * rounding
+    for unit in (2.0**-60, 1.0, 2.0**60):
+        found, _ = corrections([size, size], False, 1.0, unit)
+        assert 2 * size <= found.remainder < 2.1 * size
+        assert corrections([size, size], True, 1.0, unit)[0].remainder == np.inf
+        # A regularised matrix hides nothing where forces are those of rounding themselves.
+        line, sigma = three_bar_linkage(), unit * np.ones(3)
+        for force, limit in ((4e-16, np.isfinite), (1e-14, np.isinf)):
+            x = CriticalManifold(line).configuration(np.ones(3)).coordinates.copy()
+            x[line.free[0], 1] += force
+            assert limit(exact_displacement(line, x, lambda _: sigma, lambda f: 1e-20 * (f != 0), True).remainder)  # noqa: B023
+    # Two corrections that shrink by half leave half of the last.
+    found, rounding = corrections([1e-18, 1e-19], regularised=True)
+    assert 5e-20 <= found.remainder < 1e-19

@@ -26,7 +26,7 @@ def refined(network, units, distance, signed=False):
 
 def displaced(network, units, size, shift=0.0, gain=1.0):
     sigma, manifold = random_stress(network.n_edges, 1), CriticalManifold(network)
-    x = manifold.configuration(sigma).coordinates
+    x = manifold.configuration(sigma).coordinates.copy()
     x[network.free] += (
         size * units.length * np.random.default_rng(2).standard_normal((len(network.free), network.dimension))
     )

@@ -146,3 +146,16 @@ def test_an_error_across_the_strain_counts_by_its_square():
     moved = np.sum(sigma * L[:, 1] ** 2) ** 2 / np.sum(sigma**2 * np.sum(L**2, axis=1))
     error = transition_modulus_error(np.diag([0.0, 1.0]), critical)
     assert moved < error < 4 * moved
+
+
+@pytest.mark.parametrize("name", ["voronoi, random stiffness", "oblique", "voronoi 3D"])
+def test_errors_of_the_tensor_are_those_of_its_moduli(name):
+    # One strain alone has a modulus; two are half the difference of squares of sums.
+    critical = critical_of(NETWORKS[name](), 2)
+    found, basis = elasticity(critical).value, strain_basis(critical.network.dimension)[1]
+    single = [transition_modulus_error(strain, critical) for strain in basis]
+    rounding = 8 * np.finfo(float).eps * np.abs(found.tensor)
+    np.testing.assert_allclose(np.diag(found.errors.tensor), single + np.diag(rounding), rtol=1e-12, atol=0)
+    both = transition_modulus_error(basis[0] + basis[1], critical)
+    expected = 0.5 * (both + single[0] + single[1]) + rounding[0, 1]
+    assert found.errors.tensor[0, 1] == found.errors.tensor[1, 0] == pytest.approx(expected, rel=1e-12, abs=0)

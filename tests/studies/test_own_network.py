@@ -14,7 +14,7 @@ from critflow.workflow.plan import select
 from workflows.benchmarks.failure_map.outcomes import Outcome
 
 NETWORK = voronoi_network(24, seed=3).deformed([[1.1, 0.2], [0.0, 1.0]])
-SMALL = ["--set", "variables=bulk_modulus_0,iterations,status", "--workers", "0", "--out", "out"]
+SMALL = ["--set", "variables=B_0,iterations,status", "--workers", "0", "--out", "out"]
 
 
 @pytest.fixture(autouse=True)
@@ -28,16 +28,16 @@ def run(study, *settings):
 
 
 def test_the_ensemble_of_a_file_is_resumed_while_its_network_is_the_same(capsys):
-    settings = ("network=mine.csv", "populations=bulk_modulus,random_stress,tension_variance", "seeds=0:2")
+    settings = ("network=mine.csv", "populations=max_B_0,random_stress,min_V_tau", "seeds=0:2")
     assert run("ensemble", *settings) == 0
     with xr.open_dataset("out/ensemble.nc") as dataset:
-        stiffest = dataset.bulk_modulus_0.sel(population="bulk_modulus").values
+        stiffest = dataset.B_0.sel(population="max_B_0").values
         np.testing.assert_allclose(stiffest, upper_bound(NETWORK, "B_0"), rtol=1e-10)
-        drawn = dataset.bulk_modulus_0.sel(population="random_stress").values
+        drawn = dataset.B_0.sel(population="random_stress").values
         assert drawn[0] != drawn[1] and (drawn < stiffest).all()
         assert (dataset.status == 0).all()
         # The second descent starts elsewhere.
-        assert np.diff(dataset.iterations.sel(population="tension_variance")) != 0
+        assert np.diff(dataset.iterations.sel(population="min_V_tau")) != 0
     capsys.readouterr()
     # A note in the file changes nothing, another spring makes new cases.
     vertices = Path("mine_vertices.csv")
@@ -50,10 +50,10 @@ def test_the_ensemble_of_a_file_is_resumed_while_its_network_is_the_same(capsys)
 
 
 def test_the_gallery_of_a_file():
-    panels = "panels=bulk_modulus,bulk_modulus_wave,random_lengths"
+    panels = "panels=max_B_0,max_B_0_wave,random_lengths"
     assert run("gallery", "network=mine.csv", panels) == 0
     with xr.open_dataset("out/gallery.nc") as dataset:
-        both = dataset.bulk_modulus_0.sel(panel=["bulk_modulus", "bulk_modulus_wave"]).values
+        both = dataset.B_0.sel(panel=["max_B_0", "max_B_0_wave"]).values
         np.testing.assert_allclose(both, upper_bound(NETWORK, "B_0"), rtol=1e-10)
 
 

@@ -1,20 +1,50 @@
 """The percolation study, small: the curve, its half points and their power of the size."""
 
+import json
+
 import numpy as np
 import pytest
 
-from critflow import Status
-from workflows.percolation import curve, half_point, threshold_power
+from critflow import Status, optimize, voronoi_network
+from workflows.percolation import curve, half_point, readings, summary, threshold_power
 
 STUDY = "percolation"
 
 
 def test_narrow_rest_lengths_stress_every_edge(dataset):
-    full, slack, counts = curve(dataset)
-    assert (counts == 3).all()
-    assert (full[:, 0] == 1).all() and np.abs(slack[:, 0]).max() < 1e-12
-    assert (slack[:, -1] > 0).all() and (full[:, -1] < 1).all()
+    for state in dataset.state.values:
+        full, n = curve(dataset, state)
+        assert n == 3 and (full[:, 0] == 1).all() and (full[:, -1] < 1).all()
     assert (dataset.solve_status.isel(spread=0) == Status.ok).all()
+
+
+def test_the_printed_box_stresses_more_edges_and_has_the_smaller_gap(dataset):
+    wide = dataset.isel(spread=-1, n_vertices=-1)
+    transition, box = wide.sel(state="transition"), wide.sel(state="box_N_b")
+    assert (box.stressed_fraction > transition.stressed_fraction).all()
+    assert (box.B_0_part > transition.B_0_part).all()
+    # The protocol in the box V = N_v ends slightly past the exact transition.
+    narrow = dataset.isel(spread=0, n_vertices=-1).B_0_part
+    assert np.abs(narrow.sel(state="box_N_v") / narrow.sel(state="transition") - 1).max() < 0.03
+    assert (narrow.sel(state="box_N_b") / narrow.sel(state="transition") > 1.01).all()
+
+
+def test_equal_rest_lengths_are_min_V_L_at_the_transition_and_near_it_in_the_boxes(run_study, tmp_path):
+    ds = run_study(STUDY, tmp_path, "seeds=0:1", "n_vertices=40", "spreads=0,0.3")
+    states = ds.isel(spread=0, n_vertices=0, seed=0)
+    equal = states.sel(state="transition")
+    best = optimize(voronoi_network(40, seed=0), "V_L").value
+    np.testing.assert_allclose(equal.V_L, 0, atol=1e-9)
+    np.testing.assert_allclose(equal.V_tau, np.var(best.tensions) / np.mean(best.tensions) ** 2, rtol=1e-3)
+    assert (states.V_L.drop_sel(state="transition") > 1e-9).all() and (states.V_L < 1e-3).all()
+    rows = {(row["state"], row["spread"]): row for row in readings(ds)}
+    assert set(rows) == {(state, s) for state in ("transition", "box_N_v", "box_N_b") for s in (0, 0.3)}
+    assert rows["box_N_b", 0]["stressed"] == rows["box_N_b", 0]["full"] == 100
+    assert rows["transition", 0.3]["gap"] > rows["box_N_b", 0.3]["gap"] > rows["box_N_b", 0]["gap"]
+    assert summary(ds)["printed"]["gap"] == 10
+    assert {claim["key"] for claim in json.loads((tmp_path / "claims.json").read_text())} == {
+        "percolation-threshold", "percolation-size", "percolation-gap", "percolation-stressed",
+    }  # fmt: skip
 
 
 def test_the_half_point_and_its_power_are_recovered():

@@ -9,15 +9,11 @@ from critflow.workflow.load import load_study
 SETTINGS = {
     "allostery": {"sizes=20": "at least 24", "loads=2.0": "between 0 and 1", "starts=0": "must be positive"},
     "boundary": {"n_vertices=7": "n_vertices"},
-    "design_curves": {"n_vertices=7": "n_vertices"},
-    "design_poisson": {"ratios=1": "between -1 and 1"},
-    "design_reach": {"directions=2": "at least 3"},
-    "design_stiffening": {"sources=colour": "colour"},
-    "design_topology": {"cuts=0": "positive", "cuts=24000": "smaller"},
     "ensemble": {
         **{"n_vertices=61": "even", "n_vertices=2": "even", "n_vertices=1000000000": "vertices"},
-        **{"hard_core=1.2": "", "strains=0": "", "threshold=0.0": "positive", "protocol=quick": "conic"},
-        **{"deformation=uniaxial_free": "simple_shear"},
+        **{"hard_core=1.2": "", "strains=0": "", "threshold=0.0": "positive"},
+        **{"deformation=uniaxial_free": "simple_shear", "strains=0.001,0.002": "contains 2 of the strains"},
+        **{"fit_window=0.0025": "need 3"},
     },
     "failure_map": {
         **{"quantities=colour": "no quantity", "n_steps=1": "at least 2"},
@@ -27,7 +23,10 @@ SETTINGS = {
         **{"thresholds=0.1,0.03": "three positive numbers", "fraction=1.0": "between 0 and 1"},
         **{"shortest=0.0": "must be positive", "n_vertices=7": "vertices"},
     },
-    "onset": {"deformations=twist": "twist", "excess=0": "excess"},
+    "reach": {
+        **{"ratios=1": "between -1 and 1", "directions=2": "at least 3", "excess=0": "excess"},
+        **{"surface_vertices=7": "n_vertices", "n_vertices=7": "n_vertices"},
+    },
     "percolation": {"n_vertices=7": "n_vertices"},
     "shear": {
         **{"method=steepest": "fire", "algorithms=steepest": "fire", "n_vertices=7": "n_vertices"},
@@ -39,12 +38,14 @@ SETTINGS = {
         **{"patience=0": "must be positive", "budget=-1": "must", "least_time=0": "must be positive"},
         **{"n_vertices=7": "n_vertices", "n_vertices=20": "at least 40"},
     },
+    "stiffening": {"n_vertices=7": "n_vertices", "sources=colour": "colour", "isogonal_vertices=7": "n_vertices"},
     "tension_inference": {"n_vertices=7": "n_vertices"},
     "three_bar": {"span=-1": "span", "reach=1": "reach", "s=0:1:0.5": "s needs"},
     "three_dimensions": {
         **{"n_vertices=40": "", "hard_core=1.2": "", "strains=0": "", "threshold=0.0": "threshold"},
-        **{"spread=-0.1": "spread"},
+        **{"spread=-0.1": "spread", "strains=0.1,0.2,0.3": "contains 0 of the strains"},
     },
+    "topology": {"cuts=0": "positive", "cuts=24000": "smaller", "pruned_edges=300": "smaller"},
 }
 
 
@@ -65,9 +66,12 @@ def test_settings_that_could_only_fail_are_refused(study, setting, word, tmp_pat
         ("boundary", "sigma", "sigma, force balance"),
         ("boundary", "sheared_cell", "sheared_cell at 0"),
         ("boundary", "sheared_bond_vectors", "sheared_bond_vectors at 0"),
-        *(("ensemble", name, name) for name in ("C_B", "energy", "stressed_fraction", "residual")),
-        *(("ensemble", name, word) for name, word in (("C_G_error", "C_G"), ("sigma", "force balance"))),
-        ("shear", "shear_modulus", "shear_modulus"),
+        *(("ensemble", name, name) for name in ("C_B_fit", "energy", "stressed_fraction", "residual")),
+        *(
+            ("ensemble", name, word)
+            for name, word in (("C_G_fit_standard_error", "C_G_fit"), ("sigma", "force balance"))
+        ),
+        ("shear", "G_0_ascent", "G_0_ascent"),
         ("shear", "longest_edge", "longest_edge"),
         ("shear", "least_tension", "least_tension"),
         ("shear", "compressed_edges", "compressed_edges"),

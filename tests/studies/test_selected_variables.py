@@ -28,7 +28,7 @@ def stored(name, words, path):
 
 
 STUDIES = {"ensemble": "n_vertices=60", "three_dimensions": "n_vertices=60"}
-LINEAR = ("seeds=1:3", "populations=bulk_modulus,random_stress")
+LINEAR = ("seeds=1:3", "populations=max_B_0,random_stress")
 
 
 @pytest.fixture(scope="module", params=["ensemble", pytest.param("three_dimensions", marks=pytest.mark.sweep)])
@@ -39,9 +39,9 @@ def whole(request, tmp_path_factory):
 
 
 SELECTIONS = {
-    "C_B alone": ("C_B_exact,bulk_modulus_0", {"P", "saddle"}),
-    "closed forms": ("bulk_modulus_0,shear_modulus_0,stressed_fraction,length_variance", {"P"}),
-    "the configuration": ("sigma,coordinates,edges,offsets,cell", {"P"}),
+    "C_B alone": ("C_B,B_0", {"P", "saddle"}),
+    "closed forms": ("B_0,G_0,stressed_fraction,V_L", {"P"}),
+    "the configuration": ("sigma,position,edges,offsets,cell", {"P"}),
     "the path": ("C_B,energy", {"P", "Hessian"}),
     "scalars": ("scalars", {"P", "saddle", "Hessian"}),
 }

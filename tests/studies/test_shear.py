@@ -1,6 +1,4 @@
-"""The shear study, small: bounds, thresholds, exponents and starts."""
-
-from itertools import combinations
+"""The shear study, small: bounds, thresholds and exponents."""
 
 import numpy as np
 import pytest
@@ -9,18 +7,17 @@ from critflow import upper_bound, voronoi_network
 from critflow.critical.transition import pure_shear, transition_modulus
 from critflow.result import Status
 from workflows.shared.power_laws import exponent
-from workflows.shear.figures import expected_best
 
 STUDY = "shear"
 
 
 def test_the_shear_modulus_is_kept_only_where_it_is_the_objective(dataset):
-    optimised = dataset.shear_modulus_0.sel(population="shear_modulus")
-    assert (optimised > dataset.shear_modulus_0.drop_sel(population="shear_modulus")).all()
+    optimised = dataset.G_0.sel(population="max_G_0")
+    assert (optimised > dataset.G_0.drop_sel(population="max_G_0")).all()
     assert (optimised < dataset.bound).all()
     detailed = dataset.isel(seed=slice(0, 2))
-    assert (detailed.shear_modulus_of_threshold.sel(threshold=0.1) == optimised.isel(seed=slice(0, 2))).all()
-    assert (detailed.shear_modulus_of_threshold.diff("threshold") < 0).all()
+    assert (detailed.G_0_of_threshold.sel(threshold=0.1) == optimised.isel(seed=slice(0, 2))).all()
+    assert (detailed.G_0_of_threshold.diff("threshold") < 0).all()
     assert np.isnan(dataset.objective_of_start.isel(seed=2)).all()
     assert (dataset.threshold_status.isel(seed=2) == Status.missing).all()
     for n_vertices in dataset.n_vertices.values:
@@ -40,10 +37,3 @@ def test_an_exponent_is_recovered_with_its_interval():
         inside += fit[1] <= -0.8 <= fit[2]
     # 95 % intervals: 38 of 40 are expected, 33 or fewer once in a thousand times.
     assert inside >= 34
-
-
-def test_the_expected_best_of_some_starts_by_enumeration():
-    values = np.array([[0.3, 0.9, 0.5, 0.7], [1.0, 0.2, 0.4, 0.8]])
-    for picked in (1, 2, 3, 4):
-        expected = [np.mean([max(some) for some in combinations(row, picked)]) / row.max() for row in values]
-        np.testing.assert_allclose(expected_best(values)[:, picked - 1], expected, rtol=1e-13)

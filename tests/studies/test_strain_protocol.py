@@ -4,9 +4,11 @@ import numpy as np
 import pytest
 from problems import random_stress
 
-from critflow import CriticalManifold, Status, critical_from_lengths, voronoi_network
+from critflow import CriticalManifold, Status, critical_from_lengths, stiffening, voronoi_network
+from critflow.workflow import stable_rng
 from workflows.shared import strain_protocol
-from workflows.shared.strain_protocol import critical_by_strain
+from workflows.shared.populations import STREAMS, random_lengths
+from workflows.shared.strain_protocol import critical_by_strain, critical_in_printed_box
 
 NETWORK = voronoi_network(100, seed=1)
 MANIFOLD = CriticalManifold(NETWORK)
@@ -41,6 +43,40 @@ def test_straining_through_slack_edges():
     assert (solution.value.sigma[slack] <= 1e-8).all()
     L = NETWORK.bond_vectors(solution.value.coordinates)
     np.testing.assert_allclose(L, solution.value.bond_vectors, rtol=0, atol=1e-12)
+
+
+@pytest.mark.parametrize("spread", [0.2, 0.3])
+def test_the_state_in_the_printed_box_is_an_equilibrium_of_its_springs(spread):
+    """Springs of mean rest length 1 in the square of side √N_b, by forces and energy of their own."""
+    target = lengths(spread, seed=2)
+    solution = critical_in_printed_box(MANIFOLD, target)
+    assert solution.status in (Status.ok, Status.slack_edges) and solution.strain == 0
+    side = np.sqrt(NETWORK.n_edges)
+    L = NETWORK.bond_vectors(solution.value.coordinates) * side / np.sqrt(NETWORK.volume)
+    assert np.linalg.norm(np.diag(NETWORK.cell)) * side / np.sqrt(NETWORK.volume) == pytest.approx(side * np.sqrt(2))
+    length = np.linalg.norm(L, axis=1)
+    sigma = 1 - target / length
+    force = np.zeros((100, 2))
+    np.add.at(force, NETWORK.edges[:, 1], sigma[:, None] * L)
+    np.add.at(force, NETWORK.edges[:, 0], -sigma[:, None] * L)
+    assert np.abs(force).max() < 1e-11
+    assert np.sum((length - target) ** 2) / 2 > 0.1  # rigid from the start: the protocol stops at 1e-4
+    sigma *= np.sqrt(150 / np.sum(sigma**2))
+    np.testing.assert_allclose(solution.value.sigma, sigma, rtol=0, atol=1e-10)
+    assert np.abs(solution.value.coordinates[0]).max() == 0
+    # Without compression the stress gives the configuration and bounds on its errors.
+    assert (sigma > 0).all() == (solution.status is Status.ok) == np.isfinite(solution.value.error_bound)
+
+
+def test_slack_parts_in_the_printed_box_carry_exactly_nothing():
+    """Edges of a part at its rest lengths: the backbone leaves them out, and C_B is that of the stressed part."""
+    manifold = CriticalManifold(voronoi_network(1000, seed=1))
+    rest_lengths = random_lengths(stable_rng(1, STREAMS["random_lengths"]), 1500, 0.3)
+    solution = critical_in_printed_box(manifold, rest_lengths)
+    sigma = solution.value.sigma
+    assert solution.status is Status.slack_edges and (sigma == 0).any()
+    assert np.abs(sigma[sigma != 0]).min() > 1e-9
+    assert np.isfinite(stiffening(solution.value).value.C_B)
 
 
 @pytest.mark.parametrize("unit, k", [(1e-9, 1.0), (1e6, 1.0), (1.0, 1e-9), (1e-3, 1e4)])

@@ -9,14 +9,31 @@ from workflows.shared.structure import face_anisotropy, force_anisotropy, polygo
 
 
 def by_eigenvalues(corners):
-    """κ = 2(λ_1⁴ + λ_2⁴)/(λ_1² + λ_2²)² − 1, λ² being the eigenvalues of the gyration tensor about the centroid."""
+    """κ = 2(λ_1⁴ + λ_2⁴)/(λ_1² + λ_2²)² − 1, λ being the eigenvalues of the gyration tensor about the centroid."""
     arm = corners - corners.mean(axis=0)
-    squares = np.linalg.eigvalsh(arm.T @ arm / len(arm))
-    return 2 * np.sum(squares**2) / np.sum(squares) ** 2 - 1
+    eigenvalues = np.linalg.eigvalsh(arm.T @ arm / len(arm))
+    return 2 * np.sum(eigenvalues**4) / np.sum(eigenvalues**2) ** 2 - 1
 
 
 def test_point_has_no_shape():
     assert np.isnan(polygon_anisotropy(np.zeros((3, 2)), np.array([0, 3]))[0])
+
+
+# Isosceles triangles of base a and height h: λ = a²/6 along the base and 2h²/9 across it.
+@pytest.mark.parametrize(
+    "corners, kappa",
+    [
+        ([(0, 0), (1, 0), (0.5, np.sqrt(3) / 2)], 0.0),
+        ([(0, 0), (2, 0), (2, 2), (0, 2)], 0.0),
+        ([(0, 0), (2, 0), (2, 1), (0, 1)], 2 * (4**4 + 1) / (4**2 + 1) ** 2 - 1),
+        ([(0, 0), (2, 0), (1, 3)], 2 * ((4 / 6) ** 4 + 2**4) / ((4 / 6) ** 2 + 2**2) ** 2 - 1),
+        ([(0, 0), (1, 0), (3, 0)], 1.0),
+    ],
+    ids=["triangle", "square", "two squares", "isosceles", "line"],
+)
+def test_values_by_hand(corners, kappa):
+    sides = np.roll(corners, -1, axis=0) - np.array(corners)
+    assert polygon_anisotropy(sides, np.array([0, len(sides)]))[0] == pytest.approx(kappa, rel=1e-12, abs=1e-15)
 
 
 def test_faces_of_a_network():

@@ -29,6 +29,6 @@ def test_motions_keep_all_lengths(dataset):
         frames = dataset.example_motion.values[example]
         frames = frames[np.isfinite(frames[:, 0, 0])]
         assert len(frames) == (0, 0, 8, 8)[example]
-        rest = np.linalg.norm(np.diff(dataset.example_coordinates.values[example], axis=0), axis=1)
+        rest = np.linalg.norm(np.diff(dataset.example_position.values[example], axis=0), axis=1)
         for frame in frames:
             np.testing.assert_allclose(np.linalg.norm(np.diff(frame, axis=0), axis=1), rest, rtol=1e-12)

@@ -88,14 +88,19 @@ def server():
     return SERVER
 
 
-def begun(folder, settings=(), *, workers=0, step=0, action="kill", environment=None, prepare=None, study=PLAIN):
+def begun(
+    folder, settings=(), *, workers=0, step=0, action="kill", environment=None, prepare=None, study=PLAIN, options=()
+):
     """The process of a run that has begun.
 
     Its messages go to FOLDER.err, the number of its steps to FOLDER.steps; `prepare` is called in it before the run.
     """
     process = server().Process(
         target=_run,
-        args=(words_of(folder, settings, workers, study), str(folder), step, action, environment or {}, prepare),
+        args=(
+            [*words_of(folder, settings, workers, study), *options],
+            *(str(folder), step, action, environment or {}, prepare),
+        ),
     )
     process.start()
     return process

@@ -1,9 +1,12 @@
 """Clusters: a scheduler with and without certificates, jobs of dask-jobqueue, and who can reach a local run."""
 
+import json
 import os
 import signal
 import socket
 import ssl
+import subprocess
+import sys
 import time
 from contextlib import suppress
 from http.client import HTTPException
@@ -16,8 +19,10 @@ import pytest
 import xarray as xr
 from distributed import LocalCluster
 from distributed.security import Security
-from disturbed import numbers_of
+from disturbed import begun, ended, messages, numbers_of, stored_whole
 from problems import forbidden
+
+from critflow.workflow import distribution
 
 NO_DASHBOARD = {"dashboard": False, "dashboard_address": "127.0.0.1:0"}
 
@@ -151,3 +156,48 @@ def test_a_local_run_listens_on_loopback_and_answers_nobody_without_its_key(tmp_
     assert "Traceback" not in process.communicate()[1]
     assert process.returncode == {signal.SIGINT: 130, signal.SIGKILL: -9}[number]
     assert psutil.wait_procs(family, timeout=60)[1] == []  # no worker outlives the command
+
+
+DASK = (sys.executable, "-m", "dask")
+
+
+@pytest.fixture
+def remote(tmp_path):
+    """A scheduler and its only worker, processes of their own: the address, and the two processes by name."""
+    file, options = tmp_path / "scheduler.json", {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
+    words = ("--host=127.0.0.1", "--port=0", "--no-dashboard", "--no-show", f"--scheduler-file={file}")
+    processes = {"scheduler": subprocess.Popen([*DASK, "scheduler", *words], **options)}
+    while not file.exists():
+        assert processes["scheduler"].poll() is None
+        time.sleep(0.05)
+    words = (f"--scheduler-file={file}", "--nthreads=1", "--no-nanny", "--no-dashboard")
+    environment = os.environ | {"PYTHONPATH": os.pathsep.join(path for path in sys.path if path)}
+    environment["CRITFLOW_TEST_PAUSE"] = "0.1"
+    processes["worker"] = subprocess.Popen([*DASK, "worker", *words], **options, env=environment)
+    yield json.loads(file.read_text())["address"], processes
+    for process in processes.values():
+        process.kill()
+        process.wait()
+
+
+@pytest.mark.parametrize(("dead", "words"), [("scheduler", "scheduler ended"), ("worker", "no worker for")])
+def test_a_scheduler_or_its_last_worker_that_dies_ends_the_run_in_one_sentence(tmp_path, remote, dead, words):
+    address, processes = remote
+    more = ("seeds=0:200",)
+    run = begun(tmp_path / "out", more, workers=None, options=("--scheduler", address, "--insecure"), prepare=impatient)
+    while not list((tmp_path / "out" / "shards").glob("*.nc")):
+        assert run.is_alive(), messages(tmp_path / "out")
+        time.sleep(0.05)
+    processes[dead].kill()
+    assert ended(run, 60.0) == 6, messages(tmp_path / "out")
+    first, last = messages(tmp_path / "out").strip().splitlines()
+    assert first.startswith("plain: 200 seeds")
+    assert words in last and "same command again" in last
+    done = stored_whole(tmp_path / "out", more)
+    # A worker that has lost its scheduler ends its case.
+    assert any(f"{number} of 200 cases are complete" in last for number in (len(done), len(done) - 1))
+
+
+def impatient():
+    """In the process of a run: workers that are gone for two seconds do not come back."""
+    distribution._WORKERS_START = 2.0

@@ -3,15 +3,16 @@
 import json
 import warnings
 
+import netCDF4
 import numpy as np
 import pytest
 import xarray as xr
-from compliance_checker.runner import CheckSuite, ComplianceChecker
 from disturbed import contents_of, stamps_of
 
 from critflow.command.main import main
 from critflow.result import Status
 from critflow.workflow import dataset as dataset_module
+from critflow.workflow.code import code_version
 
 
 def test_the_dataset_has_the_dtypes_units_and_meanings_of_the_table(tmp_path, run, tiny):
@@ -123,13 +124,14 @@ SAMPLES = {
 @pytest.fixture(scope="module")
 def complaints():
     """`complaints(path, suite, out)`: the messages of compliance-checker in its strict mode."""
-    CheckSuite.load_all_available_checkers()
+    runner = pytest.importorskip("compliance_checker.runner", reason="no compliance-checker: install critflow[test]")
+    runner.CheckSuite.load_all_available_checkers()
 
     def check(path, suite, out):
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", DeprecationWarning)  # of its dependencies
             options = {"output_filename": str(out), "output_format": "json"}
-            ComplianceChecker.run_checker(str(path), [suite], 0, "strict", **options)
+            runner.ComplianceChecker.run_checker(str(path), [suite], 0, "strict", **options)
         found = json.loads(out.read_text())[suite]
         assert found["scored_points"] > 0
         results = [result for level in ("high", "medium", "low") for result in found[f"{level}_priorities"]]
@@ -150,24 +152,87 @@ def test_datasets_follow_the_conventions_that_they_state(tmp_path, run, source, 
     assert [line for line in found if not any(word in line for word in NOT_OURS)] == []
 
 
-def test_a_dataset_in_pieces_has_the_bytes_of_one_in_memory(tmp_path, run, source, monkeypatch):
+def test_a_dataset_in_pieces_has_the_contents_of_one_in_memory(tmp_path, run, source, monkeypatch):
     """With a variable of no axis, whose values all pieces share."""
     monkeypatch.setenv("SOURCE_DATE_EPOCH", "0")
     shared = ('Variable("status"', 'Variable("shared", ("edge",), "f8", long_name="shared"), Variable("status"')
     path = source(*shared, '"status":', '"shared": np.arange(float(n_edges)), "status":')
+    monkeypatch.setattr(dataset_module, "_CHUNK", 1)
     written = []
     for size in (2**26, 1):
         monkeypatch.setattr(dataset_module, "_PIECE", size)
         out = tmp_path / str(size)
         assert run(out, study=path) == 0
         assert main(["verify", str(out)]) == 0
-        written.append((out / "tiny.nc").read_bytes())
+        written.append(contents_of(out / "tiny.nc"))
     assert written[0] == written[1]
+    with xr.open_dataset(tmp_path / "1" / "tiny.nc", chunks={}) as ds:
+        assert ds.chunks["seed"] == (1, 1, 1, 1)
 
 
 def test_values_that_differ_between_pieces_are_an_error(tmp_path, run, source, monkeypatch, capsys):
-    monkeypatch.setattr(dataset_module, "_PIECE", 1)
+    for name in ("_PIECE", "_CHUNK"):
+        monkeypatch.setattr(dataset_module, name, 1)
     shared = ('Variable("status"', 'Variable("shared", (), "f8", long_name="shared"), Variable("status"')
     path = source(*shared, '"status":', '"shared": float(seed), "status":')
     assert run(tmp_path, study=path) == 4
     assert "shared" in capsys.readouterr().err
+
+
+def test_the_largest_variables_have_chunks_along_the_first_axis_and_repeated_bytes_are_compressed(
+    tmp_path, run, source, monkeypatch
+):
+    monkeypatch.setattr(dataset_module, "_CHUNK", 2**16)
+    words = ("n_edges=2000", "seeds=0:5", "populations=random")
+    assert run(tmp_path, *words) == 0
+    with netCDF4.Dataset(tmp_path / "tiny.nc") as file:
+        assert file["sigma"].chunking() == [1, 4, 2000] and file["residual"].chunking() == [1, 4]
+        assert file["edges"].filters()["zlib"] and not file["sigma"].filters()["zlib"]
+    with xr.open_dataset(tmp_path / "tiny.nc", chunks={}) as ds:
+        assert ds.chunks["seed"] == (4, 1)  # the same for all variables
+    assert main(["verify", str(tmp_path)]) == 0
+
+
+@pytest.mark.parametrize(("more", "stored"), [("seed", 2), ("5 * (population == 'floppy')", 1)])
+def test_other_sizes_end_the_run_at_once(tmp_path, run, source, capsys, more, stored):
+    """Between networks at the second one, within a network at its second case."""
+    path = source("    sleep(parameters", f"    n_edges += {more}\n    sleep(parameters")
+    assert run(tmp_path / "out", "seeds=0:50", study=path) == 4
+    err = capsys.readouterr().err
+    assert "study of its own" in err and "'edge'" in err
+    assert len(list((tmp_path / "out" / "shards").iterdir())) == stored
+
+
+def test_show_prints_what_a_dataset_is(tmp_path, run, tiny, capsys):
+    assert run(tmp_path, "trouble=1-random", "seeds=1:3", "spread=0.2") == 3
+    capsys.readouterr()
+    assert main(["show", str(tmp_path / "tiny.nc")]) == 0
+    text = capsys.readouterr().out
+    assert text.strip() == xr.load_dataset(tmp_path / "tiny.nc").attrs["summary"]
+    assert len(text.splitlines()) <= 20 and max(map(len, text.splitlines())) <= 120
+    for words in (
+        "A study without physics (study tiny, version 1)",
+        "2 seeds × 2 populations = 4; in each 3 strain, 6 edge, 2 end",
+        "critflow run tiny --set seeds=1,2 --set spread=0.2 --set trouble=1-random",
+        f"code: {code_version(tiny.study)}: 3 cases",
+        "random: 1 good, 1 failed",
+        "floppy: 2 floppy",
+        "ds[['residual']].where(ds.status == 0)",
+    ):
+        assert words in text, text
+
+
+def test_a_folder_or_a_dataset_of_another_schema_is_refused_and_kept(tmp_path, run, capsys, monkeypatch):
+    for name in ("folder", "dataset", "store"):
+        monkeypatch.setattr(f"critflow.workflow.{name}.SCHEMA_VERSION", 3)
+    assert run(tmp_path, "seeds=0") == 0
+    monkeypatch.undo()
+    before = {path: path.read_bytes() for path in tmp_path.rglob("*") if path.is_file()}
+    capsys.readouterr()
+    for command in (["status"], ["verify"], ["figures"], ["run", "tests/workflow/tiny_study.py", "--out"]):
+        assert main([*command, str(tmp_path)]) == 2
+        (line,) = capsys.readouterr().err.splitlines()
+        assert "schema 3, not 4" in line and "--out" in line
+    assert main(["show", str(tmp_path / "tiny.nc")]) == 2
+    assert "docs/howto/dataset.md" in capsys.readouterr().err
+    assert {path: path.read_bytes() for path in tmp_path.rglob("*") if path.is_file()} == before

@@ -6,7 +6,6 @@ import pytest
 
 from critflow.result import StudyError
 from critflow.workflow.load import load_file, load_study, named_studies
-from critflow.workflow.provenance import code_version
 
 STUDY = Path(__file__).with_name("plain_study.py").read_text()
 
@@ -96,22 +95,3 @@ def test_a_file_is_executed_once_for_each_content(tmp_path):
     assert load_file(path).study.title == "Another"
     path.write_bytes(b"\xef\xbb\xbf" + STUDY.encode())  # a byte-order mark
     assert load_file(path).study.name == "plain"
-
-
-def test_the_code_of_a_study_is_what_its_numbers_depend_on(tmp_path):
-    """Modules that its cases use count; modules that only draw do not, nor does the folder."""
-    source = changed("def case(", "from ._numbers import one\nfrom ._drawing import drawn\n\ndef case(")
-    source = source.replace("    case=case,\n", '    case=case,\n    figures={"modulus": drawn},\n')
-
-    def version(folder="a", numbers="one = 1", drawing="def drawn(ds): ..."):
-        (tmp_path / folder).mkdir(exist_ok=True)
-        (tmp_path / folder / "_numbers.py").write_text(numbers)
-        (tmp_path / folder / "_drawing.py").write_text(drawing)
-        (tmp_path / folder / "plain.py").write_text(source)
-        return code_version(load_file(tmp_path / folder / "plain.py").study)
-
-    first = version()
-    assert version("b") == first
-    assert version(drawing="def drawn(ds): return None") == first
-    assert version(numbers="one = 2") != first
-    assert version() == first

@@ -49,3 +49,18 @@ def test_verify_recomputes_the_physics_of_the_study(tmp_path, run, source, capsy
     capsys.readouterr()
     assert main(["verify", str(tmp_path / "out")]) == 4
     assert "the moduli are wrong" in capsys.readouterr().err
+
+
+def test_verify_computes_a_sample_again_and_says_which(tmp_path, run, source, capsys):
+    """Here the code is the same, and what it computes is not."""
+    path = source("* rng.normal(size=n_edges)", "* rng.normal(size=n_edges) + float(Path('/proc/uptime').exists())")
+    path.write_text("from pathlib import Path\n" + path.read_text().replace("'/proc/uptime'", f"'{tmp_path / 'x'}'"))
+    assert run(tmp_path / "out", "populations=random", study=path) == 0
+    capsys.readouterr()
+    for sample, words in ((2, "2 cases computed again"), (0, "0 cases computed again")):
+        assert main(["verify", str(tmp_path / "out"), f"--sample={sample}"]) == 0
+        assert words in capsys.readouterr().out
+    (tmp_path / "x").touch()
+    assert main(["verify", str(tmp_path / "out"), "--sample=4"]) == 4
+    err = capsys.readouterr().err
+    assert all(f"seed{seed}-random" in err for seed in range(4)) and "sigma" in err and "residual" not in err

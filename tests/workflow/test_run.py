@@ -13,7 +13,10 @@ from threadpoolctl import threadpool_info, threadpool_limits
 
 from critflow.command.main import main
 from critflow.result import StudyError
+from critflow.workflow import tasks
+from critflow.workflow.folder import Folder
 from critflow.workflow.load import load_file
+from critflow.workflow.plan import select
 from critflow.workflow.tasks import Job
 
 
@@ -76,6 +79,11 @@ def test_a_finished_run_only_writes_what_is_missing_of_its_results(tmp_path, tal
     assert sum(line.startswith("seed") for line in (tmp_path / "run.log").read_text().splitlines()) == 4
 
 
+def hurry():
+    """In the process of a run: a minute is over at once."""
+    tasks._MINUTE = 0.0
+
+
 SLOW = {"CRITFLOW_TEST_PAUSE": "0.4"}
 
 
@@ -85,14 +93,33 @@ def wait_for_a_case(folder, alive):
         time.sleep(0.01)
 
 
-def test_an_interrupted_task_begins_no_further_case(tmp_path):
-    """The cases of one seed are one task."""
-    folder, study = tmp_path / "out", Path(__file__).with_name("algebra_study.py")
-    process = begun(folder, ["seeds=0"], study=study, environment=SLOW)
-    wait_for_a_case(folder, process.is_alive)
+def test_an_interrupted_task_begins_no_further_case_and_stores_the_others(tmp_path):
+    """The cases of one seed are one task, and one shard."""
+    folder, path = tmp_path / "out", Path(__file__).with_name("algebra_study.py")
+    process = begun(folder, ["seeds=0"], study=path, environment=SLOW)
+    while "one process" not in messages(folder):
+        assert process.is_alive()
+        time.sleep(0.01)
+    time.sleep(0.6)  # in the second case
     os.kill(process.pid, signal.SIGINT)
     assert ended(process) == 130, messages(folder)
-    assert len(list((folder / "shards").glob("*.nc"))) < 3
+    study = load_file(path).study
+    done = [one.state for one in Folder(folder).states(select(study, ["seeds=0"]), read=True)]
+    assert done[0] == "done" and done[-1] == "missing"
+
+
+def test_a_long_task_is_stored_while_it_lasts(tmp_path, run):
+    """Its last case ends the process; the cases before it are complete."""
+    folder = tmp_path / "out"
+    process = begun(
+        folder, ["seeds=0"], study=Path(__file__).with_name("algebra_study.py"), environment=SLOW, prepare=hurry
+    )
+    wait_for_a_case(folder, process.is_alive)
+    os.kill(process.pid, signal.SIGKILL)
+    assert ended(process) == -9
+    assert run(folder, "seeds=0", study="algebra") == 0
+    lines = [line for line in (folder / "run.log").read_text().splitlines() if line.startswith("seed")]
+    assert 1 <= len(lines) <= 2  # of three cases, those that were not stored
 
 
 @pytest.mark.timeout(300)
@@ -128,7 +155,7 @@ def test_a_second_interrupt_stops_at_once(tmp_path):
 
 def test_a_study_file_that_changed_since_the_run_began_is_refused(tmp_path, source):
     path = source(study="plain")
-    job = Job(str(path), load_file(path).digest, str(tmp_path), {}, (), ())
+    job = Job(str(path), load_file(path).digest, str(tmp_path), {}, (), (), "")
     assert job.study().name == "plain"
     path.write_text(path.read_text() + "# changed")
     with pytest.raises(StudyError, match="changed"):

@@ -9,7 +9,7 @@ import pytest
 from critflow.result import EnvironmentFailure, Status
 from critflow.workflow import store
 from critflow.workflow.plan import select
-from critflow.workflow.store import read_shard, shard_path, write_shard
+from critflow.workflow.store import Record, Stored, read_records, read_shard, shard_path, write_shard
 
 
 @pytest.fixture
@@ -25,22 +25,43 @@ def arrays(tiny, case):
     return made
 
 
+def complete(case, status, arrays, absent=()):
+    return {case.id: Stored(Record(case.values, status, "some code", "some libraries", absent), arrays)}
+
+
 @pytest.fixture
 def path(tmp_path, tiny, case, arrays):
-    """The file of the case, complete."""
-    write_shard(tmp_path, tiny.study, case, Status.stalled, arrays)
+    """The shard of the case alone, complete."""
+    write_shard(tmp_path, tiny.study, case, complete(case, Status.stalled, arrays))
     return shard_path(tmp_path, case)
 
 
 def test_what_is_written_is_read_back(tmp_path, tiny, case, arrays, path):
-    shard = read_shard(tmp_path, tiny.study, case)
-    assert shard.status is Status.stalled
-    assert {n: (a.dtype, a.tobytes()) for n, a in shard.arrays.items()} == {
+    (stored,) = read_shard(tmp_path, tiny.study, case).cases.values()
+    assert stored.record == Record(case.values, Status.stalled, "some code", "some libraries")
+    assert {n: (a.dtype, a.tobytes()) for n, a in stored.arrays.items()} == {
         n: (a.dtype, a.tobytes()) for n, a in arrays.items()
     }
     assert [p.name for p in tmp_path.iterdir()] == [path.name]
     with netCDF4.Dataset(path) as file:  # any tool reads it
         assert set(arrays) <= set(file.variables)
+
+
+def test_the_cases_of_a_shard_have_their_own_arrays_in_any_order(tmp_path, tiny, case, arrays):
+    """They share the network; a case without some arrays lacks them when it is read."""
+    other = select(tiny.study).case(seed=case.values["seed"], population="floppy")
+    few = {"edges": arrays["edges"]}
+    absent = tuple(name for name in tiny.study.inner_dims if name not in {*few, "status"})
+    both = complete(case, Status.ok, arrays) | complete(other, Status.floppy, few, absent)
+    write_shard(tmp_path, tiny.study, case, both)
+    first = shard_path(tmp_path, case).read_bytes()
+    write_shard(tmp_path, tiny.study, other, dict(reversed(both.items())))
+    assert shard_path(tmp_path, other).read_bytes() == first
+    found = read_shard(tmp_path, tiny.study, other).cases
+    assert {name: set(stored.arrays) for name, stored in found.items()} == {case.id: set(arrays), other.id: {"edges"}}
+    assert read_records(tmp_path, tiny.study, case) == {name: stored.record for name, stored in both.items()}
+    with netCDF4.Dataset(shard_path(tmp_path, case)) as file:
+        assert file["sigma"].shape == (2, 6) and file["edges"].shape == (6, 2)
 
 
 def test_a_write_that_does_not_read_back_keeps_the_old_file(tmp_path, tiny, case, arrays, path, monkeypatch):
@@ -55,7 +76,7 @@ def test_a_write_that_does_not_read_back_keeps_the_old_file(tmp_path, tiny, case
 
     monkeypatch.setattr(store, "append_seal", altered)
     with pytest.raises(EnvironmentFailure, match="back"):
-        write_shard(tmp_path, tiny.study, case, Status.ok, arrays | {"residual": np.array(number)})
+        write_shard(tmp_path, tiny.study, case, complete(case, Status.ok, arrays | {"residual": np.array(number)}))
     assert path.read_bytes() == before
 
 
@@ -70,5 +91,5 @@ def test_a_file_is_synchronised_before_it_is_renamed_and_the_folder_after(tmp_pa
             return real(first, *more)
 
         monkeypatch.setattr(os, name, recorded)
-    write_shard(tmp_path, tiny.study, case, Status.ok, arrays)
+    write_shard(tmp_path, tiny.study, case, complete(case, Status.ok, arrays))
     assert calls == ["fsync", "replace", "fsync folder"]

@@ -45,6 +45,7 @@ def small_study(**changes):
         (lambda: Claim("k", "s", "1", "2", "undecided", criterion="= 1"), "why|reason"),
         (lambda: Claim("k", "s", "1", "2", "holds"), "criterion"),
         (lambda: Claim("k", "s", "1", "2", "measured", kind="theirs"), "kind"),
+        (lambda: Claim("k", "s", "1", "2", "measured", difference="taste"), "difference"),
         (lambda: small_study(name="a/b"), "name"),
         (lambda: small_study(axes=[]), "axis"),
         (lambda: small_study(variables=[]), "status"),

@@ -7,29 +7,30 @@ from matplotlib.figure import Figure
 from critflow.figures.plot import draw_network, face_polygons, periodic_segments, shade_faces
 from critflow.networks.faces import planar_faces
 from critflow.result import Status
-from critflow.workflow import Claim
 
+from ..paper.statements import Measurement
+from ..paper.verdicts import claims_of
 from ..shared.populations import LABELS
 from ..shared.reports import parameters
 from ..shared.verification import bond_vectors, configuration, contradictions
 
 # Name and characteristic number of every panel, in the order of the letters.
 CAPTIONS = {
-    "length_variance": (LABELS["length_variance"], "$V_L$ {V_L}, all $L$ = {length:.3f}"),
-    "tension_variance": (LABELS["tension_variance"], "$V_\\tau$ = {V_tau:.5f}, $V_L$ = {V_L}"),
-    "tension_variance_inflated": ("B, some faces inflated", "$V_\\tau$ = {V_tau:.5f}, $V_L$ = {V_L}"),
-    "bulk_modulus": ("max $B_0$, $\\sigma = k$", "$B_0$ = {B_0:.5f} $k$, $V_L$ = {V_L}"),
-    "bulk_modulus_wave": ("D after a smooth mode", "$B_0$ = {B_0:.5f} $k$, $V_L$ = {V_L}"),
-    "bulk_modulus_designed": ("D, some faces largest", "$B_0$ = {B_0:.5f} $k$, $V_L$ = {V_L}"),
-    "shear_modulus_1": ("max $G_0$, $r$ = {thresholds[0]:g}", "$G_0$ = {G_0:.3f} $k$"),
-    "shear_modulus_2": ("max $G_0$, $r$ = {thresholds[1]:g}", "$G_0$ = {G_0:.3f} $k$"),
-    "shear_modulus_3": ("max $G_0$, $r$ = {thresholds[2]:g}", "$G_0$ = {G_0:.3f} $k$"),
+    "min_V_L": (LABELS["min_V_L"], "$V_L$ {V_L}, all $L$ = {length:.3f}"),
+    "min_V_tau": (LABELS["min_V_tau"], "$V_\\tau$ = {V_tau:.5f}, $V_L$ = {V_L}"),
+    "min_V_tau_inflated": ("B, some faces inflated", "$V_\\tau$ = {V_tau:.5f}, $V_L$ = {V_L}"),
+    "max_B_0": ("max $B_0$, $\\sigma = k$", "$B_0$ = {B_0:.5f} $k$, $V_L$ = {V_L}"),
+    "max_B_0_wave": ("D after a smooth mode", "$B_0$ = {B_0:.5f} $k$, $V_L$ = {V_L}"),
+    "max_B_0_designed": ("D, some faces largest", "$B_0$ = {B_0:.5f} $k$, $V_L$ = {V_L}"),
+    "max_G_0_1": ("max $G_0$, $r$ = {thresholds[0]:g}", "$G_0$ = {G_0:.3f} $k$"),
+    "max_G_0_2": ("max $G_0$, $r$ = {thresholds[1]:g}", "$G_0$ = {G_0:.3f} $k$"),
+    "max_G_0_3": ("max $G_0$, $r$ = {thresholds[2]:g}", "$G_0$ = {G_0:.3f} $k$"),
     "random_lengths": (
-        f"{LABELS['random_lengths']}: $s$ = {{spread:g}}",
+        f"{LABELS['random_lengths']}, as recorded",
         "$B_0$ = {B_0:.3f} $k$, {stressed} % stressed",
     ),
-    "random_lengths_wide": (
-        f"{LABELS['random_lengths_wide']}: $s$ = {{spread_wide:g}}",
+    "random_lengths_transition": (
+        LABELS["random_lengths_transition"],
         "$B_0$ = {B_0:.3f} $k$, {stressed} % stressed",
     ),
     "random_stress_1": (LABELS["random_stress"], "$B_0$ = {B_0:.3f} $k$"),
@@ -37,11 +38,11 @@ CAPTIONS = {
 }
 PANELS = tuple(CAPTIONS)
 ISOGONAL = {
-    "tension_variance_inflated": "tension_variance",
-    "bulk_modulus_wave": "bulk_modulus",
-    "bulk_modulus_designed": "bulk_modulus",
+    "min_V_tau_inflated": "min_V_tau",
+    "max_B_0_wave": "max_B_0",
+    "max_B_0_designed": "max_B_0",
 }
-SHADED = ("tension_variance", "tension_variance_inflated", "bulk_modulus", "bulk_modulus_designed")
+SHADED = ("min_V_tau", "min_V_tau_inflated", "max_B_0", "max_B_0_designed")
 ROWS = (
     (
         PANELS[0:3],
@@ -62,7 +63,7 @@ ROWS = (
     ),
     (PANELS[9:13], "Random", ""),
 )
-NO_TENSION = 1e-9
+NO_TENSION, EXACT = 1e-9, 1e-12
 NOTE_WIDTH = 28  # characters of a line
 
 
@@ -92,7 +93,9 @@ def gallery(ds):
         bar = figure.colorbar(
             lines, cax=figure.add_axes((0.25, 0.042, 0.5, 0.011)), orientation="horizontal", extend="max"
         )
-        label = "edge tension $\\tau$ at unit pressure;  dotted: no tension (K is the spread that the paper prints)"
+        label = (
+            "edge tension $\\tau$ at unit pressure;  dotted: no tension (K is exactly at the transition, J beyond it)"
+        )
         bar.set_label(label, fontsize=8, labelpad=2)
         bar.ax.tick_params(labelsize=7, length=2, pad=1.5)
     return figure
@@ -108,7 +111,7 @@ def _draw(axes, one, ds, limits):
     if not np.isfinite(one.sigma.values).all():
         axes.set_axis_off()
         return None
-    edges, offsets, cell, x = (one[name].values for name in ("edges", "offsets", "cell", "coordinates"))
+    edges, offsets, cell, x = (one[name].values for name in ("edges", "offsets", "cell", "position"))
     tension = one.tension.values
     slack = tension <= NO_TENSION * tension.mean()
     lines = draw_network(axes, edges[~slack], offsets[~slack], cell, x, tension[~slack], limits=limits, width=0.95)
@@ -125,12 +128,12 @@ def _draw(axes, one, ds, limits):
 
 
 def _numbers(one, ds):
-    V_L = float(one.length_variance)
+    V_L = float(one.V_L)
     return {
         **parameters(ds),
         "V_L": f"{V_L:.3f}" if V_L > 1e-3 else "< $10^{" + f"{int(np.ceil(np.log10(max(V_L, 1e-30))))}" + "}$",
-        "length": float(one.length.mean()), "V_tau": float(one.tension_variance),
-        "B_0": float(one.bulk_modulus_0), "G_0": float(one.shear_modulus_0),
+        "length": float(one.length.mean()), "V_tau": float(one.V_tau),
+        "B_0": float(one.B_0), "G_0": float(one.G_0),
         "stressed": f"{100 * float(one.stressed_fraction):.3g}",
     }  # fmt: skip
 
@@ -150,136 +153,77 @@ def _wrapped(text):
 
 
 def claims(ds):
-    """The statements of the paper on its figure; claims on panels without a run are left out."""
+    """The statements of the paper on isogonal changes; those on panels without a run are left out."""
     if "network" in parameters(ds):
         return []
-    have = {panel for panel in ds.panel.values if np.isfinite(ds.bulk_modulus_0.sel(panel=panel)).all()}
-    return [claim for needs, make in _CLAIMS if have.issuperset(needs) for claim in make(ds)]
+    have = {panel for panel in ds.panel.values if np.isfinite(ds.B_0.sel(panel=panel)).all()}
+    return claims_of(one for needs, measure in _MEASURES if have.issuperset(needs) for one in measure(ds))
 
 
 def _values(ds, name, *panels):
     return ds[name].sel(panel=list(panels)).transpose("panel", "seed").values
 
 
-def _pressure(ds):
-    off = np.abs((ds.tension * ds.length).sum("edge") / (2 * np.abs(_areas(ds))) - 1)
-    worst = float(off.max())
-    yield Claim.tested(
-        "Networks", "tensions are scaled to unit pressure", "P = 1", f"within {_bound(worst)} in every panel",
-        worst < 1e-12, "some panel has another pressure", criterion="1e-12", kind="check",
-    )  # fmt: skip
-
-
-def _areas(ds):
-    return ds.cell[:, 0, 0] * ds.cell[:, 1, 1] - ds.cell[:, 0, 1] * ds.cell[:, 1, 0]
-
-
-def _equal_lengths(ds):
-    V_L = _values(ds, "length_variance", "length_variance").max()
-    yield Claim.tested(
-        "Networks-A", "the lengths of one configuration are all equal", "V_L ≲ 1e-7", f"V_L < {_bound(V_L, 1e-30)}",
-        V_L < 1e-7, "equal lengths leave edges of this network slack", criterion="V_L ≤ 1e-7", kind="paper",
-    )  # fmt: skip
-
-
 def _equal_tension_variance(ds):
-    V_tau = _values(ds, "tension_variance", "tension_variance", "tension_variance_inflated")
-    V_L = _values(ds, "length_variance", "tension_variance", "tension_variance_inflated")
+    V_tau = _values(ds, "V_tau", "min_V_tau", "min_V_tau_inflated")
+    V_L = _values(ds, "V_L", "min_V_tau", "min_V_tau_inflated")
     apart = np.abs(np.diff(V_tau, axis=0)).max()
-    status = ds.status.sel(panel="tension_variance").values
+    status = ds.status.sel(panel="min_V_tau").values
     lost = int(np.sum(status == Status.edge_collapse))
-    yield Claim.tested(
-        "Networks-BC", "configurations of least V_τ are degenerate along isogonal modes", "same V_τ",
+    yield Measurement(
+        "V_tau-degenerate", float(apart) if (V_L[0] != V_L[1]).all() else np.inf,
         f"V_τ = {V_tau[0, 0]:.6f} of both, within {_bound(apart)}; V_L = {V_L[0, 0]:.3f} and {V_L[1, 0]:.3f}",
-        apart < 1e-12, "the tensions changed",
-        f"in {lost} of {len(status)} networks edges shrink to zero length towards the least V_τ" if lost else "",
-        criterion="1e-12", kind="paper",
+        note=f"in {lost} of {len(status)} networks edges shrink to zero length towards the least V_τ" if lost else "",
     )  # fmt: skip
 
 
 def _moduli_of_forces(ds):
     off = 0.0
     for panel, origin in ISOGONAL.items():
-        for name in ("bulk_modulus_0", "shear_modulus_0"):
+        for name in ("B_0", "G_0"):
             one, other = _values(ds, name, panel, origin)
             # A shear modulus may be zero but for the shape of the cell, so both are measured by B_0.
-            off = max(off, float(np.abs((one - other) / _values(ds, "bulk_modulus_0", origin)[0]).max()))
-    yield Claim.tested(
-        "BulkModulus", "B_0 cannot be written as a function of the tensions alone, so its degeneracy surprises",
-        "to be studied", f"B_0 and G_0 change by less than {_bound(off)} B_0 from B to C, where neither is at its "
-        "maximum, and from D to E and F", off >= 1e-12, "forces T in balance do the same work Σ T·A L on all bond "
-        "vectors L that close on the cell, so every modulus at the transition is a function of the force network, and "
-        "isogonal modes keep it, from any configuration", criterion="a change above 1e-12 B_0", kind="paper",
+            off = max(off, float(np.abs((one - other) / _values(ds, "B_0", origin)[0]).max()))
+    yield Measurement(
+        "B_0-of-tensions", off, f"B_0 and G_0 change by less than {_bound(off)} B_0 from B to C, where neither is at "
+        "its maximum, and from D to E and F",
     )  # fmt: skip
 
 
 def _equal_bulk_modulus(ds):
-    B_0 = _values(ds, "bulk_modulus_0", *_STIFFEST)
-    V_L = _values(ds, "length_variance", *_STIFFEST)
-    bound = ds.bulk_modulus_bound.values
-    off = np.abs(B_0 / bound - 1).max()
-    yield Claim.tested(
-        "Networks-DEF", "configurations of largest B_0 are degenerate along isogonal modes", "same B_0",
-        f"B_0 = {B_0[0, 0]:.6f} k of all three, and the bound that no stress exceeds, within {_bound(off)}; "
-        f"V_L = {V_L[0, 0]:.3f}, {V_L[1, 0]:.3f} and {V_L[2, 0]:.3f}", off < 1e-12, "B_0 changed along the modes",
-        criterion="1e-12", kind="paper",
+    B_0 = _values(ds, "B_0", *_STIFFEST)
+    V_L = _values(ds, "V_L", *_STIFFEST)
+    off = float(np.abs(B_0 / ds.B_0_bound.values - 1).max())
+    yield Measurement(
+        "B_0-degenerate", off, f"B_0 = {B_0[0, 0]:.6f} k at V_L = {V_L[0, 0]:.3f}, {V_L[1, 0]:.3f} and "
+        f"{V_L[2, 0]:.3f}, which is the largest value of any stress, within {_bound(off)}",
     )  # fmt: skip
-    parted = _values(ds, "bulk_modulus_affine", *_STIFFEST) / B_0 - 1
-    yield Claim.tested(
-        "BulkModulusAffine", "σ = k is the most affine configuration of largest B_0: no non-affine part", "0",
+    parted = _values(ds, "B_0_affine", *_STIFFEST) / B_0 - 1
+    affine = (np.abs(parted[0]) < EXACT) & (parted[1:] > 0).all(axis=0)
+    yield Measurement(
+        "B_0-affine", float(np.mean(affine)),
         f"(B_aff − B_0)/B_0 is below {_bound(np.abs(parted[0]).max())} at σ = k, {parted[1, 0]:.3f} and "
-        f"{parted[2, 0]:.3f} after isogonal changes", np.abs(parted[0]).max() < 1e-12 and parted[1:].min() > 0,
-        "σ = k is not the most affine one", criterion="1e-12 at σ = k, more elsewhere", kind="paper",
+        f"{parted[2, 0]:.3f} after isogonal changes",
     )  # fmt: skip
     flat = _values(ds, "flat_directions", *_STIFFEST)
     if not np.isfinite(flat).all():
         return
     zero, curved = _values(ds, "flat_largest", *_STIFFEST).max(), _values(ds, "curved_smallest", *_STIFFEST).min()
     half = ds.sizes["vertex"] // 2
-    yield Claim.tested(
-        "BulkModulusHessian", "the Hessian of B_0 has N_v/2 − 1 flat directions", f"{half - 1}",
-        f"{int(flat.min())} at D, E and F, the scale of σ among them, so {int(flat.min()) - 1} isogonal ones; "
-        f"eigenvalues below {_bound(zero)} and above {curved:.1g} of the largest",
-        (flat == half).all(), "another number of eigenvalues vanishes",
-        f"the paper writes N_v/2 − 1 = N_f, but the network has N_f = N_v/2 = {half} faces: the modes of all faces "
-        "add up to zero, so that one of them is not independent", criterion="exact", kind="paper",
+    yield Measurement(
+        "B_0-flat-directions", float(np.mean(flat == half)),
+        f"{int(flat.min())} of {half} polygons at D, E and F, eigenvalues below {_bound(zero)} and above {curved:.1g} "
+        "of the largest",
+        note=f"{half - 1} of them are isogonal and one is the scale of σ; the paper prints N_v/2 − 1 = N_f, but "
+        f"N_f = N_v/2 = {half}",
     )  # fmt: skip
 
 
-def _shear(ds):
-    panels = ("shear_modulus_1", "shear_modulus_2", "shear_modulus_3")
-    G_0, r = _values(ds, "shear_modulus_0", *panels), parameters(ds)["thresholds"]
-    converged = bool((ds.status.sel(panel=list(panels)) == Status.ok).all())
-    order = np.argsort(r)[::-1]
-    yield Claim.tested(
-        "Networks-GHI", "a lower threshold r gives a larger G_0", "increasing",
-        ", ".join(f"G_0 = {G_0[n, 0]:.4f} k at r = {r[n]:g}" for n in order),
-        bool((np.diff(G_0[order], axis=0) > 0).all()), "G_0 does not increase",
-        "" if converged else "not every ascent converged", criterion="order, in every network", kind="paper",
-    )  # fmt: skip
-
-
-def _random_lengths(ds):
-    for panel, key in (("random_lengths", "spread"), ("random_lengths_wide", "spread_wide")):
-        if panel in ds.panel:
-            stressed = _values(ds, "stressed_fraction", panel)[0]
-            yield Claim.tested(
-                f"Networks-JK-{key}", f"random rest lengths of spread s = {parameters(ds)[key]:g} leave every edge "
-                "stressed", "full rigidity percolation", f"{100 * stressed.min():.4g} % of the edges",
-                stressed.min() == 1, "the cone program, whose answer is global, leaves the other edges slack",
-                criterion="every edge", kind="paper",
-            )  # fmt: skip
-
-
-_STIFFEST = ("bulk_modulus", "bulk_modulus_wave", "bulk_modulus_designed")
-_CLAIMS = (
-    ((), _pressure),
-    (("length_variance",), _equal_lengths),
-    (("tension_variance", "tension_variance_inflated"), _equal_tension_variance),
+_STIFFEST = ("max_B_0", "max_B_0_wave", "max_B_0_designed")
+_MEASURES = (
+    (("min_V_tau", "min_V_tau_inflated"), _equal_tension_variance),
     ((*ISOGONAL, *ISOGONAL.values()), _moduli_of_forces),
     (_STIFFEST, _equal_bulk_modulus),
-    (("shear_modulus_1", "shear_modulus_2", "shear_modulus_3"), _shear),
-    ((), _random_lengths),
 )
 
 
@@ -309,7 +253,7 @@ def _checks(one):
     tension = one.sigma.values * length
     yield from configuration(one)
     yield "tension", np.allclose(tension * 2 * area / np.sum(tension * length), one.tension, rtol=1e-9, atol=1e-12)
-    yield "bulk_modulus_affine", np.isclose(np.sum(length**2) / (4 * area), one.bulk_modulus_affine, rtol=1e-10)
+    yield "B_0_affine", np.isclose(np.sum(length**2) / (4 * area), one.B_0_affine, rtol=1e-10)
 
 
 def _parallel(one, origin):

@@ -1,8 +1,8 @@
 """One network in thirteen critical configurations: the figure `Networks` of the paper.
 
 A least V_L.  B, C least V_τ, C after an isogonal change.  D largest B_0 at σ = k.  E, F two isogonal changes of D.
-G, H, I largest G_0 at three thresholds r.  J, K random rest lengths: of a spread that leaves every edge stressed, and
-of the printed one, which does not.  L, M random stresses.
+G, H, I largest G_0 at three thresholds r.  J, K random rest lengths of the printed spread: as the protocol of the paper
+records them in its box, and exactly at the transition, which leaves more edges slack.  L, M random stresses.
 
 The least V_τ need not be attained: in about one network of six some edge shrinks to zero length
 (`edge_collapse`).  The network drawn, seed 0, attains it.
@@ -21,11 +21,13 @@ from critflow.generators.random_networks import check_voronoi
 from critflow.result import StudyError
 from critflow.workflow import Axis, Study, stable_rng
 
+from ..paper.committed import committed_run
 from ..shared.checks import check_network, check_positive
 from ..shared.measurements import moduli_with_bounds, stressed_fraction
 from ..shared.own_network import check_own, own_manifold, own_network, with_digest
-from ..shared.populations import random_lengths
+from ..shared.populations import OPTIMA, STREAMS, random_lengths
 from ..shared.reports import PAPER
+from ..shared.strain_protocol import critical_in_printed_box
 from ..shared.structure import relative_variance
 from ..shared.tables import NETWORK, bounded, numbers, outcomes
 from .report import PANELS, claims, gallery, verify
@@ -62,21 +64,24 @@ def configuration(manifold, chosen, parameters, seed, panel) -> tuple[cf.Solutio
     """The solution of a panel, and the isogonal amplitude of every face."""
     network, amplitudes = manifold.network, np.zeros(len(chosen))
     kind, _, variant = panel.rpartition("_")
-    rng = stable_rng(seed, panel)
-    if panel in ("length_variance", "tension_variance", "bulk_modulus"):
-        return cf.optimize(manifold, panel, throw=False), amplitudes
-    if kind == "shear_modulus":
+    rng = stable_rng(seed, STREAMS.get(panel, f"{STREAMS.get(kind, kind)}_{variant}"))
+    if panel in OPTIMA:
+        return cf.optimize(manifold, OPTIMA[panel], throw=False), amplitudes
+    if kind == "max_G_0":
         threshold = parameters["thresholds"][int(variant) - 1]
-        found = cf.optimize(manifold, kind, threshold=threshold, starts=parameters["starts"], rng=rng, throw=False)
+        found = cf.optimize(
+            manifold, OPTIMA[kind], threshold=threshold, starts=parameters["starts"], rng=rng, throw=False
+        )
         return found, amplitudes
     if kind == "random_stress":
         return manifold.solve(np.abs(rng.standard_normal(network.n_edges))), amplitudes
     if panel.startswith("random_lengths"):
-        spread = parameters["spread_wide" if variant == "wide" else "spread"]
-        lengths = random_lengths(rng, network.n_edges, spread)
+        lengths = random_lengths(rng, network.n_edges, parameters["spread"])
+        if panel == "random_lengths":
+            return critical_in_printed_box(manifold, lengths), amplitudes
         return cf.critical_from_lengths(manifold, lengths, throw=False), amplitudes
 
-    found = cf.optimize(manifold, kind, throw=False)
+    found = cf.optimize(manifold, OPTIMA[kind], throw=False)
     if not np.isfinite(found.value.coordinates).all():
         return found, amplitudes
     modes = face_modes(found.value)
@@ -104,13 +109,13 @@ def case(parameters, *, seed, panel):
     network = manifold.network
     found, amplitudes = configuration(manifold, chosen, parameters, seed, panel)
     shared = {"edges": network.edges, "offsets": network.offsets, "cell": network.cell, "chosen": chosen.astype("i1")}
-    shared |= {"status": found.status, "bulk_modulus_bound": bound}
+    shared |= {"status": found.status, "B_0_bound": bound}
     if not np.isfinite(found.value.coordinates).all():
         return shared
     critical = found.value
     (bulk, shear), (bulk_error, shear_error) = moduli_with_bounds(critical)
     flat = (np.nan, np.nan, np.nan)
-    if panel.startswith("bulk_modulus") and network.n_edges <= MOST_EDGES:
+    if panel.startswith("max_B_0") and network.n_edges <= MOST_EDGES:
         zero = flat_directions(critical, tolerance=FLAT)
         flat = (zero.n_flat, *zero.gap)
     return {
@@ -118,16 +123,16 @@ def case(parameters, *, seed, panel):
         "sigma": critical.sigma,
         "tension": critical.tensions / pressure(critical),
         "length": critical.lengths,
-        "coordinates": critical.coordinates,
-        "coordinates_error_bound": critical.error_bound,
+        "position": critical.coordinates,
+        "position_error_bound": critical.error_bound,
         "amplitude": amplitudes,
-        "length_variance": relative_variance(critical.lengths),
-        "tension_variance": relative_variance(critical.tensions),
-        "bulk_modulus_0": bulk,
-        "bulk_modulus_0_error_bound": bulk_error,
-        "bulk_modulus_affine": affine_bulk_modulus(critical),
-        "shear_modulus_0": shear,
-        "shear_modulus_0_error_bound": shear_error,
+        "V_L": relative_variance(critical.lengths),
+        "V_tau": relative_variance(critical.tensions),
+        "B_0": bulk,
+        "B_0_error_bound": bulk_error,
+        "B_0_affine": affine_bulk_modulus(critical),
+        "G_0": shear,
+        "G_0_error_bound": shear_error,
         "stressed_fraction": stressed_fraction(critical.sigma),
         "flat_directions": float(flat[0]),
         "flat_largest": flat[1],
@@ -143,7 +148,7 @@ def check(parameters, axes):
         raise StudyError(f"thresholds={parameters['thresholds']} must be three positive numbers, for panels G, H and I")
     if not 0 < parameters["fraction"] < 1:
         raise StudyError(f"fraction={parameters['fraction']} must lie between 0 and 1, where the first edge vanishes")
-    check_positive(parameters, "spread", "spread_wide", "shortest", "starts", "hard_core")
+    check_positive(parameters, "spread", "shortest", "starts", "hard_core")
     if network := own_network(parameters):
         check_own(network, planar_faces_needed=True)
     else:
@@ -154,20 +159,20 @@ MEMBER = ("panel", "seed")
 VARIABLES = (
     *NETWORK,
     *numbers(("seed", "face"), "i1", chosen="1 for the faces that panels C and F inflate"),
-    *numbers(("seed",), bulk_modulus_bound="largest B_0 that any stress can give, in units of k"),
+    *numbers(("seed",), B_0_bound="largest B_0 that any stress can give, in units of k"),
     *numbers(
         (*MEMBER, "edge"),
         sigma="geometric stress (tension per length), sum of squares N_b",
         tension="edge tension at unit pressure, sum of tension times length 2 V",
         length="edge length",
     ),
-    *numbers((*MEMBER, "vertex", "axis"), coordinates="vertex coordinates"),
+    *numbers((*MEMBER, "vertex", "axis"), position="coordinates of the vertices"),
     *numbers((*MEMBER, "face"), amplitude="isogonal amplitude of each face, as a length"),
     *numbers(
         MEMBER,
-        length_variance="variance of the lengths over their squared mean, V_L",
-        tension_variance="variance of the tensions over their squared mean, V_τ",
-        bulk_modulus_affine="bulk modulus if the dilation stayed affine, in units of k",
+        V_L="variance of the lengths over their squared mean, V_L",
+        V_tau="variance of the tensions over their squared mean, V_τ",
+        B_0_affine="bulk modulus if the dilation stayed affine, in units of k",
         stressed_fraction="part of the edges under tension",
         flat_directions="null directions of the Hessian of B_0 over the stresses, at its maxima",
         flat_largest="largest eigenvalue counted as null, over the largest of all",
@@ -175,10 +180,10 @@ VARIABLES = (
     ),
     *bounded(
         MEMBER,
-        bulk_modulus_0="bulk modulus at the transition, in units of k",
-        shear_modulus_0="shear modulus at the transition, in units of k",
+        B_0="bulk modulus at the transition, in units of k",
+        G_0="shear modulus at the transition, in units of k",
     ),
-    *numbers(MEMBER, coordinates_error_bound="bound on the error of coordinates"),
+    *numbers(MEMBER, position_error_bound="bound on the error of position"),
     *outcomes(MEMBER, status="outcome of finding the configuration"),
     *numbers(MEMBER, residual="largest unbalanced force over the mean tension"),
     *numbers(MEMBER, "i4", iterations="iterations of the method that found the configuration"),
@@ -190,6 +195,7 @@ study = Study(
     version=3,
     title="One network in thirteen critical configurations",
     references=f"{PAPER}, figure Networks",
+    committed=committed_run("gallery"),
     axes=(
         Axis("seed", (0,), "seed of the network", noun="network"),
         Axis("panel", PANELS, "critical configuration, by its panel in the figure"),
@@ -199,8 +205,7 @@ study = Study(
         "hard_core": 0.82,
         "thresholds": (0.1, 0.03, 0.01),
         "starts": 4,
-        "spread": 0.1,
-        "spread_wide": 0.3,
+        "spread": 0.3,
         "fraction": 0.9,
         "shortest": 0.15,
         "network": "",

@@ -17,11 +17,13 @@ import numpy as np
 import xarray as xr
 from PIL import Image, ImageSequence
 
+from critflow.workflow.claim import Claim
 from critflow.workflow.load import load_study
-from critflow.workflow.study import KINDS
 
+from ..paper.statements import STATEMENTS
 from .paper import EQUATIONS, FIGURES, printed
-from .tables import claim_counts, head, row
+from .tables import head, row
+from .verdicts import committed, counts, statement_counts
 
 ROOT = Path(__file__).parents[2]
 PAGE = ROOT / "results" / "README.md"
@@ -40,46 +42,32 @@ by `python -m workflows.pages.results`.
 
 
 def studies() -> list[str]:
-    """The studies with committed results, in the order of the paper."""
-    return list(dict.fromkeys(figure.study for figure in FIGURES))
+    """The studies with committed results: those of the statements and the figures of the paper, then all others."""
+    first = [figure.study for figure in FIGURES if figure.label]
+    of_statements = [known.study for known in STATEMENTS.values()]
+    return list(dict.fromkeys([*first, *of_statements, *(figure.study for figure in FIGURES)]))
 
 
 def rendered(reference: Path = REFERENCE) -> str:
     """The text of results/README.md."""
     runs = json.loads((reference / "runs.json").read_text(encoding="utf-8"))
-    claims = {study: _claims(reference, study) for study in studies()}
+    runs_of = committed(reference)
+    claims = {study: runs_of.get(study, []) for study in studies()}
     overview = _overview(claims, runs, reference)
     parts = [HEAD, overview, *(_study(study, reference) for study in studies()), _table(claims)]
     return "\n".join(parts)
 
 
-def _claims(reference: Path, study: str) -> list[dict]:
-    return json.loads((reference / study / "claims.json").read_text(encoding="utf-8"))
-
-
-def _count(claims: list[dict]) -> str:
-    tested = [claim for claim in claims if claim["verdict"] != "measured"]
-    return f"{sum(claim['verdict'] == 'holds' for claim in tested)} of {len(tested)}" if tested else ""
-
-
-def _holding(claims: list[dict]) -> str:
-    """The claims that hold, by kind."""
-    counts = {kind: _count([claim for claim in claims if claim["kind"] == kind]) for kind in KINDS}
-    return "; ".join(f"{KINDS[kind]}: {count} hold" for kind, count in counts.items() if count)
-
-
-def _overview(claims: dict[str, list[dict]], runs: dict[str, dict], reference: Path) -> str:
-    """One row a study, with the number of claims of each kind that hold, and the counts of all studies."""
-    lines = head("study", "command", "seconds", *KINDS.values(), "made by")
+def _overview(claims: dict[str, list[Claim]], runs: dict[str, dict], reference: Path) -> str:
+    """One row a study, with the verdicts of the statements of the paper that it tests, and those of all studies."""
+    lines = head("study", "command", "seconds", "statements of the paper", "made by")
     for study, its_claims in claims.items():
         run = runs.get(study, {})
         seconds = f"{run['seconds']:.0f}" if run.get("seconds") else ""
         made_by = f"{run.get('source', '')} {run.get('commit', '')[:7]}".strip()
-        counts = [_count([claim for claim in its_claims if claim["kind"] == kind]) for kind in KINDS]
-        cells = [f"[{count}](reference/{study}/claims.md)" if count else "" for count in counts]
-        lines.append(row(f"[{study}](#{study})", f"`critflow run {study}`", seconds, *cells, made_by))
-    text = ["", "The columns count the claims that hold, of those tested.", "", claim_counts(reference), ""]
-    return "\n".join([*lines, *text])
+        verdicts = f"[{counts(its_claims) or 'none'}](reference/{study}/claims.md)"
+        lines.append(row(f"[{study}](#{study})", f"`critflow run {study}`", seconds, verdicts, made_by))
+    return "\n".join([*lines, "", statement_counts(reference), ""])
 
 
 def _study(study: str, reference: Path) -> str:
@@ -113,7 +101,7 @@ def _picture(study: str, file: str, text: str) -> str:
     return f"![{text}](reference/{study}/figures/{file})"
 
 
-def _table(claims: dict[str, list[dict]]) -> str:
+def _table(claims: dict[str, list[Claim]]) -> str:
     lines = [
         "## The paper, number by number",
         "",
@@ -126,7 +114,7 @@ def _table(claims: dict[str, list[dict]]) -> str:
     for figure in FIGURES:
         command, table = f"`critflow run {figure.study}`", f"[claims](reference/{figure.study}/claims.md)"
         label = printed(figure.label) if figure.label else "(beyond the paper)"
-        lines.append(row(label, figure.meaning, command, table, _holding(claims[figure.study])))
+        lines.append(row(label, figure.meaning, command, table, counts(claims[figure.study])))
     return "\n".join([*lines, ""])
 
 

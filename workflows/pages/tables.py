@@ -7,33 +7,32 @@ README.md and the pages of docs/ are filled.
 import json
 import re
 import sys
-from collections import Counter
 from collections.abc import Callable
 from pathlib import Path
 
-from critflow.workflow.study import KINDS
-
 from ..shared.populations import NAMES
+from .found import what_we_found
 from .paper import EQUATIONS, named
+from .verdicts import differences, ensemble_statements, found, of_committed_run, statement_counts, statements
 
 ROOT = Path(__file__).parents[2]
 REFERENCE = ROOT / "results" / "reference"
+COMMITTED = Path(__file__).parents[1] / "paper" / "committed.json"
 # Both conventions of C_G: the sign that the paper states of max G_0 is that of the stress-corrected one.
 MODULI = {
-    "bulk_modulus_0": "B_0",
-    "C_B_exact": "C_B",
-    "shear_modulus_0": "G_0",
-    "C_G_exact": "C_G, energy",
-    "C_G_stress_corrected_exact": "C_G, stress-corrected",
+    "B_0": "B_0",
+    "C_B": "C_B",
+    "G_0": "G_0",
+    "C_G": "C_G, energy",
+    "C_G_stress_corrected": "C_G, stress-corrected",
 }
 STRUCTURE = {
-    "length_variance": "V_L",
-    "tension_variance": "V_τ",
+    "V_L": "V_L",
+    "V_tau": "V_τ",
     "stressed_fraction": "stressed edges",
 }
 # Other programs in the study of speed; the names of their methods begin with these.
 PROGRAMS = ("LAMMPS", "ASE", "matscipy", "jax_fdm")
-VERBS = {"holds": "hold", "differs": "differ", "undecided": "undecided"}
 # The default method of each task and the reason for it, from the measurements.
 REASONS = {
     "configuration": "a sparse solver chosen by size: QDLDL for small matrices, SuperLU or Pardiso for large ones",
@@ -119,32 +118,11 @@ def _spread(row: dict) -> str:
     return f"{row['median']:.3g} ({row['q05']:.3g} to {row['q95']:.3g})"
 
 
-def ensemble_claims(reference: Path) -> str:
-    """The claims of the ensemble with criteria, samples and verdicts."""
-    claims = _read(reference, "ensemble", "claims")
-    holding = sum(claim["verdict"] == "holds" for claim in claims)
-    lines = [f"{holding} of {len(claims)} claims hold; reasons: `results/reference/ensemble/claims.md`.", ""]
-    return "\n".join([*lines, *_claim_rows("the paper", claims)])
-
-
 def _claim_rows(statement: str, claims: list[dict]) -> list[str]:
     """A table of claims."""
     columns = ("statement", "criterion", "value", "sample", "verdict")
     rows = (row(*(claim[name] for name in columns)) for claim in claims)
     return [*head(statement, "criterion", "measured", "sample", "verdict"), *rows]
-
-
-def claim_counts(reference: Path) -> str:
-    """Verdicts of all studies by kind of claim."""
-    verdicts = {kind: Counter() for kind in KINDS}
-    for file in sorted(reference.glob("*/claims.json")):
-        for claim in json.loads(file.read_text(encoding="utf-8")):
-            verdicts[claim["kind"]][claim["verdict"]] += 1
-    counted = (
-        f"{KINDS[kind]}: {', '.join(f'{count[verdict]} {verb}' for verdict, verb in VERBS.items())}"
-        for kind, count in verdicts.items()
-    )
-    return f"Verdicts of all studies. {'; '.join(counted).capitalize()}."
 
 
 # Speed, size and failure
@@ -253,9 +231,9 @@ def equations(page: str) -> str:
     return "\n".join([*head("paper", "meaning", "function"), *(row(f"({n})", *cells) for n, *cells in rows)])
 
 
+_OF_VERDICTS = (statement_counts, differences, statements, ensemble_statements, found, what_we_found)
 TABLES: dict[str, Callable[[Path], str]] = {
-    table.__name__: table
-    for table in (populations, measures, ensemble_claims, claim_counts, speed, programs, sizes, failures)
+    table.__name__: table for table in (populations, measures, *_OF_VERDICTS, speed, programs, sizes, failures)
 } | {f"equations_{page}": lambda _, page=page: equations(page) for page in {e.page: None for e in EQUATIONS}}
 
 
@@ -266,6 +244,14 @@ def pages() -> list[Path]:
     return [ROOT / "README.md", *sorted(set(docs.rglob("*.md")) - made)]
 
 
+def write_committed(reference: Path = REFERENCE) -> None:
+    """Write the verdicts of the committed runs where the studies read them."""
+    runs = {file.parent.name: of_committed_run(reference, file.parent.name) for file in reference.glob("*/claims.json")}
+    kept = json.dumps({name: text for name, text in sorted(runs.items()) if text}, indent=1, ensure_ascii=False)
+    COMMITTED.write_text(kept + "\n", encoding="utf-8")
+
+
 if __name__ == "__main__":
+    write_committed()
     for path in map(Path, sys.argv[1:]) if sys.argv[1:] else pages():
         path.write_text(filled(path.read_text(encoding="utf-8")), encoding="utf-8")

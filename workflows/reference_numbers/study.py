@@ -7,7 +7,6 @@ below.
 from typing import NamedTuple
 
 import numpy as np
-from matplotlib.figure import Figure
 
 from critflow import voronoi_network
 from critflow.result import Status, StudyError
@@ -15,7 +14,7 @@ from critflow.workflow import Axis, Claim, Study, Variable
 from critflow.workflow.study import plural
 
 from ..shared.checks import check_network, check_positive
-from ..shared.figures import lettered
+from ..shared.figures import TEXT, counted, lettered, panels
 from ..shared.reports import finite, series, status_counts
 from . import measures
 
@@ -140,15 +139,19 @@ def claims(ds):
             known.because if len(values) else "no network of this run gives a value",
             "; ".join(filter(None, (known.source, f"outcomes: {others}" if others else ""))),
             criterion=f"mean within {known.within:.1g}" if known.within else "equal in every network",
-            sample=f"{len(values)} of {plural(ds.sizes['seed'], 'network')}", kind="check" if known.exact else "ours",
+            sample=f"{len(values)} of {plural(ds.sizes['seed'], 'network')}",
         ))  # fmt: skip
     return found
 
 
 def curves(ds):
     """Past an onset in shear, under isotropic tension, and along the pruning of a lattice."""
-    figure = Figure(figsize=(9.6, 3.2), dpi=150, layout="constrained")
-    left, middle, right = figure.subplots(1, 3)
+    figure, (left, middle, right) = panels(
+        3,
+        "Numbers of the literature are recovered: the factor 3, G in proportion to T, ν → −1\n"
+        f"(up to {counted(ds)} a curve; A: mean ± standard deviation)",
+        height=3.1,
+    )
     _factor(left, ds)
     _tension(middle, ds)
     _pruned(right, ds)
@@ -166,18 +169,16 @@ def _curves(ds, name):
 
 
 def _factor(axes, ds):
-    axes.set(
-        xlabel="onset $\\gamma_c$", ylabel="$(G - G_c)\\,\\gamma_c/\\sigma$", title="past an onset in simple shear"
-    )
+    axes.set(xlabel="onset $\\gamma_c$", ylabel="$(G - G_c)\\,\\gamma_c/\\sigma$", title="past an onset in shear")
     if "factor_three" in ds.quantity.values:
         x, y = _curves(ds, "factor_three")
         if x.size:
-            axes.errorbar(x[0], y.mean(axis=0), y.std(axis=0), capsize=2, ls="", label="Voronoi", **series(0))
+            axes.errorbar(x[0], y.mean(axis=0), y.std(axis=0), capsize=2, ls="", **series(0))
             fit = np.polyfit(x[0] ** 2, y.mean(axis=0), 1)
             fine = np.linspace(0, x[0].max(), 50)
             axes.plot(fine, np.polyval(fit, fine**2), color="0.5", lw=0.8, label="$a + b\\gamma_c^2$")
-    axes.axhline(3, color="k", lw=0.8, ls=":", label="3 (Merkel et al.)")
-    axes.legend(fontsize=7)
+    axes.axhline(3, color="k", lw=0.8, ls=":", label="3 (Merkel)")
+    axes.legend(fontsize=TEXT, frameon=False, handlelength=1.2, labelspacing=0.2, handletextpad=0.4)
 
 
 def _tension(axes, ds):
@@ -186,11 +187,9 @@ def _tension(axes, ds):
         if x.size:
             axes.loglog(x[0], y[0], ms=4, lw=0.8, label=name.removeprefix("tension_"), **series(n))
     ends = np.array([1e-6, 1e-5])
-    axes.loglog(ends, 0.5 * ends, color="k", lw=0.8, ls=":", label="$\\propto T$ (Lee, Merkel)")
-    axes.set(
-        xlabel="isotropic tension $T$  [k]", ylabel="shear modulus $G - G_c$  [k]", title="dilation past the transition"
-    )
-    axes.legend(fontsize=7)
+    axes.loglog(ends, 0.5 * ends, color="k", lw=0.8, ls=":", label="$\\propto T$")
+    axes.set(xlabel="tension $T$  [k]", ylabel="$G - G_c$  [k]", title="past the transition")
+    axes.legend(fontsize=TEXT, frameon=False, handlelength=1.2, labelspacing=0.2, handletextpad=0.4)
 
 
 def _pruned(axes, ds):
@@ -200,9 +199,9 @@ def _pruned(axes, ds):
             axes.plot(each, ratio, lw=0.8, color=series(0)["color"])
     for limit, name in ((-1, "lower bound, −1"), (1 / 3, "whole lattice, 1/3")):
         axes.axhline(limit, color="k", lw=0.8, ls=":")
-        axes.annotate(name, (5, limit), (0, 3), textcoords="offset points", fontsize=7, ha="center")
+        axes.annotate(name, (5, limit), (0, 3), textcoords="offset points", fontsize=TEXT, ha="center")
     axes.margins(y=0.1)
-    axes.set(xlabel="coordination $z$", ylabel="Poisson's ratio $\\nu$", title="pruned triangular lattices")
+    axes.set(xlabel="coordination $z$", ylabel="Poisson's ratio $\\nu$", title="pruned lattices")
 
 
 study = Study(

@@ -45,6 +45,17 @@ def voronoi_check(*positive):
     return check
 
 
+def check_fit(parameters):
+    """Raise `StudyError` unless a line, or the curve of `fit_degree`, can be fitted to the strains in the window."""
+    window, needed = parameters["fit_window"], int(parameters.get("fit_degree", 1)) + 2
+    inside = sum(strain <= window * (1 + 1e-12) for strain in parameters["strains"])
+    if inside < needed:
+        raise StudyError(
+            f"fit_window={window:g} contains {inside} of the strains, and the fits of C_B and C_G need {needed}: give "
+            f"more strains up to {window:g}, or a wider fit_window"
+        )
+
+
 def check_deformation(name):
     """Raise `StudyError` for names that are not deformations of a fixed cell: free sides loosen every network."""
     known = [known for known in DEFORMATIONS if known != "uniaxial_free"]

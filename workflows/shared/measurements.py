@@ -1,5 +1,7 @@
 """Measurements on one critical configuration in two or three dimensions, their labels and their verification."""
 
+from dataclasses import replace
+
 import numpy as np
 
 from critflow import CriticalManifold, InputError, Status, stiffening, strain_path
@@ -13,21 +15,28 @@ from critflow.response.coefficients import NO_STIFFENING
 
 from .reports import parameters as parameters_of
 from .structure import relative_variance
-from .tables import NETWORK, numbers, outcomes
+from .tables import NETWORK, numbers, outcomes, validity
 from .verification import balance_error, bond_vectors, contradictions, forces
 from .verification import configuration as configuration_checks
 
 # Variables of a drawing of one configuration.
-DRAWN = ("edges", "offsets", "cell", "sigma", "length", "coordinates")
+DRAWN = ("edges", "offsets", "cell", "sigma", "length", "position")
 # Variables that require linear systems at the transition, or the strain path and the lines fitted to it.
-_EXACT = ("C_B_exact", "C_G_exact", "C_G_stress_corrected_exact")
+_EXACT = ("C_B", "C_G", "C_G_stress_corrected")
+# Each exact coefficient, and the modulus whose line has the slope NAME_fit.
+_FITTED = {"C_B": "B", "C_G": "G", "C_G_stress_corrected": "G_stress_corrected"}
 _ALONG = (
-    *("bulk_modulus", "shear_modulus", "shear_modulus_stress_corrected", "energy", "max_force", "newton_steps"),
-    *("path_status", "C_B", "C_G", "C_G_stress_corrected", "C_B_error", "C_G_error", "C_G_stress_corrected_error"),
+    *("B", "G", "G_stress_corrected", "energy", "max_force", "newton_steps", "path_status"),
+    *(f"{name}_fit{part}" for name in _FITTED for part in ("", "_standard_error", "_deviation")),
 )
+_DEVIATIONS = tuple(f"{name}_fit_deviation" for name in _FITTED)
 # Variables with a bound on their rounding, `NAME_error_bound`.
-_AT_TRANSITION, _OF_PATH = ("bulk_modulus_0", "shear_modulus_0"), _ALONG[:3]
-BOUNDED = ("coordinates", *_AT_TRANSITION, *_EXACT, *_OF_PATH)
+_AT_TRANSITION, _OF_PATH = ("B_0", "G_0"), _ALONG[:3]
+BOUNDED = ("position", *_AT_TRANSITION, *_EXACT, *_OF_PATH)
+
+
+# Outcomes with sound numbers: edges may be slack, and where an edge shrinks to zero length the limit is near.
+SOUND = (Status.ok, Status.slack_edges, Status.edge_collapse)
 
 
 def bounds(names):
@@ -36,8 +45,14 @@ def bounds(names):
 
 
 def identified(network, found):
-    """The network and the status: all that is stored where no configuration was found."""
-    return {"edges": network.edges, "offsets": network.offsets, "cell": network.cell, "status": found.status}
+    """The network, the status and whether it is a sound one: all that is stored where no configuration was found."""
+    return {
+        "edges": network.edges,
+        "offsets": network.offsets,
+        "cell": network.cell,
+        "status": found.status,
+        "valid": int(found.status in SOUND),
+    }
 
 
 def measured(manifold, found, parameters, wanted, undefined=1.0):
@@ -53,11 +68,11 @@ def measured(manifold, found, parameters, wanted, undefined=1.0):
         **identified(manifold.network, found),
         "sigma": critical.sigma,
         "length": critical.lengths,
-        "coordinates": critical.coordinates,
-        "coordinates_error_bound": critical.error_bound,
+        "position": critical.coordinates,
+        "position_error_bound": critical.error_bound,
         **dict(zip(_AT_TRANSITION, np.sum([(each.bulk, each.shear) for each in moduli], axis=0), strict=True)),
-        "length_variance": relative_variance(critical.lengths),
-        "tension_variance": relative_variance(critical.tensions),
+        "V_L": relative_variance(critical.lengths),
+        "V_tau": relative_variance(critical.tensions),
         "stressed_fraction": stressed_fraction(critical.sigma),
         "residual": critical.residual,
         "optimality": found.stats.residual,
@@ -71,13 +86,14 @@ def measured(manifold, found, parameters, wanted, undefined=1.0):
     if len(parts) == 1 and parts[0] is not critical:
         # The taut part and its patterns then serve both.
         critical, manifold = parts[0], parts[0].manifold
-    if not wanted.isdisjoint((*_EXACT, *bounds(_EXACT))):
+    if not wanted.isdisjoint((*_EXACT, *bounds(_EXACT), *_DEVIATIONS)):
         exact, errors = known_stiffening(manifold, critical, deformation)
         for names, of_all, sign in ((_EXACT, exact, side), (bounds(_EXACT), errors, 1)):
             values = (of_all.C_B, of_all.C_G, of_all.C_G_stress_corrected)
             result |= {name: sign * value * undefined for name, value in zip(names, values, strict=True)}
     if not wanted.isdisjoint((*_ALONG, *bounds(_OF_PATH))):
         result |= _along_path(manifold, critical, parameters, undefined, deformation, side)
+        result |= {f"{name}_fit_deviation": result[f"{name}_fit"] - result[name] for name in _EXACT if name in result}
     return result
 
 
@@ -152,9 +168,9 @@ def _along_path(manifold, critical, parameters, undefined, deformation, side):
         throw=False,
     ).value
     result = {
-        "bulk_modulus": path.bulk_modulus,
-        "shear_modulus": path.shear_modulus,
-        "shear_modulus_stress_corrected": path.shear_modulus_stress_corrected,
+        "B": path.bulk_modulus,
+        "G": path.shear_modulus,
+        "G_stress_corrected": path.shear_modulus_stress_corrected,
         "energy": path.energy,
         "max_force": path.max_force,
         "newton_steps": path.steps,
@@ -163,43 +179,81 @@ def _along_path(manifold, critical, parameters, undefined, deformation, side):
     # That of G holds in both conventions.
     errors = (path.bulk_modulus_error, path.shear_modulus_error, path.shear_modulus_error)
     result |= dict(zip(bounds(_OF_PATH), errors, strict=True))
-    for name, moduli in (
-        ("C_B", path.bulk_modulus),
-        ("C_G", path.shear_modulus),
-        ("C_G_stress_corrected", path.shear_modulus_stress_corrected),
-    ):
-        slope, error = fitted(strains, moduli, parameters["fit_window"])
-        result[name], result[f"{name}_error"] = slope * undefined, error * undefined
+    for name, modulus in _FITTED.items():
+        slope, error = fitted(strains, result[modulus], parameters["fit_window"], parameters.get("fit_degree", 1))
+        result[f"{name}_fit"], result[f"{name}_fit_standard_error"] = slope * undefined, error * undefined
     return result
 
 
-def fitted(strains, moduli, window):
-    """Slope of a straight line through a modulus and its standard error; NaN with fewer than three strains."""
+def fitted(strains, moduli, window, degree=1):
+    """Slope at zero strain of a polynomial through a modulus and its error; NaN with too few strains.
+
+    degree 1  a straight line, as in the paper, with its standard error.  The modulus is a smooth curve without noise,
+              so that this scatter about the line says nothing of the distance from the derivative at zero, which is
+              about 13 times as large for ten equal steps of strain.
+    degree 2  or more: the error is the distance from the slope of one degree less, and twice that from one degree more.
+              Either distance may vanish by chance.  In 11 networks of each population the truth was within half of it.
+    """
     inside = strains <= window * (1 + 1e-12)
-    if np.count_nonzero(inside) < 3 or not np.isfinite(moduli[inside]).all():
+    if np.count_nonzero(inside) < degree + 2 or not np.isfinite(moduli[inside]).all():
         return np.nan, np.nan
-    coefficients, covariance = np.polyfit(strains[inside], moduli[inside], 1, cov=True)
+    x, y = strains[inside], moduli[inside]
+    if degree > 1:
+        lower, slope, higher = (np.polyfit(x, y, n)[-2] for n in (degree - 1, degree, degree + 1))
+        return slope, abs(slope - lower) + 2 * abs(higher - slope)
+    coefficients, covariance = np.polyfit(x, y, 1, cov=True)
     return coefficients[0], np.sqrt(covariance[0, 0])
 
 
-def table(planar):
-    """Names, dimensions, types, units and meanings of the stored variables; shapes of faces in the plane only."""
-    member, each = ("population", "seed"), ("population", "seed", "strain")
-    # CF has no unit of stiffness: quantities in units of k are dimensionless, and their long names contain the unit.
-    in_k = ", in units of k"
-    of_modulus = in_k if planar else ", in units of k per length"
+def _growths(of_modulus):
+    """Names and meanings of the exact and the fitted coefficients; `of_modulus` is the text on their unit."""
     growths = {}
     for name, modulus in (
         ("C_B", "bulk modulus"),
         ("C_G", "shear modulus (energy convention)"),
         ("C_G_stress_corrected", "stress-corrected shear modulus"),
     ):
-        growths[name] = f"growth of the {modulus} with strain, straight line fitted to the path{of_modulus}"
-        growths[f"{name}_error"] = f"standard error of the fitted growth of the {modulus}{of_modulus}"
-        growths[f"{name}_exact"] = f"growth of the {modulus} with strain, from the transition alone{of_modulus}"
+        growths[name] = f"growth of the {modulus} with strain, from the transition alone{of_modulus}"
+        growths[f"{name}_fit"] = f"slope of a line fitted to the {modulus} along the path{of_modulus}"
+        growths[f"{name}_fit_standard_error"] = f"scatter about the line fitted to the {modulus}{of_modulus}"
+        growths[f"{name}_fit_deviation"] = f"fitted less exact growth of the {modulus}{of_modulus}"
+    return growths
+
+
+_NOT_UNIQUE = (
+    "min_V_tau and max_B_0 are not unique: isogonal modes keep all tensions, V_tau and the moduli at the transition, "
+    "and change this; the stored configuration is the one from the start sigma = 1, which for max_B_0 is sigma = k"
+)
+_FIT_COMMENTS = {
+    "": "not the derivative at the transition, {name}: the modulus is curved within the fitted strains",
+    "_standard_error": (
+        "standard error of the straight line of fit_degree 1: scatter about it, not its distance from {name}, which is "
+        "about 13 times larger and is {name}_fit_deviation; with fit_degree 2 or more: an error bar that contains "
+        "{name}, the distances from the slopes of one degree less and more"
+    ),
+    "_deviation": "what the fit misses, {name}_fit less {name}",
+}
+COMMENTS = {
+    **dict.fromkeys(("sigma", "length", "position", "V_L", "kappa_phys", "C_G", "C_G_stress_corrected"), _NOT_UNIQUE),
+    "C_B": f"{_NOT_UNIQUE}; C_B of max_B_0 is -B_0/2 for all of them",
+    **{f"{name}_fit{part}": text.format(name=name) for name in _FITTED for part, text in _FIT_COMMENTS.items()},
+}
+
+
+def table(planar):
+    """The stored variables with their comments; shapes of faces in the plane only."""
+    return [replace(variable, comment=COMMENTS.get(variable.name, "")) for variable in _rows(planar)]
+
+
+def _rows(planar):
+    """Names, dimensions, types, units and meanings of the stored variables."""
+    member, each = ("population", "seed"), ("population", "seed", "strain")
+    # CF has no unit of stiffness: quantities in units of k are dimensionless, and their long names contain the unit.
+    in_k = ", in units of k"
+    of_modulus = in_k if planar else ", in units of k per length"
     shapes = {
-        "anisotropy_physical": "mean shape anisotropy of the faces",
-        "anisotropy_force": "mean shape anisotropy of the force triangles",
+        "kappa_phys": "mean shape anisotropy of the faces, λ the eigenvalues of the gyration tensor",
+        "kappa_force": "mean shape anisotropy of the force triangles, λ likewise",
     }
     yield from NETWORK
     yield from numbers(
@@ -207,17 +261,17 @@ def table(planar):
         sigma="geometric stress (tension per length), sum of squares N_b",
         length="edge length at the transition",
     )
-    yield from numbers((*member, "vertex", "axis"), coordinates="vertex coordinates at the transition")
+    yield from numbers((*member, "vertex", "axis"), position="coordinates of the vertices at the transition")
     yield from numbers(
         member,
-        bulk_modulus_0="bulk modulus at the transition" + of_modulus,
-        shear_modulus_0="shear modulus at the transition" + of_modulus,
+        B_0="bulk modulus at the transition" + of_modulus,
+        G_0="shear modulus at the transition" + of_modulus,
     )
     yield from numbers(
         each,
-        bulk_modulus="bulk modulus V d2E/dV2" + of_modulus,
-        shear_modulus="shear modulus (1/V) d2E/dε2, energy convention" + of_modulus,
-        shear_modulus_stress_corrected="shear modulus less half of dE/dV" + of_modulus,
+        B="bulk modulus V d2E/dV2" + of_modulus,
+        G="shear modulus (1/V) d2E/dε2, energy convention" + of_modulus,
+        G_stress_corrected="shear modulus less half of dE/dV" + of_modulus,
         energy="elastic energy" + in_k,
         max_force="largest unbalanced force component" + in_k,
     )
@@ -225,13 +279,14 @@ def table(planar):
     yield from outcomes(each, path_status="outcome of the strain step")
     yield from numbers(
         member,
-        **growths,
-        length_variance="variance of the lengths over their squared mean, V_L",
-        tension_variance="variance of the tensions over their squared mean, V_τ",
+        **_growths(of_modulus),
+        V_L="variance of the lengths over their squared mean, V_L",
+        V_tau="variance of the tensions over their squared mean, V_τ",
         **shapes if planar else {},
         stressed_fraction="part of the edges under tension",
     )
     yield from outcomes(member, status="outcome of finding the configuration")
+    yield from validity(member)
     yield from numbers(
         member,
         residual="largest unbalanced force over the mean tension",
@@ -240,17 +295,18 @@ def table(planar):
     yield from numbers(member, "i4", iterations="iterations of the method that found the configuration")
     for name in BOUNDED:
         dims = each if name in _OF_PATH else member
-        of_scale = ", before the stress is scaled to its sum of squares" if name == "coordinates" else ""
+        of_scale = ", before the stress is scaled to its sum of squares" if name == "position" else ""
         yield from numbers(dims, **{f"{name}_error_bound": f"bound on the rounding error of {name}{of_scale}"})
 
 
 def verify(ds):
     """A line for each stored configuration that the numbers next to it contradict."""
-    window = parameters_of(ds)["fit_window"]
-    return contradictions(ds, ("seed", "population"), lambda one: _checks(one, window))
+    parameters = parameters_of(ds)
+    fit = parameters["fit_window"], parameters.get("fit_degree", 1)
+    return contradictions(ds, ("seed", "population"), lambda one: _checks(one, *fit))
 
 
-def _checks(one, window):
+def _checks(one, window, degree):
     if not np.isfinite(one.residual):  # no configuration was found
         return
     sigma = one.sigma.values
@@ -265,7 +321,9 @@ def _checks(one, window):
     stressed = np.mean(sigma > 1e-9 * np.abs(sigma).mean())
     yield "stressed_fraction", np.isclose(stressed, one.stressed_fraction, rtol=1e-12)
     yield "energy along the path", not (np.diff(one.energy.values) < 0).any()
-    for modulus, slope in (("bulk_modulus", "C_B"), ("shear_modulus", "C_G")):
-        line = fitted(one.strain.values, one[modulus].values, window)
+    for name, modulus in _FITTED.items():
+        line = fitted(one.strain.values, one[modulus].values, window, degree)
+        slope = f"{name}_fit"
         if np.isfinite(one[slope]):
-            yield slope, np.allclose(line, (one[slope], one[f"{slope}_error"]), rtol=1e-9)
+            yield slope, np.allclose(line, (one[slope], one[f"{slope}_standard_error"]), rtol=1e-9)
+            yield f"{slope}_deviation", np.isclose(one[slope] - one[name], one[f"{slope}_deviation"], equal_nan=True)

@@ -1,10 +1,6 @@
-"""Claims and summaries of the populations, for networks in two and three dimensions.
+"""Measurements and summaries of the populations, for the statements of the paper on them.
 
-Criteria follow from the paper: "about 10 %" and "about 50 %" are numbers of one digit, so a median within 5 points
-agrees, "closely" means less than this half digit, and "about 1e-2" is its only digit; a sign is that of a population
-if 95 % of its networks have it, and is undecided above one half; "largely similar" medians are apart by no more than a
-tenth of a figure's axis.  Medians with the range of 90 % of the networks describe distributions that spread over
-decades.
+Medians with the range of 90 % of the networks describe distributions that spread over decades.
 """
 
 from collections.abc import Iterator
@@ -13,18 +9,22 @@ from itertools import permutations
 import numpy as np
 
 from critflow.result import Status
-from critflow.workflow import Claim
 from critflow.workflow.study import plural
 
+from ..paper.statements import Measurement
 from .populations import NAMES, PAPER_POPULATIONS, SPREADS
 from .reports import finite, parameters, status_counts
 
-# Claims on the sign of the change of the shear modulus with strain, by the convention of the modulus.
-CONVENTIONS = {"C_G_stress_corrected_exact": "stress-corrected", "C_G_exact": "energy"}
-# How far max B_0 lies above other populations [%], as printed, and half of the last digit.
-GAPS, HALF_DIGIT = {"length_variance": 10, "shear_modulus": 50, "random_stress": 50, "random_lengths": 10}, 5
-SURE, LIKELY = 0.95, 0.5
-LEAST_GAIN, STRAIGHT, SIGNIFICANT = 10, 10, 0.05
+# Growth of the shear modulus with strain, by the convention of the modulus.
+CONVENTIONS = {"C_G_stress_corrected": "stress-corrected", "C_G": "energy"}
+CLOSE = 1.05  # first over second median that follows closely
+METRICS = {"V_L": "V_L", "kappa_phys": "κ_phys", "V_tau": "V_τ", "kappa_force": "κ_force"}
+# The two states of random rest lengths that the text admits.
+READINGS = {
+    "random_lengths": "box of side √N_b, as the protocol records it",
+    "random_lengths_transition": "V = N_v, exactly at the transition",
+}
+PRINTED_SPREAD = 0.3  # of random rest lengths; others do not test the statements on them
 
 
 def of(ds, name, population):
@@ -54,92 +54,134 @@ def counts(ds, name, populations=PAPER_POPULATIONS):
     return ", ".join(f"{NAMES[p]} {number}" for p, number in n.items())
 
 
-def population_claims(ds, kind) -> Iterator[Claim]:
-    """The statements on variances, moduli, signs and percolation of all populations of the paper.
+def _medians(ds, name):
+    """Medians of the populations of the paper, by name."""
+    return {p: float(np.median(v)) for p in PAPER_POPULATIONS if len(v := of(ds, name, p))}
+
+
+def _readings(ds):
+    """The populations of random rest lengths, a description of each, and whether its spread is the printed one."""
+    for p, key in SPREADS.items():
+        if p in ds.population.values and len(of(ds, "stressed_fraction", p)):
+            spread = parameters(ds)[key]
+            yield p, f"{READINGS[p]}, s = {spread:g}", spread == PRINTED_SPREAD
+
+
+def population_measurements(ds) -> Iterator[Measurement]:
+    """The statements on variances, moduli, structure, growth and percolation of all populations of the paper.
 
     Those on the growth with strain are left out for other deformations than the dilation of the paper.
     """
-    yield from _variances(ds, kind)
-    yield from _bulk(ds, kind)
+    yield from percolation_measurements(ds)
+    yield from _variances(ds)
+    yield from _structure(ds)
+    yield from _bulk(ds)
+    yield _shear_gain(ds)
     if parameters(ds).get("deformation", "dilation") == "dilation":
-        yield from _signs(ds, kind)
-        yield from _opposed_ranks(ds, kind)
-        yield _linear_change(ds, kind)
-    yield _shear_gain(ds, kind)
-    yield from percolation_claims(ds, kind)
+        yield from _linear_change(ds)
+        yield from _opposed_ranks(ds)
+        yield from _signs(ds)
 
 
-def _variances(ds, kind):
-    V_L = of(ds, "length_variance", "length_variance")
-    slack = 100 * (1 - of(ds, "stressed_fraction", "length_variance").mean())
-    yield Claim.tested(
-        "LengthVariance", "equal lengths are reached up to V_L ≲ 1e-7", "≲ 1e-7",
-        f"V_L ≤ 1e-7 in {np.sum(V_L <= 1e-7)}, at most {V_L.max():.1g}", bool((V_L <= 1e-7).all()),
-        f"equal lengths leave edges slack ({slack:.1f} % on average), which are shorter than the others",
-        criterion="V_L ≤ 1e-7 in every network", sample=plural(len(V_L), "network"), kind=kind,
+def percolation_measurements(ds) -> Iterator[Measurement]:
+    """Whether random rest lengths leave every edge stressed."""
+    for p, words, printed in _readings(ds):
+        fraction = of(ds, "stressed_fraction", p)
+        whole = int(np.sum(fraction == 1.0))
+        yield Measurement(
+            "full-percolation", whole / len(fraction),
+            f"all edges in {whole} of {len(fraction)} networks, {described(100 * fraction, ' %')} of the edges",
+            plural(len(fraction), "network"), words, counts=printed,
+        )  # fmt: skip
+
+
+def _variances(ds):
+    V_L = of(ds, "V_L", "min_V_L")
+    yield Measurement(
+        "equal-lengths", float(np.mean(V_L <= 1e-7)),
+        f"in {np.sum(V_L <= 1e-7)} of {len(V_L)}, at most {V_L.max():.1g}", plural(len(V_L), "network"),
     )  # fmt: skip
-    V_t, status = of(ds, "tension_variance", "tension_variance"), ds.status.sel(population="tension_variance").values
+    V_tau, status = of(ds, "V_tau", "min_V_tau"), ds.status.sel(population="min_V_tau").values
     missed = int(np.sum(status != Status.ok))
-    yield Claim.tested(
-        "TensionVariance", "the least tension variance is about 1e-2, not zero", "≈ 1e-2", described(V_t),
-        float(f"{np.median(V_t):.0e}") == 1e-2, "it is another number",
-        f"{missed} networks do not attain their infimum: edges shrink to zero length" if missed else "",
-        criterion="the median rounds to it, one digit", sample=plural(len(V_t), "network"), kind=kind,
+    note = f"in {plural(missed, 'network')} the infimum is not attained: edges shrink to zero length"
+    yield Measurement(
+        "least-V_tau", float(np.median(V_tau)), described(V_tau), plural(len(V_tau), "network"),
+        note=note if missed else "",
     )  # fmt: skip
 
 
-def _bulk(ds, kind):
-    medians = {p: float(np.median(of(ds, "bulk_modulus_0", p))) for p in PAPER_POPULATIONS}
+def _structure(ds):
+    if not all(name in ds and len(_medians(ds, name)) == len(PAPER_POPULATIONS) for name in METRICS):
+        return
+    for p, words, printed in _readings(ds):
+        yield _alike(ds, "similar-lengths", "min_V_L", p, words, printed)
+    yield _alike(ds, "similar-tensions", "max_B_0", "min_V_tau")
+    ranked = {name: sorted(m := _medians(ds, name), key=m.__getitem__) for name in ("V_tau", "kappa_force")}
+    yield Measurement(
+        "regular-forces", float(np.mean([set(order[:2]) == {"max_B_0", "min_V_tau"} for order in ranked.values()])),
+        "; ".join(f"{METRICS[name]}: " + ", ".join(f"{NAMES[p]} {_medians(ds, name)[p]:.3g}" for p in order)
+                  for name, order in ranked.items()), counts(ds, "V_tau"),
+    )  # fmt: skip
+    kappa = of(ds, "kappa_force", "max_G_0")
+    yield Measurement("kappa-force", float(np.median(kappa)), described(kappa), plural(len(kappa), "network"))
+
+
+def _alike(ds, statement, one, other, words="", printed=True):
+    """Distance of the medians of two populations in each metric, in percent of the range of all medians."""
+    apart = {}
+    for metric in METRICS:
+        width = np.ptp(list(_medians(ds, metric).values()))
+        apart[metric] = 100 * abs(np.median(of(ds, metric, one)) - np.median(of(ds, metric, other))) / width
+    text = "medians differ by " + ", ".join(f"{METRICS[name]} {value:.3g} %" for name, value in apart.items())
+    n = counts(ds, "stressed_fraction", (one, other))
+    return Measurement(statement, max(apart.values()), text, n, words, counts=printed)
+
+
+def _bulk(ds):
+    medians = _medians(ds, "B_0")
     ranked = sorted(medians, key=medians.__getitem__, reverse=True)
-    close = medians["bulk_modulus"] < (1 + HALF_DIGIT / 100) * medians["tension_variance"]
-    yield Claim.tested(
-        "ResponseMetrics-A", "max B_0 has the largest bulk modulus, followed closely by min V_τ", "order",
-        ", ".join(f"{NAMES[p]} {medians[p]:.3f}" for p in ranked),
-        ranked[:2] == ["bulk_modulus", "tension_variance"] and close, "the medians come in another order or lie apart",
-        criterion=f"first and second median, less than {HALF_DIGIT} % apart", sample=counts(ds, "bulk_modulus_0"),
-        kind=kind,
+    ordered = ranked[:2] == ["max_B_0", "min_V_tau"] and medians["max_B_0"] < CLOSE * medians["min_V_tau"]
+    yield Measurement(
+        "B_0-order", float(ordered), ", ".join(f"{NAMES[p]} {medians[p]:.3f}" for p in ranked), counts(ds, "B_0")
+    )
+    for p in ("min_V_L", "max_G_0", "random_stress"):
+        yield _above(ds, f"B_0-over-{p}", p)
+    for p, words, printed in _readings(ds):
+        yield _above(ds, "B_0-over-random_lengths", p, words, printed)
+
+
+def _above(ds, name, population, words="", printed=True):
+    """How far max B_0 lies above another population in the same networks [%]."""
+    best, other = (ds.B_0.sel(population=p) for p in ("max_B_0", population))
+    above = finite(100 * (best / other - 1))
+    n = plural(len(above), "network")
+    return Measurement(name, float(np.median(above)), described(above, " %"), n, words, counts=printed)
+
+
+def _shear_gain(ds):
+    """Median of G_0 at max G_0 over the largest median of the other populations."""
+    medians = _medians(ds, "G_0")
+    gain = medians.pop("max_G_0") / max(*medians.values(), 1e-300)
+    return Measurement(
+        "G_0-gain", gain, f"{described(of(ds, 'G_0', 'max_G_0'))}, {gain:.0f} times the largest other median",
+        counts(ds, "G_0"),
     )  # fmt: skip
-    for p in (*GAPS, "random_lengths_wide"):
-        if p not in ds.population or not len(of(ds, "bulk_modulus_0", p)):
-            continue
-        printed = GAPS[p.removesuffix("_wide")]
-        spread = f" (s = {parameters(ds)[SPREADS[p]]:g})" if p in SPREADS else ""
-        best, other = (ds.bulk_modulus_0.sel(population=name) for name in ("bulk_modulus", p))
-        above = finite(100 * (best / other - 1))
-        slack = 100 * (1 - np.mean(of(ds, "stressed_fraction", p)))
-        yield Claim.tested(
-            f"ResponseMetrics-A-{p}", f"max B_0 lies about {printed} % above {NAMES[p]}{spread}", f"{printed} %",
-            described(above, " %"), abs(np.median(above) - printed) <= HALF_DIGIT,
-            f"{slack:.2g} % of the edges are slack on average, and tensions differ: V_τ = "
-            f"{np.median(of(ds, 'tension_variance', p)):.2g} in the median",
-            criterion=f"median within {HALF_DIGIT} points", sample=plural(len(above), "network"), kind=kind,
-        )  # fmt: skip
 
 
-def _signs(ds, kind):
-    statements = {"C_B_exact": ("ResponseMetrics-B", "C_B < 0 for max B_0 and min V_τ, > 0 for all others")}
-    for name, word in CONVENTIONS.items():
-        statements[name] = (f"ResponseMetrics-D-{word}", f"C_G < 0 for max G_0, > 0 for all others ({word} convention)")
-    for name, (key, statement) in statements.items():
-        negative = ("bulk_modulus", "tension_variance") if name == "C_B_exact" else ("shear_modulus",)
-        known = {p: v for p in PAPER_POPULATIONS if len(v := of(ds, name, p))}
-        share = {p: float(np.mean(v < 0 if p in negative else v > 0)) for p, v in known.items()}
-        least = min(share.values())
-        other = ", ".join(f"{100 * (1 - part):.0f} % of {NAMES[p]}" for p, part in share.items() if part < SURE)
-        yield Claim.tested(
-            key, statement, "signs", f"in at least {100 * least:.0f} % of each; {listed(ds, name)}",
-            True if least >= SURE else None if least > LIKELY else False,
-            f"the other sign in {other}", criterion=f"{100 * SURE:.0f} % of each population; undecided above one half",
-            sample=counts(ds, name), kind=kind,
-        )  # fmt: skip
+def _linear_change(ds):
+    """How far the growth over the smallest strain is from the exact coefficient, in percent."""
+    first = ds.isel(strain=0)
+    grown = (first.B - ds.B_0) / first.strain
+    off = 100 * np.abs(grown / ds.C_B - 1)
+    for p in PAPER_POPULATIONS:
+        if len(known := finite(off.sel(population=p))):
+            text = f"{described(known, ' %')} at γ = {float(first.strain):g}"
+            yield Measurement("linear-growth", float(np.median(known)), text, plural(len(known), "network"), NAMES[p])
 
 
-def _opposed_ranks(ds, kind):
-    """Rank correlations of the medians of moduli and of their growth, and the part of all orders with one as low."""
-    for key, modulus, growth, words in (
-        ("ranks", "bulk_modulus_0", "C_B_exact", "bulk moduli have smaller C_B"),
-        ("ranks-shear", "shear_modulus_0", "C_G_stress_corrected_exact", "shear moduli have smaller C_G"),
-    ):
+def _opposed_ranks(ds):
+    """The part of all orders of the medians of moduli and of their growth that are as opposed as the measured one."""
+    for modulus, growth in (("B_0", "C_B"), ("G_0", "C_G_stress_corrected")):
         names = [p for p in PAPER_POPULATIONS if len(of(ds, growth, p)) and len(of(ds, modulus, p))]
         first, second = (
             np.argsort(np.argsort([np.median(of(ds, name, p)) for p in names])) for name in (modulus, growth)
@@ -147,57 +189,25 @@ def _opposed_ranks(ds, kind):
         orders = np.array(list(permutations(range(len(names))))) @ first
         probability = float(np.mean(orders <= second @ first))
         correlation = np.corrcoef(first, second)[0, 1]
-        yield Claim.tested(
-            f"ModulusStrainScaling-{key}", f"populations with larger {words}", "decreasing",
-            f"rank correlation {correlation:.2f}, p = {probability:.2g}",
-            True if probability < SIGNIFICANT else None if correlation < 0 else False,
-            "so few medians come in such an order by chance too" if correlation < 0 else "the ranks rise together",
-            criterion=f"p < {SIGNIFICANT} of all orders of the medians; undecided where negative",
-            sample=plural(len(names), "population"), kind=kind,
+        text = f"rank correlation {correlation:.2f}, p = {probability:.2g}"
+        yield Measurement(
+            "opposed-ranks", probability, text, plural(len(names), "population"), f"{modulus} and {growth[:3]}"
+        )
+
+
+def _signs(ds):
+    words = {"C_B": "", **CONVENTIONS}
+    for name, convention in words.items():
+        negative = ("max_B_0", "min_V_tau") if name == "C_B" else ("max_G_0",)
+        known = {p: v for p in PAPER_POPULATIONS if len(v := of(ds, name, p))}
+        share = {p: float(np.mean(v < 0 if p in negative else v > 0)) for p, v in known.items()}
+        least = min(share, key=share.__getitem__)
+        where = f" ({NAMES[least]})" if share[least] < 1 else ""
+        yield Measurement(
+            "C_B-signs" if name == "C_B" else "C_G-signs", share[least],
+            f"in at least {100 * share[least]:.0f} % of each{where}; {listed(ds, name)}", counts(ds, name),
+            f"{convention} convention" if convention else "",
         )  # fmt: skip
-
-
-def _linear_change(ds, kind):
-    """The error of C_B from a straight line over the window of strains."""
-    key, statement = "ModulusStrainScaling", "moduli grow linearly with strain close to the transition"
-    window = f"γ = {parameters(ds)['fit_window']:g}"
-    off = 100 * np.abs(ds.C_B / ds.C_B_exact - 1).sel(population=list(PAPER_POPULATIONS))
-    medians = {p: float(np.median(known)) for p in PAPER_POPULATIONS if len(known := finite(off.sel(population=p)))}
-    if not medians:
-        return Claim(key, statement, "linear", f"undefined: no path has three strains up to {window}", "measured")
-    bent = ", ".join(NAMES[p] for p, value in medians.items() if value > STRAIGHT)
-    return Claim.tested(
-        key, statement, "linear", f"a straight line to {window} misses the exact C_B by "
-        + ", ".join(f"{NAMES[p]} {value:.2g} %" for p, value in medians.items()) + " (medians)", None if bent else True,
-        f"the paper prints no window, and within this one the moduli of {bent} bend",
-        criterion=f"{STRAIGHT} % in the median of each population, else undecided", sample=counts(ds, "C_B"), kind=kind,
-    )  # fmt: skip
-
-
-def _shear_gain(ds, kind):
-    """Median of G_0 at max G_0 over the largest median of the other populations."""
-    others = {p: float(np.median(of(ds, "shear_modulus_0", p))) for p in PAPER_POPULATIONS if p != "shear_modulus"}
-    best = of(ds, "shear_modulus_0", "shear_modulus")
-    gain = float(np.median(best)) / max(*others.values(), 1e-300)
-    return Claim.tested(
-        "ResponseMetrics-C", "max G_0 networks have a significantly larger G_0 than all others, which are negligible",
-        "much larger", f"{described(best)}, {gain:.0f} times the largest other median", gain >= LEAST_GAIN,
-        "less than ten times larger", criterion=f"{LEAST_GAIN} times", sample=counts(ds, "shear_modulus_0"), kind=kind,
-    )  # fmt: skip
-
-
-def percolation_claims(ds, kind) -> Iterator[Claim]:
-    """Whether random rest lengths leave every edge stressed."""
-    for population, key in SPREADS.items():
-        if population in ds.population and len(fraction := of(ds, "stressed_fraction", population)):
-            whole = int(np.sum(fraction == 1.0))
-            yield Claim.tested(
-                f"percolation-{key}", f"random rest lengths of spread s = {parameters(ds)[key]:g} leave every edge "
-                "stressed", "full rigidity percolation",
-                f"{whole} of {len(fraction)} networks; {described(100 * fraction, ' %')} of the edges",
-                whole == len(fraction), "edges are slack in the others: the cone program finds the global optimum",
-                criterion="every network", sample=plural(len(fraction), "network"), kind=kind,
-            )  # fmt: skip
 
 
 def summary(ds):

@@ -8,28 +8,48 @@ from functools import lru_cache
 import numpy as np
 
 from critflow import CriticalConfiguration, CriticalManifold, Solution, critical_from_lengths, optimize
-from critflow.workflow import stable_rng
+from critflow.figures.plot import COLOURS
+from critflow.workflow import AxisLabel, stable_rng
 
-from .strain_protocol import critical_by_strain
+from .strain_protocol import critical_in_printed_box
 
-OPTIMA = ("length_variance", "tension_variance", "bulk_modulus", "shear_modulus")
-# The populations of the paper; `random_lengths_wide` follows the printed spread of the rest lengths.
+# The quantity whose optimum each of these populations is.
+OPTIMA = {"min_V_L": "V_L", "min_V_tau": "V_tau", "max_B_0": "B_0", "max_G_0": "G_0"}
+# The populations of the paper.  Its random rest lengths are recorded beyond the transition, see `strain_protocol`;
+# `random_lengths_transition` has the same rest lengths, exactly there.
 PAPER_POPULATIONS = (*OPTIMA, "random_lengths", "random_stress")
-POPULATIONS = (*PAPER_POPULATIONS, "random_lengths_wide")
+POPULATIONS = (*PAPER_POPULATIONS, "random_lengths_transition")
+# Names in print, as mathematics and as plain text.
 LABELS = {
-    "length_variance": "min $V_L$",
-    "tension_variance": "min $V_\\tau$",
-    "bulk_modulus": "max $B_0$",
-    "shear_modulus": "max $G_0$",
+    "min_V_L": "min $V_L$",
+    "min_V_tau": "min $V_\\tau$",
+    "max_B_0": "max $B_0$",
+    "max_G_0": "max $G_0$",
     "random_lengths": "random $\\ell$",
     "random_stress": "random $\\sigma$",
-    "random_lengths_wide": "random $\\ell$, wide",
+    "random_lengths_transition": "random $\\ell$, transition",
 }
 NAMES = {p: label.replace("$", "").replace("\\tau", "τ") for p, label in LABELS.items()}
 NAMES = {p: name.replace("\\ell", "ℓ").replace("\\sigma", "σ") for p, name in NAMES.items()}
 MEANING = "population of critical configurations: " + ", ".join(f"{p} = {name}" for p, name in NAMES.items())
+# Coordinates along the axis of the populations, so that an analysis needs no table of its own.
+POPULATION_LABELS = (
+    AxisLabel("population_label", "name of the population", NAMES),
+    AxisLabel("population_symbol", "name of the population with its symbol in TeX", LABELS),
+    AxisLabel("population_color", "colour of the population in figures", dict(zip(POPULATIONS, COLOURS, strict=True))),
+)
+# Words of the random streams.  They are part of every stored number and stay when a population is renamed.
+STREAMS = {
+    "min_V_L": "length_variance",
+    "min_V_tau": "tension_variance",
+    "max_B_0": "bulk_modulus",
+    "max_G_0": "shear_modulus",
+    "random_lengths": "random_lengths_wide",
+    "random_stress": "random_stress",
+    "random_lengths_transition": "random_lengths_wide",
+}
 # The parameter with the spread of the rest lengths of each population.
-SPREADS = {"random_lengths": "spread", "random_lengths_wide": "spread_wide"}
+SPREADS = {"random_lengths": "spread", "random_lengths_transition": "spread"}
 
 
 @lru_cache(maxsize=2)
@@ -45,16 +65,17 @@ def configuration(
 
     Random populations, and random starts of descents, draw from a generator of the seed and the population.
     """
-    rng = stable_rng(seed, population)
+    rng = stable_rng(seed, STREAMS[population])
     if population in OPTIMA:
         start = np.exp(0.5 * rng.standard_normal(manifold.network.n_edges)) if random_start else None
-        return optimize(manifold, population, method, threshold=parameters["threshold"], start=start, throw=False)
+        return optimize(
+            manifold, OPTIMA[population], method, threshold=parameters["threshold"], start=start, throw=False
+        )
     if population == "random_stress":
         return manifold.solve(np.abs(rng.standard_normal(manifold.network.n_edges)))
-    spread = parameters["spread_wide" if population == "random_lengths_wide" else "spread"]
-    lengths = random_lengths(rng, manifold.network.n_edges, spread)
-    if parameters.get("protocol") == "strain":
-        return critical_by_strain(manifold, lengths)
+    lengths = random_lengths(rng, manifold.network.n_edges, parameters["spread"])
+    if population == "random_lengths":
+        return critical_in_printed_box(manifold, lengths)
     return critical_from_lengths(manifold, lengths, throw=False)
 
 

@@ -26,17 +26,6 @@ def _slopes(sizes, means):
     return np.tensordot(lever, np.log(np.where(means > 0, means, np.nan)), 1) / np.sum(lever**2)
 
 
-def judged(sizes, values, printed):
-    """Whether a printed exponent lies in the 95 % intervals of medians and of means, and both fits as text.
-
-    None where only one of them contains it: values of networks that spread over decades have other means than medians.
-    """
-    fits = {"medians": exponent(sizes, values, np.nanmedian), "means": exponent(sizes, values)}
-    inside = [low <= printed <= high for _, low, high in fits.values()]
-    text = "exponent of " + ", of ".join(f"{word} {shown(fit)}" for word, fit in fits.items())
-    return (None if any(inside) else False) if not all(inside) else True, text
-
-
 def shown(fit):
     """An exponent with its interval, as text."""
     return f"{fit[0]:.2f} (95 %: {fit[1]:.2f} to {fit[2]:.2f})"

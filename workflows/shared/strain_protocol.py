@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from critflow import CriticalManifold, Status, critical_from_lengths, equilibrium, spring_state
-from critflow.critical.manifold import critical_configuration
+from critflow.critical.manifold import CriticalConfiguration, critical_configuration
 from critflow.lengths.lengths_end import FromLengths
 from critflow.lengths.taut_edges import unknown_configuration
 from critflow.lengths.taut_set import NO_STRESS
@@ -16,6 +16,7 @@ from critflow.linalg.matrices import balanced_part
 from critflow.networks.network import Array
 from critflow.result import Stats
 
+ENERGY_THRESHOLD = 1e-4  # energy above which the paper calls a network rigid, k = 1
 STRAIN_STEPS = 2000  # steps after which the protocol stops: a strain of 20 in the default steps
 
 
@@ -38,7 +39,7 @@ def critical_by_strain(
     lengths: Array,
     relaxation: str = "newton",
     strain_step: float = 0.01,
-    energy_threshold: float = 1e-4,
+    energy_threshold: float = ENERGY_THRESHOLD,
 ) -> FromStrain:
     """The rigid state of periodic springs with rest lengths ℓ/(1 + γ), and the stress that balances at its coordinates.
 
@@ -72,6 +73,8 @@ def critical_by_strain(
         state = equilibrium(state, tolerance=1e-16, max_steps=6, pattern=pattern, throw=False).value
     # From the coordinates: rounding of many steps separates the bond vectors of the state from them.
     sigma = balanced_part(network, network.bond_vectors(state.coordinates), state.sigma, pattern)
+    # Edges of a part without stress are at their rest lengths, to rounding.
+    sigma = np.where(np.abs(sigma) <= NO_STRESS * np.mean(np.abs(sigma)), 0.0, sigma)
     value = critical_configuration(network, sigma, state.coordinates)
     slack = np.flatnonzero(value.sigma <= NO_STRESS * np.mean(np.abs(value.sigma)))
     status = Status.slack_edges if solution.ok and len(slack) else solution.status
@@ -85,6 +88,29 @@ def critical_by_strain(
         rest_lengths=state.rest_lengths,
         note=solution.note,
     )
+
+
+def critical_in_printed_box(manifold: CriticalManifold, lengths: Array) -> FromStrain:
+    """The state that the strain protocol records in the box that the paper prints, V = N_b, scaled to V of the network.
+
+    Rest lengths ℓ of mean 1 make networks in this box rigid at γ = 0 already, so that the state recorded there is far
+    past the transition: edges are about 15 % longer than ℓ, and a few of them may be compressed.  Its stress
+    σ = (|L| − ℓ)/|L| balances, so that it is a critical configuration.  It is computed in the box of the network, with
+    ℓ smaller by the ratio of the sides and the energy threshold by its square.
+    """
+    network = manifold.network
+    ratio = (network.n_edges / network.volume) ** (1 / network.dimension)
+    recorded = critical_by_strain(manifold, lengths / ratio, energy_threshold=ENERGY_THRESHOLD / ratio**2)
+    if not np.isfinite(recorded.value.coordinates).all():
+        return recorded
+    # The same configuration with bounds on its errors, which its stress determines where no edge is slack.
+    balance = manifold.solve(recorded.value.sigma) if (recorded.value.sigma > 0).all() else recorded
+    return replace(recorded, value=balance.value if balance.ok else _at_origin(recorded.value))
+
+
+def _at_origin(critical: CriticalConfiguration) -> CriticalConfiguration:
+    """The configuration moved so that its first vertex is at the origin, as in those of a stress."""
+    return critical_configuration(critical.network, critical.sigma, critical.coordinates - critical.coordinates[0])
 
 
 def _skipped(manifold: CriticalManifold, lengths: Array, strain_step: float) -> tuple[int, Array | None]:

@@ -1,7 +1,8 @@
 """Local structure: shape anisotropy of faces and of the polygons of the force network, and relative variance.
 
-κ = 2(λ_1⁴ + λ_2⁴)/(λ_1² + λ_2²)² − 1 with λ² the eigenvalues of the gyration tensor of a polygon's corners about
-their centre: 0 for a regular polygon, 1 for a line (`ShapeAnisotropy`).
+κ = 2(λ_1⁴ + λ_2⁴)/(λ_1² + λ_2²)² − 1 with λ the eigenvalues of the gyration tensor of a polygon's corners about their
+centre: 0 for a regular polygon, 1 for a line (`ShapeAnisotropy`).  With λ² as eigenvalues, as in polymer physics, the
+same expression would be the smaller number q below.
 """
 
 import numpy as np
@@ -56,8 +57,9 @@ def polygon_anisotropy(sides: Array, starts: NDArray[np.intp]) -> Array:
     arm = corner - np.repeat(centre, counts, axis=0)
     xx, yy, xy = (np.add.reduceat(arm[:, i] * arm[:, j], starts[:-1]) for i, j in ((0, 0), (1, 1), (0, 1)))
     with np.errstate(invalid="ignore"):
-        # (λ_1² − λ_2²)²/(λ_1² + λ_2²)², the same without eigenvalues.
-        return ((xx - yy) ** 2 + 4 * xy**2) / (xx + yy) ** 2
+        # q = (λ_1 − λ_2)²/(λ_1 + λ_2)² needs no eigenvalues, and κ = (λ_1² − λ_2²)²/(λ_1² + λ_2²)² = 4q/(1 + q)².
+        q = ((xx - yy) ** 2 + 4 * xy**2) / (xx + yy) ** 2
+        return 4 * q / (1 + q) ** 2
 
 
 def scaled_stress(critical: CriticalConfiguration) -> Array:

@@ -1,6 +1,7 @@
 """Tables of variables by their dimensions, and the arrays of a case from the numbers of its parts."""
 
 import time
+from enum import IntEnum
 
 import numpy as np
 
@@ -34,6 +35,19 @@ def outcomes(dims, /, **long_names):
     return [Variable(name, dims, "i1", long_name=text, flags=Status) for name, text in long_names.items()]
 
 
+class Validity(IntEnum):
+    """Whether the stored numbers of a case are those of its population; a case without a result has none."""
+
+    invalid = 0
+    valid = 1
+
+
+def validity(dims):
+    """The variable `valid`, by which a dataset is masked."""
+    text = "1 where the numbers of the case are sound, slack edges and limits with an edge of zero length included"
+    return [Variable("valid", dims, "i1", long_name=text, flags=Validity, fill=Validity.invalid)]
+
+
 def seconds(dims, /, **long_names):
     """Variables with times, which differ from run to run."""
     return [Variable(name, dims, "f8", long_name=text, volatile=True) for name, text in long_names.items()]
@@ -49,7 +63,7 @@ def network_study(*, variables, n=10, references=PAPER, **more):
 NETWORK = (
     *numbers(("seed", "edge", "end"), "i4", edges="vertices at tail and head of each edge"),
     *numbers(("seed", "edge", "axis"), "i2", offsets="cell image in which the head of each edge lies"),
-    *numbers(("seed", "axis", "axis_"), cell="cell vectors as rows"),
+    *numbers(("seed", "cell_vector", "axis"), cell="cell vectors as rows"),
 )
 
 

@@ -3,12 +3,12 @@
 import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
-from scipy.special import comb
+from matplotlib.ticker import LogLocator, NullFormatter
 
 from critflow.figures.plot import COLOURS, COMPRESSED, draw_network
 
-from ..shared.figures import lettered
-from ..shared.populations import LABELS
+from ..shared.figures import WIDTH, counted, lettered, page, panels, readable
+from ..shared.populations import LABELS, PAPER_POPULATIONS
 from ..shared.power_laws import exponent, quoted
 from ..shared.reports import parameters, series
 
@@ -36,58 +36,60 @@ def by_size(values):
 
 
 def ascent_figure(ds):
-    """Modulus, longest edge and least tension of the ascents, and one network at three steps."""
+    """Modulus, longest edge, least tension and compressed length of the ascents, and one network at three steps."""
     ds = recorded(ds)
-    figure = Figure(figsize=(11, 8.2), dpi=95, layout="constrained")
-    top, bottom = figure.subfigures(2, 1, height_ratios=(1, 1.08))
-    left, middle, right = top.subplots(1, 3)
-    _draw_modulus(left, ds)
-    _draw_extremes(middle, ds)
-    _draw_compression(right, ds)
-    lettered(left, middle, right)
-    for axes in (left, middle, right):
-        axes.set(xscale="log", xlabel="step $s$ of the ascent (0 at the left edge)")
+    figure = page(
+        6.1,
+        "Free to compress edges, $G_0$ climbs to its bound, and edges grow to the size of the box\n"
+        f"({counted(ds)} of {ds.sizes['vertex']} vertices; medians; bands hold two thirds)",
+    )
+    top, bottom = figure.subfigures(2, 1, height_ratios=(1.35, 1))
+    (modulus, longest), (tension, length) = top.subplots(2, 2, sharex=True)
+    _draw_modulus(modulus, ds)
+    _draw_extreme(longest, ds.longest_edge, BLUE, "longest edge / box", 1)
+    _draw_extreme(tension, ds.least_tension, COMPRESSED, "least / largest tension", 0)
+    _draw_compression(length, ds)
+    for axes in (modulus, longest, tension, length):
+        _step_axis(axes, ds.step.values[-1])
+    for axes in (tension, length):
+        axes.set_xlabel("step of the ascent")
+    lettered(modulus, longest, tension, length)
 
     one = ds.isel(seed=0)
-    for axes, letter, place in zip(bottom.subplots(1, 3), "DEF", _places(one), strict=True):
-        _draw(axes, one.isel(step=place), width=0.9)
-        value = float(one.shear_modulus[place])
+    for axes, letter, place in zip(bottom.subplots(1, 3), "EFG", _places(one), strict=True):
+        _draw(axes, one.isel(step=place), width=0.55)
+        value = float(one.G_0_ascent[place])
         axes.set_title(
-            f"$\\bf{{{letter}}}$   step {int(one.step[place])}: $G_0$ = {value:.2g} $k$, "
-            f"{100 * value / float(one.bound):.0f} % of the bound",
-            fontsize=9.5,
-        )
+            f"$\\bf{{{letter}}}$  step {int(one.step[place])}, {100 * value / float(one.bound):.0f} % of the bound",
+            fontsize=9, loc="left",
+        )  # fmt: skip
     handles = [Line2D([], [], color="#1c4f86"), Line2D([], [], color=COMPRESSED, linestyle=(0, (2, 1)))]
-    figure.legend(handles, ["tension", "compression"], loc="outside lower center", ncols=2, fontsize=9, frameon=False)
-    figure.suptitle(
-        "Free to compress edges, the shear modulus climbs to its bound while edges grow to the size of the box\n"
-        f"({ds.sizes['seed']} networks of {ds.sizes['vertex']} vertices; medians; bands hold two thirds)",
-        fontsize=11,
-    )
+    bottom.legend(handles, ["tension", "compression"], loc="outside lower center", ncols=2, fontsize=9, frameon=False)
     return figure
+
+
+def _step_axis(axes, last):
+    """Steps on a logarithmic axis that begins with step 0."""
+    axes.set_xscale("symlog", linthresh=1, linscale=0.3)
+    axes.set_xlim(0, 1.1 * last)
+    axes.set_xticks([step for step in (0, 1, 10, 100, 1000) if step <= last])
+    axes.set_xticks([], minor=True)
+    axes.xaxis.set_major_formatter("{x:g}")
 
 
 def _draw_modulus(axes, ds):
     bound = float(ds.bound.mean())
     axes.axhline(bound, color="0.25", linewidth=1.2, linestyle="--")
-    axes.text(0.55, bound * 1.015, "closed-form bound", fontsize=8.5, color="0.25")
-    _band(axes, ds.shear_modulus, BLUE)
-    axes.set(ylabel="shear modulus $G_0$  [$k$]", ylim=(-0.005, 1.12 * bound))
+    axes.text(0.1, bound * 1.02, "closed-form bound", fontsize=9, color="0.25")
+    _band(axes, ds.G_0_ascent, BLUE)
+    axes.set(ylabel="shear modulus $G_0$  [k]", ylim=(-0.005, 1.18 * bound))
 
 
-def _draw_extremes(axes, ds):
-    """The longest edge and the least tension, each relative to its natural unit."""
-    for values, colour, label in (
-        (ds.longest_edge, BLUE, "longest edge / side of the box"),
-        (ds.least_tension, COMPRESSED, "least / largest tension"),
-    ):
-        _band(axes, values, colour)
-        axes.plot([], [], color=colour, label=label)
-    for level in (0, 1):
-        axes.axhline(level, color="0.7", linewidth=0.8, zorder=0)
-    axes.set(ylabel="extremes of the edges")
-    axes.margins(y=0.15)
-    axes.legend(fontsize=8.5, frameon=False, loc="upper left")
+def _draw_extreme(axes, values, colour, label, level):
+    """The longest edge or the least tension, with a line where it reaches the box or compression begins."""
+    axes.axhline(level, color="0.6", linewidth=0.8, zorder=0)
+    _band(axes, values, colour)
+    axes.set(ylabel=label)
 
 
 def _draw_compression(axes, ds):
@@ -95,37 +97,33 @@ def _draw_compression(axes, ds):
     _band(axes, ds.compressed_length / ds.sizes["vertex"], GREEN)
     least = float((ds.least_compressed_length / ds.sizes["vertex"]).mean())
     axes.axhline(least, color=GREEN, linewidth=1.0, linestyle="--")
-    axes.text(0.55, least + 0.03, "least length that\nthe bound needs", fontsize=8.5, color=GREEN)
-    axes.set(ylabel="length under compression / $N_v$", ylim=(0, None))
-
-
-def _on_log_axis(steps):
-    """Steps with a finite place for the start on a logarithmic axis."""
-    return np.maximum(steps.values, 0.5)
+    axes.text(0.1, least + 0.03, "needed at the bound", fontsize=9, color=GREEN)
+    axes.set(ylabel="compressed length / $N_v$", ylim=(0, None))
 
 
 def animation(ds):
     """One network during the ascent, with its modulus."""
     one = recorded(ds).isel(seed=0)
-    steps, moduli = _on_log_axis(one.step), one.shear_modulus.values
+    steps, moduli = one.step.values, one.G_0_ascent.values
     for place in range(len(steps)):
-        figure = Figure(figsize=(7.2, 3.7), dpi=72, layout="constrained")
+        figure = Figure(figsize=(WIDTH, 3.5), dpi=110, layout="constrained")
         network, curve = figure.subplots(1, 2, width_ratios=(1.15, 1))
         _draw(network, one.isel(step=place), width=0.8)
         curve.axhline(float(one.bound), color="0.25", linewidth=1.0, linestyle="--")
         curve.plot(steps, moduli, color="0.8", linewidth=1.2)
         curve.plot(steps[: place + 1], moduli[: place + 1], color=BLUE, linewidth=1.8)
         curve.plot(steps[place], moduli[place], "o", color=BLUE)
-        curve.set(xscale="log", xlabel="step of the ascent", ylabel="shear modulus $G_0$  [$k$]")
+        curve.set(xlabel="step of the ascent", ylabel="shear modulus $G_0$  [k]")
         curve.set_ylim(-0.01, 1.1 * float(one.bound))
-        curve.spines[["top", "right"]].set_visible(False)
+        _step_axis(curve, steps[-1])
+        readable(curve)
         curve.set_title(f"step {int(one.step[place])}", loc="left", fontsize=10)
         yield figure
 
 
 def _draw(axes, one, width):
     cell, sigma = one.cell.values, one.sigma.values.astype(float)
-    x = one.coordinates.values.astype(float)
+    x = one.position.values.astype(float)
     tail, head = one.edges.values.T
     L = x[head] - x[tail] + one.offsets.values @ cell
     tension = sigma * np.linalg.norm(L, axis=1)
@@ -135,13 +133,13 @@ def _draw(axes, one, width):
 
 def _places(one):
     """The first recorded steps beyond the drawn parts of the bound."""
-    parts = one.shear_modulus.values / float(one.bound)
+    parts = one.G_0_ascent.values / float(one.bound)
     return [int(np.argmax(parts >= part)) if parts.max() >= part else len(parts) - 1 for part in SHOWN]
 
 
 def _band(axes, values, colour):
     """Median over networks, and the band of two thirds of them, against the step."""
-    x = _on_log_axis(values.step)
+    x = values.step.values
     low, middle, high = np.nanquantile(values.transpose("seed", "step").values, (1 / 6, 0.5, 5 / 6), axis=0)
     axes.fill_between(x, low, high, color=colour, alpha=0.25, linewidth=0)
     axes.plot(x, middle, color=colour, linewidth=1.8)
@@ -159,116 +157,126 @@ def ascent_ends(ds, name):
                 yield f"{algorithm.upper()}, {100 * fraction:.0f} % of the bound", values
 
 
+# The ascents that are drawn: the paper's after its number of steps, and those at nearly the bound.
+DRAWN = ("FIRE, {n_steps} steps", "LBFGS, 95 % of the bound")
+PRINTED = {"compressed_edges": 0.5, "compressed_length": 1.0}
+
+
 def compression_figure(ds):
     """Number and total length of compressed edges against size."""
     ds = detailed(ds)
-    figure = Figure(figsize=(9.8, 5.8), dpi=120, layout="constrained")
-    for axes, name, label, expected in zip(
-        figure.subplots(1, 2),
-        ("compressed_edges", "compressed_length"),
-        ("number of compressed edges  $N(\\tau<0)$", "total length of compressed edges  $L(\\tau<0)$"),
-        (0.5, 1.0),
-        strict=True,
-    ):
-        _draw_compressed(axes, ds, name, expected)
-        axes.set(xscale="log", yscale="log", xlabel="number of vertices $N_v$", ylabel=label)
-        axes.legend(
-            fontsize=8, frameon=False, loc="upper center", bbox_to_anchor=(0.5, -0.14),
-            title="exponent [95 %]", title_fontsize=8,
-        )  # fmt: skip
-    lettered(*figure.axes)
-    figure.suptitle(
-        f"Few but long: compressed edges on the way to the largest shear modulus ({ds.sizes['seed']} networks a size; "
-        "medians, bars hold two thirds)",
-        fontsize=11,
+    figure, (number, length) = panels(
+        2,
+        "Few but long edges are compressed: their length grows as $N_v$, their number slower\n"
+        f"({counted(ds)} a size; medians, bars hold two thirds; dotted: slopes of the paper)",
+        height=3.6,
     )
+    for axes, name, label in (
+        (number, "compressed_edges", "compressed edges"),
+        (length, "compressed_length", "total length of compressed edges"),
+    ):
+        _draw_compressed(axes, ds, name)
+        axes.set(xscale="log", yscale="log", xlabel="number of vertices $N_v$", ylabel=label)
+        sizes = ds.n_vertices.values
+        axes.set_xticks(sizes, [f"{size:,}" for size in sizes])
+        axes.set_xticks([], minor=True)
+        axes.yaxis.set_major_locator(LogLocator(subs=(1, 2, 5) if name == "compressed_edges" else (1,)))
+        axes.yaxis.set_major_formatter("{x:,.0f}")
+        axes.yaxis.set_minor_formatter(NullFormatter())
+        axes.legend(
+            fontsize=9, frameon=False, loc="upper left", title="exponent of $N_v$ [95 %]", title_fontsize=9,
+            alignment="left", labelspacing=0.25, handletextpad=0.4,
+        )  # fmt: skip
+    lettered(number, length)
     return figure
 
 
-def _draw_compressed(axes, ds, name, expected):
+def _draw_compressed(axes, ds, name):
     """The fitted power laws of one quantity, and the exponent of the paper as a dotted line."""
-    sizes = ds.n_vertices.values
-    lowest = np.inf
-    for n, (words, values) in enumerate(ascent_ends(ds, name)):
-        style = series(n)
+    sizes, shown = ds.n_vertices.values, [label.format(**parameters(ds)) for label in DRAWN]
+    ends = dict(ascent_ends(ds, name))
+    for n, words in enumerate([label for label in shown if label in ends] or list(ends)[:2]):
+        style, values = series(2 * n), ends[words]
         # Medians, because the lengths of an ascent near a singular matrix diverge.
         fit = exponent(sizes, values, np.nanmedian)
         low, middle, high = np.nanquantile(values, (1 / 6, 0.5, 5 / 6), axis=1)
         axes.errorbar(
             sizes, middle, (middle - low, high - middle), linestyle="none", **style, capsize=2, markersize=5,
-            label=f"{words}: {quoted(fit)}",
+            label=f"{words.replace('LBFGS', 'L-BFGS')}: {quoted(fit)}",
         )  # fmt: skip
         line = np.exp(np.nanmean(np.log(middle)) + fit[0] * (np.log(sizes) - np.log(sizes).mean()))
         axes.plot(sizes, line, color=style["color"], linewidth=1.2)
-        lowest = min(lowest, middle[0])
+        guide = middle[0] * (sizes / sizes[0]) ** PRINTED[name]
+        axes.plot(sizes, guide / 1.6, color=style["color"], linestyle=":", linewidth=1)
     if name == "compressed_length":
         least = by_size(ds.least_compressed_length)
         axes.plot(
-            sizes, np.nanmean(least, 1), "k--", linewidth=1.1,
-            label=f"least that the bound needs: {exponent(sizes, least)[0]:.3f}",
-        )  # fmt: skip
-    guide = 0.5 * lowest * (sizes / sizes[0]) ** expected
-    axes.plot(sizes, guide, color="0.6", linestyle=":")
-    axes.text(sizes[-1], 0.8 * guide[-1], f"$\\propto N_v^{{{expected:g}}}$", color="0.4", ha="right", va="top")
+            sizes, np.nanmean(least, 1), "k--", lw=1.1, label=f"needed at the bound: {exponent(sizes, least)[0]:.2f}"
+        )
+    low, high = axes.get_ylim()
+    axes.set_ylim(low, high * (high / low) ** 0.55)
 
 
 def scaling_figure(ds):
-    """G_0 against size by population, against the threshold by size with its allowed stresses, and against starts."""
-    figure = Figure(figsize=(13, 5.0), dpi=110, layout="constrained")
-    by_size, by_threshold, by_start = figure.subplots(1, 3, width_ratios=(1.25, 1, 1))
+    """G_0 against size by population, and against the threshold by size with its allowed stresses."""
+    figure, (by_size, by_threshold) = panels(
+        2,
+        "Only networks optimised for it keep a shear modulus; a lower threshold raises it\n"
+        f"(A: {counted(ds)} a size, medians, bars hold two thirds; B: {counted(detailed(ds))}, mean ± s.d.)",
+        height=4.6,
+    )
     _draw_sizes(by_size, ds)
     _draw_thresholds(by_threshold, detailed(ds))
-    _draw_starts(by_start, detailed(ds))
-    lettered(*figure.axes)
-    figure.suptitle(
-        "Only networks optimised for it keep a shear modulus; lower thresholds raise it, more starts hardly do "
-        f"({ds.sizes['seed']} networks a size)",
-        fontsize=11,
-    )
+    lettered(by_size, by_threshold)
     return figure
 
 
 def _draw_sizes(axes, ds):
     sizes = ds.n_vertices.values
-    for place, population in enumerate(map(str, ds.population.values)):
-        values = by_size(ds.shear_modulus_0.sel(population=population))
-        fit, optimised = exponent(sizes, values, np.nanmedian), population == "shear_modulus"
+    shown = [population for population in map(str, ds.population.values) if population in PAPER_POPULATIONS]
+    for place, population in enumerate(shown):
+        values = by_size(ds.G_0.sel(population=population))
+        fit, optimised = exponent(sizes, values, np.nanmedian), population == "max_G_0"
         low, middle, high = np.nanquantile(values, (1 / 6, 0.5, 5 / 6), axis=1)
         style = series(place)
         axes.errorbar(
-            sizes * (1 + 0.02 * (place - 3)), middle, (middle - low, high - middle), elinewidth=0.8,
-            linestyle="none", **style, markersize=5, capsize=2,
+            sizes * (1 + 0.03 * (place - 2.5)), middle, (middle - low, high - middle), elinewidth=0.8,
+            linestyle="none", **style, markersize=4, capsize=1.5,
             markerfacecolor="none" if optimised else style["color"],
             label=f"{LABELS[population]}: {quoted(fit)}",
         )  # fmt: skip
-    isotropic = [p for p in map(str, ds.population.values) if p != "shear_modulus"]
-    middle = np.nanmedian(ds.shear_modulus_0.sel(population=isotropic).isel(n_vertices=-1).values)
+    others = [population for population in shown if population != "max_G_0"]
+    middle = np.nanmedian(ds.G_0.sel(population=others).isel(n_vertices=-1).values)
     axes.plot(sizes, middle * sizes[-1] / sizes, color="0.5", linestyle=":", zorder=0)
-    axes.text(0.03, 0.03, "dotted: $\\propto 1/N_v$", color="0.35", transform=axes.transAxes)
-    axes.set(xscale="log", yscale="log", xlabel="number of vertices $N_v$", ylabel="shear modulus $G_0$  [$k$]")
+    axes.text(0.03, 0.03, "dotted: $\\propto 1/N_v$", color="0.35", fontsize=9, transform=axes.transAxes)
+    axes.set(xscale="log", yscale="log", xlabel="number of vertices $N_v$", ylabel="shear modulus $G_0$  [k]")
+    axes.set_xticks(sizes, [f"{size:,}" for size in sizes])
+    axes.set_xticks([], minor=True)
+    axes.set_title("by population")
     axes.legend(
-        fontsize=8, frameon=False, loc="upper center", bbox_to_anchor=(0.5, -0.14), ncols=2, columnspacing=1.0,
-        handletextpad=0.2, title="medians, bars of two thirds; exponent [95 %]", title_fontsize=8,
+        fontsize=9, frameon=False, loc="upper center", bbox_to_anchor=(0.5, -0.17), ncols=1, handletextpad=0.2,
+        labelspacing=0.2, title="exponent of the medians [95 %]", title_fontsize=9,
     )  # fmt: skip
 
 
 def _draw_thresholds(axes, ds):
     sizes = ds.n_vertices.values
-    axes.axhline(float(ds.bound.mean()), color="0.25", linestyle="--", linewidth=1.2)
-    axes.text(ds.threshold.values.min(), 1.02 * float(ds.bound.mean()), "bound for any stress", fontsize=8.5)
+    bound = float(ds.bound.mean())
+    axes.axhline(bound, color="0.25", linestyle="--", linewidth=1.2)
+    axes.text(0.02, 1.02 * bound, "bound for any sign", fontsize=9, transform=axes.get_yaxis_transform())
     for colour, style, size in zip(COLOURS[::2], STYLES, _shown_sizes(sizes), strict=False):
-        values = ds.shear_modulus_of_threshold.sel(n_vertices=size)
+        values = ds.G_0_of_threshold.sel(n_vertices=size)
         mean, width = values.mean("seed"), values.std("seed")
         axes.fill_between(ds.threshold, mean - width, mean + width, color=colour, alpha=0.2, linewidth=0)
-        axes.plot(ds.threshold, mean, style, color=colour, linewidth=1.8, label=f"$N_v$ = {size}")
+        axes.plot(ds.threshold, mean, style, color=colour, linewidth=1.8, label=f"$N_v$ = {size:,}")
     axes.set(
-        xscale="log", xlabel="least stress $r$  (mean square 1)", ylabel="shear modulus $G_0$ of max $G_0$  [$k$]",
-        ylim=(0, 1.15 * float(ds.bound.mean())),
+        xscale="log", xlabel="least stress $r$  (mean square 1)", ylabel="largest $G_0$ with $\\sigma > r$  [k]",
+        ylim=(0, 1.15 * bound), title="by threshold",
     )  # fmt: skip
     axes.set_xticks([0.01, 0.03, 0.1, 0.3, 0.7], ["0.01", "0.03", "0.1", "0.3", "0.7"])
     axes.minorticks_off()
-    axes.legend(fontsize=8.5, frameon=False, loc="center right")
-    _draw_allowed(axes.inset_axes((0.16, 0.38, 0.4, 0.42)))
+    axes.legend(fontsize=9, frameon=False, loc="upper center", bbox_to_anchor=(0.5, -0.17), labelspacing=0.2)
+    _draw_allowed(axes.inset_axes((0.22, 0.42, 0.36, 0.36)))
 
 
 def _draw_allowed(axes):
@@ -279,8 +287,8 @@ def _draw_allowed(axes):
     axes.fill(*across @ allowed_region(0.0).T, facecolor="0.8", edgecolor="0.4", linewidth=0.8)
     axes.fill(*across @ allowed_region(EXAMPLE).T, facecolor=GREEN, edgecolor="none")
     for n, corner in enumerate(np.sqrt(3) * across.T):
-        axes.annotate(f"$\\sigma_{n + 1}$", 1.5 * corner, ha="center", va="center", fontsize=8.5)
-    axes.set_title(f"three bars: $\\sigma > r = {EXAMPLE}$", fontsize=8.5, pad=0)
+        axes.annotate(f"$\\sigma_{n + 1}$", 1.5 * corner, ha="center", va="center", fontsize=9)
+    axes.set_title(f"three bars: $\\sigma > r = {EXAMPLE}$", fontsize=9, pad=0)
     axes.set(xlim=(-2.4, 2.4), ylim=(-2.1, 2.5), aspect="equal")
     axes.axis("off")
 
@@ -293,26 +301,6 @@ def allowed_region(r, n=30):
     return np.concatenate([np.roll(arc, edge, axis=1) for edge in range(3)])
 
 
-def _draw_starts(axes, ds):
-    sizes = ds.n_vertices.values
-    for place, size in enumerate(sizes):
-        objectives = ds.sel(n_vertices=size).objective_of_start.values
-        deficit = 100 * (1 - expected_best(objectives[np.isfinite(objectives).all(axis=1)]))
-        starts = np.arange(1, deficit.shape[1])
-        axes.plot(starts, deficit.mean(0)[:-1], **series(place), markersize=4, label=f"$N_v$ = {size}")
-    axes.set(xlabel="number of starts", ylabel="mean deficit against the best of all  [%]", yscale="log")
-    axes.set_ylim(1e-4, None)
-    axes.legend(fontsize=8.5, frameon=False)
-
-
 def _shown_sizes(sizes):
     """The three sizes of the paper, or the first three sizes of the run."""
     return [size for size in (100, 500, 1000) if size in sizes] or list(sizes[:3])
-
-
-def expected_best(objectives):
-    """Expected best of n random starts over the best of all, (networks, n): the mean over all orders of the starts."""
-    order = np.sort(objectives, axis=1)
-    rank = np.arange(1, order.shape[1] + 1)
-    # Of n starts drawn without return the largest has rank i with probability C(i − 1, n − 1)/C(all, n).
-    return order @ (comb(rank[:, None] - 1, rank - 1) / comb(len(rank), rank)) / order[:, -1:]

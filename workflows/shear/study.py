@@ -24,6 +24,7 @@ from critflow.response.elasticity import elasticity
 from critflow.result import Status, StudyError
 from critflow.workflow import Axis, Coordinate, Study, Variable, stable_rng
 
+from ..paper.committed import committed_run
 from ..shared.checks import check_network
 from ..shared.populations import MEANING, POPULATIONS, configuration, prepared
 from ..shared.reports import PAPER
@@ -37,7 +38,7 @@ STEPS = tuple(int(step) for step in np.unique(np.round(np.concatenate([[0, 1], 1
 
 
 MEASURES = {
-    "shear_modulus": "shear modulus at the transition, in units of k",
+    "G_0_ascent": "shear modulus at the transition, in units of k",
     "longest_edge": "length of the longest edge over the side of the box",
     "least_tension": "least tension over the largest magnitude of a tension",
     "compressed_edges": "number of edges under compression",
@@ -91,9 +92,7 @@ def ascend(manifold, method, steps, fractions, stop_at_last=False):
             sigmas.append(sigma.copy())
         return step >= steps[-1] or (stop_at_last and (first >= 0).all())
 
-    solution = optimize(
-        manifold, "shear_modulus", method, signs="any", max_steps=max(steps) + 1, observe=observe, throw=False
-    )
+    solution = optimize(manifold, "G_0", method, signs="any", max_steps=max(steps) + 1, observe=observe, throw=False)
     return Ascent(solution, bound, recorded, np.array(sigmas), reached, first, end)
 
 
@@ -134,10 +133,10 @@ def _recorded(n_vertices, hard_core, method, steps, seed):
         "cell": network.cell,
         **dict(zip(MEASURES, ascent.recorded, strict=True)),
         "sigma": sigma,
-        "coordinates": coordinates,
+        "position": coordinates,
         "ascent_status": solution.status,
         "ascent_bound": ascent.bound,
-        "shear_modulus_end": solution.objective,
+        "G_0_end": solution.objective,
         "closed_form_gap": largest_modulus(manifold, pure_shear(2)).gap,
         "needed_length": least_compressed_length(manifold, pure_shear(2)),
         "crossings": len(solution.crossings),
@@ -174,7 +173,7 @@ def _populations(manifold, parameters, seed):
         statuses.append(solution.status)
         if np.isfinite(solution.value.coordinates).all():
             moduli[:, n] = _shear_modulus(solution.value)
-    return {"shear_modulus_0": moduli[0], "shear_modulus_0_error_bound": moduli[1], "population_status": statuses}
+    return {"G_0": moduli[0], "G_0_error_bound": moduli[1], "population_status": statuses}
 
 
 def _shear_modulus(critical):
@@ -190,15 +189,15 @@ def _constrained(manifold, parameters, seed, n_vertices, detailed):
     statuses = np.full(len(thresholds), int(Status.missing))
     if detailed:
         for n, r in enumerate(thresholds):
-            solution = optimize(manifold, "shear_modulus", threshold=r, throw=False)
+            solution = optimize(manifold, "G_0", threshold=r, throw=False)
             moduli[:, n], statuses[n] = _shear_modulus(solution.value), solution.status
             longest[n] = solution.value.lengths.max() / np.sqrt(manifold.network.volume)
         rng, r = stable_rng(seed, "starts", str(n_vertices)), parameters["threshold"]
-        several = optimize(manifold, "shear_modulus", threshold=r, starts=len(starts), rng=rng, throw=False)
+        several = optimize(manifold, "G_0", threshold=r, starts=len(starts), rng=rng, throw=False)
         starts[:] = several.starts
     return {
-        "shear_modulus_of_threshold": moduli[0],
-        "shear_modulus_of_threshold_error_bound": moduli[1],
+        "G_0_of_threshold": moduli[0],
+        "G_0_of_threshold_error_bound": moduli[1],
         "longest_edge_of_threshold": longest,
         "threshold_status": statuses,
         "objective_of_start": starts,
@@ -228,7 +227,7 @@ def check(parameters, axes):
 # Numbers of the end of a recorded ascent and of the configuration that attains the bound.
 AT_END = {
     "ascent_bound": "largest shear modulus of any stress, in closed form",
-    "shear_modulus_end": "shear modulus at the last step, or its limit, in units of k",
+    "G_0_end": "shear modulus at the last step, or its limit, in units of k",
     "closed_form_gap": "relative distance of the shear modulus of the closed form's configuration from the bound",
     "needed_length": "least compressed length of any configuration at the bound",
     "nearest_singular": "smallest over largest pivot during the ascent",
@@ -246,7 +245,7 @@ def _table():
         yield Variable(f"{name}_of_part", PART, "f8", long_name=f"{text}, where an ascent reaches this part")
         yield Variable(f"{name}_of_end", ALGORITHM, "f8", long_name=f"{text}, at the end of an ascent")
     yield Variable("sigma", (*RECORD, "edge"), "f4", long_name="geometric stress, sum of squares N_b")
-    yield Variable("coordinates", (*RECORD, "vertex", "axis"), "f4", long_name="vertex coordinates")
+    yield Variable("position", (*RECORD, "vertex", "axis"), "f4", long_name="coordinates of the vertices")
     yield from (Variable(name, EACH_SEED, "f8", long_name=text) for name, text in AT_END.items())
     yield Variable("crossings", EACH_SEED, "i4", long_name="steps across a singular prestress matrix", fill=-1)
     yield Variable("negative_pivots", EACH_SEED, "i4", long_name="negative eigenvalues of the last prestress matrix")
@@ -257,12 +256,12 @@ def _table():
         "least_compressed_length", EACH, "f8", long_name="least compressed length of configurations at the bound"
     )
     yield Variable("bound", EACH, "f8", long_name="largest shear modulus of any stress, in closed form [k]")
-    yield Variable("shear_modulus_0", (*EACH, "population"), "f8", long_name="shear modulus at the transition [k]")
-    for name, axis in (("shear_modulus_0", "population"), ("shear_modulus_of_threshold", "threshold")):
+    yield Variable("G_0", (*EACH, "population"), "f8", long_name="shear modulus at the transition [k]")
+    for name, axis in (("G_0", "population"), ("G_0_of_threshold", "threshold")):
         text = f"bound on the rounding error of {name}"
         yield Variable(f"{name}_error_bound", (*EACH, axis), "f8", long_name=text)
     yield Variable("population_status", (*EACH, "population"), "i1", long_name="outcome by population", flags=Status)
-    yield Variable("shear_modulus_of_threshold", (*EACH, "threshold"), "f8", long_name="G_0 of max G_0, from σ = 1 [k]")
+    yield Variable("G_0_of_threshold", (*EACH, "threshold"), "f8", long_name="G_0 of max G_0, from σ = 1 [k]")
     yield Variable("longest_edge_of_threshold", (*EACH, "threshold"), "f8", long_name="its longest edge over the side")
     yield Variable("threshold_status", (*EACH, "threshold"), "i1", long_name="outcome by threshold", flags=Status)
     yield Variable("objective_of_start", (*EACH, "start"), "f8", long_name="penalised G_0 of each start, σ = 1 first")
@@ -273,6 +272,7 @@ study = Study(
     name="shear",
     title="The shear modulus at the transition: unconstrained ascents, size, threshold and starts",
     references=f"{PAPER}, figures ShearModulusSteepestDescent, ShearModulusScaling and Movie 1",
+    committed=committed_run("shear"),
     axes=(
         Axis("seed", range(100), "seed of the network", noun="network"),
         Axis("n_vertices", (50, 100, 200, 500, 1000), "number of vertices", key="n_vertices"),
@@ -290,9 +290,7 @@ study = Study(
         "n_starts": 12,
         "detailed_seeds": 12,
         "threshold": 0.1,
-        "spread": 0.1,
-        "spread_wide": 0.3,
-        "protocol": "conic",
+        "spread": 0.3,
     },
     coordinates=(
         Coordinate("step", "steps", "step of the recorded ascent"),

@@ -8,8 +8,8 @@ from mpl_toolkits.mplot3d import proj3d
 from scipy.interpolate import RectBivariateSpline
 
 from critflow.figures.plot import COLOURS, COMPRESSED
-from critflow.result import Status
 
+from ..shared.figures import heading, page, readable
 from ..shared.reports import parameters
 from .surfaces import clipped_polygons, draw_surfaces, surface_quads
 
@@ -65,7 +65,7 @@ def _draw_examples(part, ds):
     span = span_of(ds)
     for axes, name in zip(part.subplots(4, 1), texts, strict=True):
         one = ds.isel(example=list(texts).index(name))
-        x, motion = one.example_coordinates.values / span, one.example_motion.values / span
+        x, motion = one.example_position.values / span, one.example_motion.values / span
         for frame in motion[np.isfinite(motion[:, 0, 0])]:
             axes.plot(*frame.T, color="0.8", linewidth=1.0, marker="o", markersize=2.5, zorder=1)
         sigma = one.example_sigma.values
@@ -250,7 +250,7 @@ def _draw_manifold(axes, ds, families):
     draw_surfaces(axes, [(polygons, FAMILIES[kind], opacity[kind]) for kind, polygons in _sheets(ds, families)])
     for name, letter in zip(("stretched", "folded", "branch"), "ABC", strict=True):
         if name in families:
-            x = ds.example_coordinates.values[("stretched", "folded", "branch").index(name), :, 0]
+            x = ds.example_position.values[("stretched", "folded", "branch").index(name), :, 0]
             at = (np.diff(x) / span_of(ds)) ** 2
             axes.plot(*at[:, None], "o", color="k", markersize=4, zorder=30)
             axes.text(*(at + 0.12), letter, fontsize=10, fontweight="bold", zorder=31)
@@ -284,42 +284,89 @@ def _box(axes, box=BOX):
     axes.view_init(elev=24, azim=38)
 
 
+def stretched(ds, s):
+    """Unit stresses and squared lengths, in squared spans, (..., 3) of stretched bars at chart coordinates (..., 2).
+
+    The force is the same in all bars, r_α ∝ 1/σ_α, and their lengths add up to the span; NaN where one is compressed.
+    """
+    pole, basis = frame(ds)
+    square = np.sum(s**2, axis=-1, keepdims=True) / 4
+    sigma = (pole * (1 - square) + s @ basis.T) / (1 + square)
+    sigma = np.where(sigma.min(axis=-1, keepdims=True) > 0, sigma, np.nan)
+    r = 1 / sigma
+    return sigma, (r / r.sum(axis=-1, keepdims=True)) ** 2
+
+
+def grid_lines(across, spacing=0.1, n=2001):
+    """Lines (n, 2) of one constant chart coordinate, from border to border of the chart."""
+    for constant in spacing * np.arange(-12, 13):
+        line = np.stack([np.full(n, constant), np.linspace(-1.2, 1.2, n)], axis=1)
+        yield line if across == 0 else line[:, ::-1]
+
+
 def geometry_figure(ds):
     """`CriticalManifoldGeometry`: even grid lines of the chart on the stretched sheet, and the stress normal to it."""
-    figure = Figure(figsize=(11.0, 5.6), dpi=130, layout="constrained")
-    left, right = figure.subfigures(1, 2, width_ratios=(1, 1.1))
-    chart, axes = left.add_subplot(), right.add_subplot(projection="3d", computed_zorder=False)
+    figure = page(3.4, "The stress is normal to the critical manifold: stretched bars of the three-bar linkage")
+    left, right, middle = figure.subfigures(1, 3, width_ratios=(1.1, 0.85, 1.35))
+    chart, axes = left.add_subplot(), middle.add_subplot(projection="3d", computed_zorder=False)
     _paint_chart(chart, ds, alpha=0.35)
     chart.set(xlim=(-1.2, 1.2), ylim=(-1.2, 1.2))
-    chart.set_xticks(np.arange(-1, 1.1, 0.5))
-    chart.set_yticks(np.arange(-1, 1.1, 0.5))
-    box = 1.1
+    for set_ticks in (chart.set_xticks, chart.set_yticks):
+        set_ticks([-1, 0, 1])
     pale = tuple(0.45 * np.array(to_rgb(ORANGE)) + 0.55)
-    draw_surfaces(axes, [(polygons, pale, 1.0) for _, polygons in _sheets(ds, ("stretched",), box)]).set_zorder(1)
-    _box(axes, box)
-    axes.view_init(elev=22, azim=27)
-    middle = ds.sel(grid="middle")
-    squares, s, normal = (middle.length.values / span_of(ds)) ** 2, middle.s.values, middle.normal.values
-    shown = (normal > 0).all(axis=-1) & (middle.outcome.values == Status.ok)
+    draw_surfaces(axes, [(polygons, pale, 1.0) for _, polygons in _sheets(ds, ("stretched",), 1.1)]).set_zorder(1)
+    _box(axes, 1.1)
+    axes.view_init(elev=20, azim=-4)
+    axes.set_box_aspect((1, 1, 1), zoom=0.84)
     for across, colour in ((0, PURPLE), (1, COLOURS[3])):
-        for line in range(1, s.shape[across], 2):
-            one = np.s_[:, line] if across == 0 else np.s_[line]
-            on = shown[one][:, None]
-            chart.plot(*np.where(on, s[one], np.nan).T, color=colour, linewidth=0.9)
-            axes.plot(*np.where(on, squares[one], np.nan).T, color=colour, linewidth=0.7, zorder=3)
-    rooted = np.zeros_like(shown)
-    rooted[1::6, 1::6] = True
-    rooted &= shown & (normal.min(axis=-1) > _APART)
-    axes.quiver(
-        *squares[rooted].T, *normal[rooted].T, length=0.17, color=COMPRESSED, linewidth=1.5, arrow_length_ratio=0.3,
-        zorder=4,
-    )  # fmt: skip
-    chart.plot(*s[rooted].T, "o", color=COMPRESSED, markersize=3.5)
+        for line in grid_lines(across):
+            sigma, squares = stretched(ds, line)
+            on = np.isfinite(sigma[:, :1])
+            chart.plot(*np.where(on, line, np.nan).T, color=colour, linewidth=0.8)
+            axes.plot(*squares.T, color=colour, linewidth=0.6, zorder=3)
+    s = np.stack(np.meshgrid(np.arange(-0.4, 0.9, 0.4), np.arange(-0.4, 0.9, 0.4)), axis=-1).reshape(-1, 2)
+    sigma, squares = stretched(ds, s)
+    rooted = np.nan_to_num(sigma.min(axis=1)) > _APART
+    _arrows(axes, squares[rooted], sigma[rooted])
+    chart.plot(*s[rooted].T, "o", color=COMPRESSED, markersize=3)
     chart.plot([], [], color=PURPLE, label="$s_1$ = const")
     chart.plot([], [], color=COLOURS[3], label="$s_2$ = const")
-    chart.plot([], [], "o", color=COMPRESSED, markersize=4, label="where the stress is drawn")
-    chart.plot([], [], color=CURVE, linewidth=2.2, label="P singular: lengths diverge")
-    chart.legend(loc="upper center", bbox_to_anchor=(0.5, -0.13), ncols=2, fontsize=8.5, frameon=False)
-    title(left, "A", "chart of stresses, lines 0.1 apart")
-    title(right, "B", "their image, and the stress σ (arrows), normal to it")
+    _draw_section(right.add_subplot(), ds)
+    heading(left, "A", "chart of the stresses")
+    heading(middle, "C", "squared lengths, stresses (arrows)")
+    heading(right, "B", "where $L_1 = L_2$: 90°")
+    readable(chart)
+    chart.legend(
+        loc="upper center", bbox_to_anchor=(0.5, -0.2), fontsize=9, frameon=False, ncols=2, columnspacing=0.8,
+        handlelength=1, handletextpad=0.4,
+    )  # fmt: skip
     return figure
+
+
+def _arrows(axes, roots, directions, length=0.35):
+    """Arrows in space, in front of the surface."""
+    axes.quiver(
+        *roots.T, *directions.T, length=length, color=COMPRESSED, linewidth=1.6, arrow_length_ratio=0.25, zorder=4
+    )
+
+
+def _draw_section(axes, ds):
+    """The stretched sheet where two bars are alike, with the stress, which lies in this plane, and its right angle."""
+    part = np.linspace(1e-3, 1 - 1e-3, 400)  # of the span, by both bars together
+    squares = np.stack([part**2 / 4, part**2 / 4, (1 - part) ** 2], axis=1)
+    # Along the diagonal of the first two squared lengths, so that angles are those of space.
+    plane = np.array([[1, 1, 0], [0, 0, np.sqrt(2)]]) / np.sqrt(2)
+    axes.plot(*plane @ squares.T, color=COLOURS[0], linewidth=1.8)
+    for at in (0.25, 0.5, 2 / 3, 0.85):
+        sigma = 1 / np.array([at / 2, at / 2, 1 - at])
+        n = plane @ sigma / np.linalg.norm(sigma)
+        root, tangent = plane @ [at**2 / 4, at**2 / 4, (1 - at) ** 2], np.array([-n[1], n[0]])
+        axes.annotate(
+            "", root + 0.3 * n, root, arrowprops={"arrowstyle": "-|>", "color": COMPRESSED, "lw": 1.6, "shrinkA": 0}
+        )
+        corner = root + 0.05 * np.array([n, n + tangent, tangent])
+        axes.plot(*corner.T, color="k", linewidth=0.8)
+    axes.set(
+        xlim=(0, 0.72), ylim=(0, 1.25), aspect="equal", xlabel="$(L_1^2 + L_2^2)/\\sqrt{2}D^2$", ylabel="$L_3^2/D^2$"
+    )
+    readable(axes)

@@ -1,19 +1,20 @@
 """Claims and verification of the three-bar linkage, from its dataset alone."""
 
 import numpy as np
-from scipy.ndimage import label
+from scipy.ndimage import binary_dilation, label
 
 from critflow.result import Status
-from critflow.workflow import Claim
 from critflow.workflow.study import plural
 
+from ..paper.statements import Measurement
+from ..paper.verdicts import claims_of
 from ..shared.verification import contradictions
 from .figures import FAMILIES, family, span_of
 
 
 def claims(ds):
     """The statements of the paper on this linkage, tested on the stored grids."""
-    return [claim for make in (_rigid, _singular, _lengths, _forms) for claim in make(ds)]
+    return claims_of(measured for part in (_rigid, _singular, _lengths, _forms) for measured in part(ds))
 
 
 def _checked(ds):
@@ -28,25 +29,22 @@ def _rigid(ds):
     definite = np.isin(checked, (0, 2))
     motions = ds.ways_out.values
     agree = known & (definite == (motions == 0)) & (definite == (ds.prestress_stable.values == 1))
-    yield Claim.tested(
-        "3-barlinkage-rigid", "orange and purple stresses (P definite) are rigid, grey ones (P indefinite) are branch "
-        "points", "by region",
+    yield Measurement(
+        "three-bar-rigid", float(agree.sum() / known.sum()),
         f"at {agree.sum()} of {known.sum()} stresses: no motion if definite, else "
-        f"{'/'.join(str(n) for n in np.unique(motions[known & ~definite]))} motions", (agree == known).all(),
-        "inertia and motion disagree", criterion="every stress", sample=plural(known.sum(), "stress"), kind="paper",
+        f"{'/'.join(str(n) for n in np.unique(motions[known & ~definite]))} motions", plural(known.sum(), "stress"),
     )  # fmt: skip
     families = [family(grid) for grid in ds.grid.values]
     pure = {kind: set() for kind in FAMILIES}
     for kind, values in zip(families, ds.n_negative.values, strict=True):
         if kind in pure:
             pure[kind] |= set(np.unique(values).tolist())
-    yield Claim.tested(
-        "3-barlinkage-sheets", "the manifold has rigid sheets like A and B and branch sheets like C",
-        "orange, purple, grey",
+    right = {"stretched": {0}, "folded": {0}, "branch": {1}}
+    yield Measurement(
+        "three-bar-sheets", float(np.mean([pure[kind] == right[kind] for kind in FAMILIES])),
         "negative eigenvalues of P: " + ", ".join(f"{kind} {sorted(n)}" for kind, n in pure.items())
         + f"; sheets: {', '.join(f'{families.count(kind)} {kind}' for kind in FAMILIES)}",
-        pure == {"stretched": {0}, "folded": {0}, "branch": {1}}, "a sheet changes its inertia",
-        "one stretched sheet, and three of each other kind, one for each edge", criterion="every stress", kind="paper",
+        note="one stretched sheet, and three of each other kind, one for each edge",
     )  # fmt: skip
 
 
@@ -56,11 +54,10 @@ def _singular(ds):
     product = np.sum(normal * np.roll(normal, 1, axis=-1), axis=-1)
     off = np.abs(low_high.prod(axis=-1) - product).max()
     cone = ((normal.sum(axis=-1) ** 2 > 1) == (low_high.prod(axis=-1) > 0)).mean()
-    yield Claim.tested(
-        "3-barlinkage-D", "the map is undefined on a curve (red) between the rigid and the branch stresses", "red line",
+    yield Measurement(
+        "three-bar-singular", float(cone) if off < 1e-14 else 0.0,
         f"det P = σ₁σ₂ + σ₂σ₃ + σ₃σ₁ to {off:.1g}: two circles |Σσ| = |σ| (s² = 8 − 4√3 in the chart), with "
-        f"rigid stresses inside at {100 * cone:.4g} % of the grid", off < 1e-14 and cone == 1, "another curve",
-        criterion="1e-14, every stress", kind="paper",
+        f"rigid stresses inside at {100 * cone:.4g} % of the grid",
     )  # fmt: skip
 
 
@@ -70,51 +67,43 @@ def _lengths(ds):
     height = ds.lowest_height.values / span_of(ds) ** 2
     branch = np.isfinite(height) & (ds.n_negative.values == 1)
     below = 100 * (height[branch] < 0).mean()
-    yield Claim.tested(
-        "3-barlinkage-G", "lengths beyond the rigid sheets are compatible, those before them impossible", "two sides",
-        f"1000 random configurations lie at least {np.nanmin(height[definite]):.1g} D² over each of {definite.sum()} "
-        f"rigid tangent planes, and some lie below {below:.3g} % of the branch ones", np.nanmin(height[definite]) >= 0,
-        "some are below a rigid one",
-        "P definite makes Σσh least at the configuration, so the compatible h fill a convex set, which the rigid "
-        "sheets bound", criterion="no configuration below a rigid tangent plane", kind="paper",
+    above = height[definite][np.isfinite(height[definite])]
+    yield Measurement(
+        "three-bar-incompatible", float(np.mean(above >= 0)),
+        f"1000 random configurations lie at least {above.min():.1g} D² over each of {definite.sum()} rigid tangent "
+        f"planes, and some lie below {below:.3g} % of the branch ones",
+        note="P definite makes Σσh least at the configuration, so that the compatible h fill a convex set, which the "
+        "rigid sheets bound",
     )  # fmt: skip
     allowed = ds.lattice_compatible.values == 1
-    regions, pieces = label(allowed)[1], label(~allowed)[1]
-    yield Claim.tested(
-        "3-barlinkage-G-regions", "the rigid sheets divide the space of lengths into two separate regions",
-        "two regions", f"compatible lengths are {regions} piece, incompatible ones {pieces}",
-        regions == 1 and pieces == 1,
-        "all edges too short is one piece, and each of the three edges too long another; they touch at points only",
-        criterion="one piece each", kind="paper",
-    )  # fmt: skip
-    yield Claim.tested(
-        "3-barlinkage-G-floppy", "compatible rest lengths give a floppy configuration like A", "like A",
-        f"A has {ds.example_n_self_stresses.values[0]} self-stress and no motion", False,
-        "A is rigid, as in the caption of the figure; floppy configurations lie off the manifold",
-        criterion="no self-stress at A", kind="paper",
+    # Parts that touch at a point are two points of the lattice apart at most.
+    regions, pieces = label(allowed)[1], label(binary_dilation(~allowed, np.ones((3, 3, 3))))[1]
+    apart = label(~allowed)[1]
+    yield Measurement(
+        "three-bar-two-regions", float((regions, pieces) == (1, 1)),
+        f"compatible lengths are {plural(regions, 'region')}, incompatible ones {plural(pieces, 'region')}",
+        note=f"the incompatible region has {apart} parts, all edges too short or one of three too long, which touch at "
+        "points only",
     )  # fmt: skip
 
 
 def _forms(ds):
-    """The sign of the second form by finite differences, and that of the curvature."""
+    """The metric, and the sign of the second form by finite differences."""
+    good = ds.outcome.values == Status.ok
+    tangents, metric = ds.tangents.values[good], ds.metric.values[good]
+    products = np.einsum("nec,ned->ncd", tangents, tangents)
+    off = np.abs(products - metric).max(axis=(1, 2)) / np.abs(tangents).max(axis=(1, 2)) ** 2
+    yield Measurement(
+        "metric", float(np.mean(off <= 1e-11)), f"largest difference {off.max():.1g} of the squared tangents",
+        plural(len(off), "stress"),
+    )  # fmt: skip
     numeric = ds.numeric_second_form.values
     trace = np.trace(numeric, axis1=-2, axis2=-1)
     stretched = trace[[family(grid) == "stretched" for grid in ds.grid.values]]
-    yield Claim.tested(
-        "2FF", "II = Σσ ∂²h/∂s∂s / |σ| = +VᵀBV/|σ|", "+",
-        f"by finite differences II is positive at {100 * np.mean(stretched > 0):.4g} % of stretched stresses, where B "
-        "is negative", not (stretched > 0).all(),
-        "differentiating σᵀB = 0 gives Σσ ∂B = −B, so II = −VᵀBV/|σ|; the printed derivation (`2FF2`) ends at "
-        "+R^h P⁻¹ R^hᵀ and calls it ∂h/∂σ, which is −R^h P⁻¹ R^hᵀ (`tangents`)", criterion="sign", kind="paper",
-    )  # fmt: skip
-    kappa = ds.principal_curvature.values
-    ok = ds.outcome.values == Status.ok
-    rigid, both = (ds.n_negative.values != 1)[ok], (kappa.prod(axis=-1) > 0)[ok]
-    yield Claim.tested(
-        "2FF-sign", "(not in the paper) rigid sheets are elliptic, branch sheets are saddles", "—",
-        f"K > 0 at {100 * both[rigid].mean():.4g} % of rigid and {100 * both[~rigid].mean():.4g} % of branch stresses",
-        bool(both[rigid].all() and not both[~rigid].any()), "signs are mixed",
-        criterion="every stress", kind="check",
+    yield Measurement(
+        "second-form", float(np.mean(stretched < 0)),
+        f"by differences the form is positive at {100 * np.mean(stretched > 0):.4g} % of stretched stresses, where B "
+        "is negative",
     )  # fmt: skip
 
 

@@ -11,6 +11,7 @@ from critflow.critical.edge_lengths import COLLAPSED
 from critflow.result import StudyError
 from critflow.workflow import Axis, Coordinate, Study, decimals, stable_rng
 
+from ..paper.committed import committed_run
 from ..shared.reports import PAPER
 from ..shared.tables import numbers, outcomes, stacked
 from .chart import StereographicChart, surface_geometry
@@ -63,8 +64,8 @@ def at_point(manifold, chart, sigma):
         "n_negative": found.negative_pivots,
         "outcome": found.status,
         "length": critical.lengths,
-        "coordinates": critical.coordinates,
-        "coordinates_error_bound": critical.error_bound,
+        "position": critical.coordinates,
+        "position_error_bound": critical.error_bound,
     }
     if found.ok and not critical.lengths.min() > COLLAPSED * critical.lengths.mean():
         point["outcome"] = Status.edge_collapse
@@ -99,8 +100,8 @@ def check_at(manifold, chart, point):
     first, second = (height(*step) + height(*-step) - middle for step in e * np.eye(2))
     return {
         "numeric_second_form": np.array([[first, mixed], [mixed, second]]) / e**2,
-        "prestress_stable": bool(rigidity(manifold.network, point["coordinates"]).value.prestress_stable),
-        "ways_out": len(finite_motions(np.diff(point["coordinates"][:, 0]), span, 1e-3)),
+        "prestress_stable": bool(rigidity(manifold.network, point["position"]).value.prestress_stable),
+        "ways_out": len(finite_motions(np.diff(point["position"][:, 0]), span, 1e-3)),
     }
 
 
@@ -149,7 +150,7 @@ def examples(manifold):
         for stored, frame in zip(motion, frames, strict=False):
             stored[:] = pins[0], *frame, pins[1]
         n_self_stresses = rigidity(manifold.network, x).value.n_self_stresses
-        out.append({"sigma": sigma, "coordinates": x, "n_self_stresses": n_self_stresses, "motion": motion})
+        out.append({"sigma": sigma, "position": x, "n_self_stresses": n_self_stresses, "motion": motion})
     return {f"example_{name}": values for name, values in stacked(out).items()}
 
 
@@ -217,10 +218,10 @@ VARIABLES = (
     ),
     *numbers(POINT, "i1", n_negative="negative eigenvalues of the prestress matrix"),
     *outcomes(POINT, outcome="outcome at this stress"),
-    *numbers((*POINT, "vertex", "axis"), coordinates="vertex coordinates, pins first and last"),
+    *numbers((*POINT, "vertex", "axis"), position="vertex coordinates, pins first and last"),
     *numbers(
         POINT,
-        coordinates_error_bound="bound on the error of coordinates",
+        position_error_bound="bound on the error of position",
         lowest_height="least height of 1000 random configurations over the tangent plane",
     ),
     *numbers((*POINT, "edge", "chart_axis"), tangents="tangents of the manifold of half squared lengths, dh/ds"),
@@ -238,7 +239,7 @@ VARIABLES = (
         ways_out="number of motions that turn the first edge by 0.001 at fixed lengths",
     ),
     *numbers(("example", "edge"), example_sigma="stress of each example, none if floppy"),
-    *numbers(("example", "vertex", "axis"), example_coordinates=f"vertices of each example: {', '.join(EXAMPLES)}"),
+    *numbers(("example", "vertex", "axis"), example_position=f"vertices of each example: {', '.join(EXAMPLES)}"),
     *numbers(("example",), "i1", example_n_self_stresses="self-stresses of each example"),
     *numbers(("example", "frame", "vertex", "axis"), example_motion="configurations of the same lengths"),
     *numbers(("edge", "chart_axis"), basis="basis of the chart"),
@@ -256,6 +257,7 @@ study = Study(
     name="three_bar",
     title="The critical manifold of the three-bar linkage",
     references=PAPER,
+    committed=committed_run("three_bar"),
     axes=(Axis("grid", (*CHARTS, *SHEETS), "grid of stresses: of the chart, or of one sheet of the manifold"),),
     parameters={"span": 3.0, "reach": 2.4, "s": decimals("-2.1:2.1:0.1")},
     coordinates=(Coordinate("column", "s", "node of the grid: in the chart, its first coordinate"),),

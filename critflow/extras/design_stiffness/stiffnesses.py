@@ -7,7 +7,7 @@ exactly and without another solve: C is stationary in the relaxations u.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple, Self
 
 import numpy as np
@@ -16,6 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 from critflow.arguments import of_kind
 from critflow.certificates.counts import rigidity
 from critflow.critical.quantity import Quantity
+from critflow.extras.design_stiffness.poisson import NAME, TensorRatio, poisson_refusal, with_poisson
 from critflow.extras.rest.at_rest import response_at_rest
 from critflow.extras.targets.problem import DesignOptions, DesignResult, EdgeLimits, Target, Variables, limit_sizes
 from critflow.extras.targets.stress_form import tensor_weights
@@ -44,6 +45,7 @@ class Stiffnesses(Variables):
     """log k (N_b,) of springs at rest at the coordinates of a state."""
 
     limited_quantities = ("stiffnesses",)
+    own_targets = (NAME,)
     longest = 1.0
     tolerance = 1e-5  # largest gradient of ½|Δ log k|² along the targets, relative to 1 + max |Δ log k|
 
@@ -59,6 +61,10 @@ class Stiffnesses(Variables):
         with np.errstate(divide="ignore"):
             self.low = np.concatenate([np.zeros(0), *(np.log(np.maximum(limit.low, 0)) for limit in limits)])
             self.high = np.concatenate([np.zeros(0), *(np.log(limit.high) for limit in limits)])
+
+    @classmethod
+    def all_targets(cls, network: Network, targets: Mapping[Any, Any]) -> Mapping[Any, Any]:
+        return with_poisson(network.dimension, targets)
 
     @classmethod
     def of(cls, start: Any, options: DesignOptions) -> Self:
@@ -79,11 +85,10 @@ class Stiffnesses(Variables):
         return AtRest(k, 0.5 * (C + C.T), extension)
 
     def values(self, state: AtRest, quantities: Sequence[Quantity]) -> tuple[Array, Array]:
-        m = len(state.tensor)
-        W = np.array([tensor_weights(quantity, self.network.dimension) for quantity in quantities]).reshape(-1, m, m)
+        values, W = _of_tensor(quantities, state.tensor, self.network.dimension)
         extension = state.extensions
         weighted = np.einsum("ea,nab,eb->ne", extension, W, extension, optimize=True)
-        return np.einsum("nab,ab->n", W, state.tensor), weighted * state.stiffness / self.network.volume
+        return values, weighted * state.stiffness / self.network.volume
 
     def limited(self, state: AtRest) -> Array:
         return np.log(state.stiffness) if len(self.low) else np.zeros(0)
@@ -94,14 +99,17 @@ class Stiffnesses(Variables):
         return rows
 
     def sizes(self, targets: Sequence[Target]) -> Array:
-        """The size of each target, and at least a hundredth of the largest."""
+        """The size of each target, and at least a hundredth of the largest component; ratios have the size one."""
         sizes = limit_sizes(targets)
-        largest = float(sizes.max(initial=0.0)) or float(np.abs(self.at(self.origin).tensor).max())
-        return np.maximum(sizes, _SMALL * largest)
+        ratios = np.array([isinstance(target.quantity, TensorRatio) for target in targets], bool)
+        largest = float(sizes[~ratios].max(initial=0.0)) or float(np.abs(self.at(self.origin).tensor).max())
+        return np.where(ratios, np.maximum(sizes, 1.0), np.maximum(sizes, _SMALL * largest))
 
     def refusal(self, targets: Sequence[Target]) -> str:
         """A sentence where the targets contradict any network of this many self-stresses, else an empty string."""
         d = self.network.dimension
+        if refusal := poisson_refusal(d, targets, self.n_self_stresses):
+            return refusal
         given = {target.quantity.name: target for target in targets}
         components = component_names(d)
         if not all(name in given and given[name].low == given[name].high for name in components):
@@ -123,11 +131,22 @@ class Stiffnesses(Variables):
         """The state with these stiffnesses; its tensor is computed again with error bounds."""
         network = self.network.with_stiffness(np.exp(z))
         response = response_at_rest(network, self.state.coordinates, network.volume)
-        W = np.array([tensor_weights(quantity, network.dimension) for quantity in quantities])
-        values = np.einsum("nab,ab->n", W, response.value.tensor)
+        values, W = _of_tensor(quantities, response.value.tensor, network.dimension)
         errors = np.einsum("nab,ab->n", np.abs(W), response.value.errors.tensor)
         value = spring_state(network, self.state.rest_lengths, self.state.coordinates, self.state.law)
         return DesignResult(value, response, values, errors, self.values(self.at(z), quantities)[1])
+
+
+def _of_tensor(quantities: Sequence[Quantity], C: Array, dimension: int) -> tuple[Array, Array]:
+    """Values (n,) of functions of the tensor C (m, m) and their derivatives by it, (n, m, m)."""
+    values, weights = np.zeros(len(quantities)), np.zeros((len(quantities), *C.shape))
+    for n, quantity in enumerate(quantities):
+        if isinstance(quantity, TensorRatio):
+            values[n], weights[n] = quantity.of_tensor(C)
+        else:
+            weights[n] = tensor_weights(quantity, dimension)
+            values[n] = np.sum(weights[n] * C)
+    return values, weights
 
 
 def isotropic_targets(dimension: int, youngs_modulus: float, poissons_ratio: float) -> dict[str, float]:

@@ -7,7 +7,7 @@ from functools import cached_property
 
 import numpy as np
 
-from critflow.certificates.counts import Rigidity
+from critflow.certificates.counts import Rigidity, n_rotations
 from critflow.certificates.spaces import zero_modes
 from critflow.critical.manifold import CriticalConfiguration
 from critflow.extras.cables.onset_end import CriticalStrain
@@ -47,7 +47,7 @@ _STRAINS = {
     "pure_shear": "x is stretched by 1 + γ, y by 1/(1 + γ)",
     "uniaxial": "x is stretched by 1 + γ, other sides fixed",
 }
-_UNITS = {2: "stiffness", 3: "stiffness/length"}
+_UNITS = {2: "that of k", 3: "that of k over length"}
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -111,12 +111,7 @@ class Examination(Record):
     @property
     def _rotations(self) -> int:
         """Rotations that keep all fixed vertices in place; the cell keeps a periodic network from rotating."""
-        pins = np.array(list(self.network.pins.values()))
-        if not len(pins) or self.network.offsets.any():
-            return 0
-        size = np.ptp(self.coordinates, axis=0).max()
-        across = self.network.dimension - int(np.linalg.matrix_rank(pins - pins[0], tol=_AT_REST * size))
-        return across * (across - 1) // 2
+        return n_rotations(self.network, self.coordinates)
 
     @property
     def rotates(self) -> bool:
@@ -226,8 +221,8 @@ def report_lines(examination: Examination, file: str = "") -> list[str]:
     k, L = examination.network.stiffness, examination.network.bond_vectors(examination.coordinates)
     stiffness = f"{k.min():.6g}" if k.min() == k.max() else f"from {k.min():.6g} to {k.max():.6g}"
     units = (
-        f"units: lengths as in the source, mean edge length {np.linalg.norm(L, axis=1).mean():.6g}; stiffness "
-        f"{stiffness}; moduli in units of {_UNITS.get(examination.network.dimension, 'force')}"
+        f"units: lengths as in the source, mean edge length {np.linalg.norm(L, axis=1).mean():.6g}; stiffness k "
+        f"{stiffness}; moduli are not divided by k, their unit is {_UNITS.get(examination.network.dimension, 'force')}"
     )
     source = [f"- {sentence}" for sentence in (*examination.notes, units)]
     lines = [*_summary(examination, file), "## As read", "", *source, ""]

@@ -9,15 +9,15 @@ from typing import Any
 import numpy as np
 
 from critflow.critical.manifold import CriticalConfiguration
-from critflow.extras.explore.model import POPULATIONS, Model
-from critflow.extras.explore.source import check_size, imported_lines, opened
+from critflow.extras.explore.model import Model
+from critflow.extras.explore.source import Opening, check_size, imported_lines, opened
 from critflow.extras.files.convert import network_from
 from critflow.networks.network import Array
 from critflow.result import InputError, Status
 from critflow.workflow.dataset import opened_dataset
 
 # Variables on the axes of the plane until others are chosen.
-_FIRST = ("bulk_modulus_0", "C_B_exact", "C_B")
+_FIRST = ("B_0", "C_B")
 # Series of the plane, each with its own colour and shape.
 _MOST_SERIES = 12
 
@@ -48,6 +48,11 @@ class Dataset:
             }
             self.shape = tuple(len(values) for values in self.axes.values())
             of_cases = [variable for variable in dataset.data_vars.values() if set(variable.dims) == set(self.axes)]
+            # Names for people, where the dataset has them along an axis.
+            self.labels: dict[str, list[str]] = {
+                axis: list(map(str, dataset[f"{axis}_label"].values if f"{axis}_label" in dataset.coords else values))
+                for axis, values in self.axes.items()
+            }
             flat = {str(v.name): np.asarray(v.transpose(*self.axes).values).ravel() for v in of_cases}
             self.names = {str(v.name): str(v.attrs.get("long_name", v.name)) for v in of_cases}
         self.scalars: dict[str, Array] = {name: values for name, values in flat.items() if values.dtype.kind == "f"}
@@ -76,7 +81,7 @@ class Dataset:
         codes, counts = np.unique(self.status, return_counts=True)
         return {
             "title": self.title,
-            "axes": [{"name": axis, "labels": list(map(str, values))} for axis, values in self.axes.items()],
+            "axes": [{"name": axis, "labels": labels} for axis, labels in self.labels.items()],
             "variables": {name: self.names[name] for name in self.scalars},
             "statuses": {Status(int(code)).name: int(count) for code, count in zip(codes, counts, strict=True)},
         }
@@ -103,10 +108,9 @@ class Dataset:
         index = np.unravel_index(np.arange(self.n_cases), self.shape)[group]
         shown = self.mask(chosen) & np.isfinite(self.scalars[x]) & np.isfinite(self.scalars[y])
         series = []
-        for number, label in enumerate(map(str, self.axes[names[group]][:_MOST_SERIES])):
+        for number, label in enumerate(self.labels[names[group]][:_MOST_SERIES]):
             cases = np.flatnonzero(shown & (index == number))
             points = {"x": self.scalars[x][cases].tolist(), "y": self.scalars[y][cases].tolist()}
-            label = POPULATIONS.get(label, label)
             series.append({"label": label, "kind": number, **points, "cases": cases.tolist()})
         return [one for one in series if one["cases"]]
 
@@ -122,7 +126,7 @@ class Case:
     def title(self) -> str:
         return ", ".join(f"{axis} {label}" for axis, label in self.dataset.position(self.number).items())
 
-    def open(self) -> tuple[Model, CriticalConfiguration]:
+    def open(self) -> Opening:
         position = self.dataset.position(self.number)
         status = Status(int(self.dataset.status[self.number]))
         if status in (Status.failed, Status.missing):

@@ -24,10 +24,12 @@ def picture_file(session: Session, suffix: str, colour: str = "tension") -> tupl
         raise InputError("a picture is .png, .svg or .pdf")
     state = session.state
     shown = state.springs or state.critical
-    values = edge_values(colour, shown.sigma, shown.lengths)
+    values = edge_values(colour, shown.sigma, shown.lengths) if state.given is None else None
+    # A file as given is the network at its own positions, without tensions.
+    thing = shown if state.given is None else state.model.network
     with _DRAWING, tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / f"critflow{suffix}"
-        saved(draw(shown, color=values, title=f"{session.source.title}: {QUANTITIES[colour]}").figure, path)
+        saved(draw(thing, color=values, title=f"{session.source.title}: {QUANTITIES[colour]}").figure, path)
         return path.name, path.read_bytes()
 
 
@@ -35,7 +37,11 @@ def network_file(session: Session, suffix: str) -> tuple[str, bytes]:
     """The network in the format of an ending, in an archive where the format has several files."""
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / f"critflow{suffix}"
-        write_network(session.state.critical, path)
+        state = session.state
+        if state.given is None:
+            write_network(state.critical, path)
+        else:
+            write_network(state.model.network, path, state.given)
         written = sorted(Path(folder).iterdir())
         if len(written) == 1:
             return written[0].name, written[0].read_bytes()

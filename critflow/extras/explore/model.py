@@ -20,14 +20,17 @@ from critflow.optimisation.optimize import optimize
 from critflow.result import CritflowError, InputError
 from critflow.workflow import stable_rng
 
-OPTIMA = {
-    "length_variance": "min V_L",
-    "tension_variance": "min V_τ",
-    "bulk_modulus": "max B₀",
-    "shear_modulus": "max G₀",
+OPTIMA = {"min_V_L": "V_L", "min_V_tau": "V_tau", "max_B_0": "B_0", "max_G_0": "G_0"}
+"""The quantity of each population that is an optimum."""
+POPULATIONS = {
+    "min_V_L": "min V_L",
+    "min_V_tau": "min V_τ",
+    "max_B_0": "max B₀",
+    "max_G_0": "max G₀",
+    "random_lengths": "random ℓ",
+    "random_stress": "random σ",
 }
-POPULATIONS = {**OPTIMA, "random_lengths": "random ℓ", "random_stress": "random σ"}
-"""Populations of the paper, by name, with their labels."""
+"""Populations of the paper, by their names in datasets, with their labels."""
 
 # Standard deviation of the random rest lengths, the largest that leaves every edge stressed.
 SPREAD = 0.1
@@ -96,11 +99,11 @@ class Model:
             stopped = observe(step)
             return stopped
 
-        optimum = optimize(self.manifold, name, observe=watch, throw=False)
+        optimum = optimize(self.manifold, OPTIMA[name], observe=watch, throw=False)
         if stopped:
             raise InputError(f"{POPULATIONS[name]} was stopped: choose it again to compute it")
         if not optimum.ok:
-            self.remarks[name] = f"{OPTIMA[name]}: {optimum.reason}"
+            self.remarks[name] = f"{POPULATIONS[name]}: {optimum.reason}"
         return optimum.value.sigma
 
     def _random(self, name: str) -> Array:

@@ -8,17 +8,19 @@ from typing import TypeVar
 
 import numpy as np
 
-from critflow.certificates.counts import certify
+from critflow.certificates.counts import certify, n_rotations, rigidity
 from critflow.critical.manifold import CriticalConfiguration, CriticalManifold
 from critflow.critical.vocabulary import quantity
 from critflow.linalg.tolerances import EPS
-from critflow.networks.network import Array
+from critflow.networks.network import Array, Network
 from critflow.response.elasticity import elasticity
 from critflow.response.stiffening import stiffening
 from critflow.result import CritflowError
 
 T = TypeVar("T")
 PROOF, ESTIMATE = "proof", "estimate"
+# Rows of the counts.
+COUNTS = ("self-stresses", "floppy modes")
 # Digits of a number without an error, most decimals, and digits shown until the others are asked for.
 _PLAIN, _MOST, _SHORT = 6, 17, 4
 
@@ -76,9 +78,12 @@ def precise(manifold: CriticalManifold, critical: CriticalConfiguration) -> list
     """The moduli with their errors, and the stiffening coefficients with theirs."""
     stiffness, reason = _attempt(lambda: stiffening(critical, throw=False, manifold=manifold))
     numbers = moduli(critical, errors=True)
+    reason = reason or ""
     for key in ("C_B", "C_G", "C_G_stress_corrected"):
         if stiffness is None:
-            numbers.append(Number(key, np.nan, note=reason or ""))
+            numbers.append(Number(key, np.nan, note=reason))
+            # One reason of three rows.
+            reason = "as C_B"
             continue
         value, error = getattr(stiffness.value, key), getattr(stiffness.stats.error_bound, key, np.nan)
         numbers.append(Number(key, float(value), float(error), ESTIMATE, "" if stiffness.ok else stiffness.reason))
@@ -99,19 +104,44 @@ def moduli(critical: CriticalConfiguration, errors: bool) -> list[Number]:
 
 
 def counts(critical: CriticalConfiguration) -> list[Number]:
-    """Self-stresses, zero modes and whether the configuration is rigid, with the gap of singular values."""
+    """Self-stresses, floppy modes and whether the configuration is rigid, with the gap of singular values."""
     certificate, note = _attempt(lambda: certify(critical))
     if certificate is None:
-        return [Number(key, np.nan, note=note) for key in ("self-stresses", "zero modes")]
-    low, high = certificate.gap
-    return [
-        Number("self-stresses", certificate.n_self_stresses, note=f"singular values {low:.1e} | {high:.1e}"),
-        Number(
-            "zero modes",
-            certificate.n_zero_modes,
-            note="rigid to second order" if certificate.rigid else "not shown to be rigid",
-        ),
-    ]
+        return [Number(key, np.nan, note=note) for key in COUNTS]
+    rigid = "rigid to second order" if certificate.rigid else "not shown to be rigid"
+    counted = certificate.n_self_stresses, certificate.n_zero_modes, certificate.gap
+    return _counted(*counted, critical.network, critical.coordinates, rigid)
+
+
+def moduli_at_rest(network: Network, coordinates: Array) -> list[Number]:
+    """B and G of springs at rest at coordinates (N_v, d)."""
+    solution, note = _attempt(lambda: elasticity(network, coordinates))
+    if solution is None or not solution.ok:
+        note = note if solution is None else solution.reason
+        return [Number("B", np.nan, note=note), Number("G", np.nan, note="as B")]
+    value = solution.value
+    errors = (value.errors.bulk, value.errors.shear)
+    return [Number("B", value.bulk, errors[0], ESTIMATE), Number("G", value.shear, errors[1], ESTIMATE)]
+
+
+def counts_at_rest(network: Network, coordinates: Array) -> list[Number]:
+    """Self-stresses and floppy modes of coordinates (N_v, d) that are not critical."""
+    solution, note = _attempt(lambda: rigidity(network, coordinates))
+    if solution is None:
+        return [Number(key, np.nan, note=note) for key in COUNTS]
+    value = solution.value
+    rigid = "rigid to first order" if value.first_order_rigid else "not rigid to first order"
+    gap = value.largest_zero, value.smallest_nonzero
+    return _counted(value.n_self_stresses, value.n_zero_modes, gap, network, coordinates, rigid)
+
+
+def _counted(
+    n_self_stresses: int, n_zero_modes: int, gap: tuple[float, float], network: Network, coordinates: Array, rigid: str
+) -> list[Number]:
+    """The rows of both counts; floppy modes are those zero modes that are no motions of the whole network."""
+    trivial = 0 if network.pins else network.dimension
+    stresses = Number(COUNTS[0], n_self_stresses, note=f"singular values {gap[0]:.1e} | {gap[1]:.1e}")
+    return [stresses, Number(COUNTS[1], n_zero_modes - trivial - n_rotations(network, coordinates), note=rigid)]
 
 
 def variances(critical: CriticalConfiguration) -> list[Number]:
@@ -124,8 +154,8 @@ def variances(critical: CriticalConfiguration) -> list[Number]:
     error = error + 4 * EPS * critical.lengths
     numbers = []
     for key, name, values, change in (
-        ("V_L", "length_variance", critical.lengths, error),
-        ("V_τ", "tension_variance", critical.tensions, np.abs(critical.sigma) * error),
+        ("V_L", "V_L", critical.lengths, error),
+        ("V_tau", "V_tau", critical.tensions, np.abs(critical.sigma) * error),
     ):
         value = quantity(critical.network, name).evaluate(critical)[0]
         numbers.append(Number(key, value, _variance_error(value, values, change), PROOF))

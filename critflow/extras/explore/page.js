@@ -1,13 +1,16 @@
 "use strict";
 // The page draws what the server sends and reports what the user does; every number is text from the server.
 const get = (id) => document.getElementById(id),
-  token = document.body.dataset.token;
+  // What stands behind the # stays in the browser: no server and no log sees it in an address.
+  token = location.hash.slice(1);
 const LABELS = {
   B_0: "B₀",
   G_0: "G₀",
   C_G_stress_corrected: "C_G, stress-corrected",
   V_L: "V_L",
-  V_τ: "V_τ",
+  V_tau: "V_τ",
+  B: "B at rest",
+  G: "G at rest",
   "force(γ)": "largest force at γ",
   "B(γ)": "B at γ",
   "G(γ)": "G at γ",
@@ -16,6 +19,8 @@ const LABELS = {
   bound: "bound of B₀",
 };
 const ROWS = [
+  "B",
+  "G",
   "B_0",
   "bound",
   "G_0",
@@ -23,10 +28,10 @@ const ROWS = [
   "C_G",
   "C_G_stress_corrected",
   "V_L",
-  "V_τ",
+  "V_tau",
   "residual",
   "self-stresses",
-  "zero modes",
+  "floppy modes",
   "B(γ)",
   "G(γ)",
   "M(γ)",
@@ -56,11 +61,13 @@ const MEANING = {
   C_G: "growth of the shear modulus with the strain of shear, energy convention",
   C_G_stress_corrected: "growth of the shear modulus, corrected by the stress",
   V_L: "variance of the lengths over their squared mean",
-  V_τ: "variance of the tensions over their squared mean",
+  B: "bulk modulus of springs at rest at the positions of the file",
+  G: "shear modulus of springs at rest at the positions of the file",
+  V_tau: "variance of the tensions over their squared mean",
   bound: "no stress of this network has a larger B₀",
   residual: "largest force on a vertex over the mean tension",
   "self-stresses": "independent stresses in balance at this configuration",
-  "zero modes": "independent motions that change no length to first order",
+  "floppy modes": "independent motions within the network that change no length to first order",
   "B(γ)": "bulk modulus at the strain γ",
   "G(γ)": "shear modulus at the strain γ, energy convention",
   "M(γ)": "modulus along the deformation at the strain γ",
@@ -72,6 +79,10 @@ const HELP = {
   edge: "Pick an edge, or type its number.",
   face: "Every edge keeps its direction and tension, so B₀ stands still.",
 };
+const STOPPED = "The server has stopped: start critflow explore again. The picture here no longer changes.";
+const NO_FORCES =
+  "This network has no force diagram here: it needs a periodic planar network without crossing edges.";
+const REST = "Springs at rest carry no force: a population, or a change of an edge, stresses them.";
 const SLOW =
   "This network is large: at 10,000 vertices a change takes about 0.2 s, errors half a second more, and counts another second.";
 window.latencies = [];
@@ -100,18 +111,28 @@ function change(...values) {
   send({ do: "change", change: values });
 }
 
-function connect() {
+// A request with the token; the sentence of the reply, or of its failure, in `text()`.
+function ask(path, given = {}) {
+  return fetch(path, { ...given, headers: { Authorization: `Bearer ${token}` } }).catch(() => ({
+    ok: false,
+    text: async () => STOPPED,
+  }));
+}
+async function connect() {
   const tab = sessionStorage.getItem("tab") || "";
-  socket = new WebSocket(`ws://${location.host}/socket?token=${token}&tab=${encodeURIComponent(tab)}`);
+  const reply = await ask("token");
+  if (!reply.ok) {
+    say(await reply.text(), true);
+    if (reply.status !== 403) setTimeout(connect, 2000);
+    return;
+  }
+  socket = new WebSocket(`ws://${location.host}/socket?tab=${encodeURIComponent(tab)}`, ["critflow", token]);
   socket.binaryType = "arraybuffer";
   socket.onmessage = (event) => receive(event.data);
   socket.onclose = (event) => {
     waiting = false;
     queue = [];
-    say(
-      event.reason || "The server has stopped: start critflow explore again. The picture here no longer changes.",
-      true,
-    );
+    say(event.reason || STOPPED, true);
     document.body.dataset.connected = "no";
     rest();
     setTimeout(connect, 2000);
@@ -222,7 +243,12 @@ function numbers(header) {
     }
   };
   if (header.due) {
-    for (const key of Object.keys(rows)) if (key.includes("γ") && !state.strain[1]) rows[key].remove();
+    if (header.rows)
+      for (const key of Object.keys(rows))
+        if (!header.rows.includes(key)) {
+          rows[key].remove();
+          delete rows[key];
+        }
     for (const key of header.due) put({ key }, true);
   }
   if (header.bound) put(header.bound);
@@ -230,7 +256,7 @@ function numbers(header) {
   for (const number of header.numbers || []) put(number, due.has(number.key));
 }
 // A single letter after an underscore stands below the line, as in C_B: each second part of the result.
-const subscripts = (words) => words.split(/_(\p{L})(?![\p{L}_])/u);
+const subscripts = (words) => words.split(/_([\p{L}\d])(?![\p{L}\d_])/u);
 function symbols(node, words) {
   node.replaceChildren(
     ...subscripts(words).map((part, n) => {
@@ -334,7 +360,11 @@ function greet(found) {
     };
     return button;
   });
-  get("populations").replaceChildren(...buttons);
+  const equal = document.createElement("button");
+  equal.textContent = "equal σ";
+  equal.title = "the stress of each edge is its stiffness";
+  equal.onclick = () => change("equal_stress");
+  get("populations").replaceChildren(...buttons, equal);
   const sliders = Object.entries(found.populations).map(([name, label]) => {
     const box = document.createElement("label"),
       words = document.createElement("span"),
@@ -620,28 +650,33 @@ get("new").onsubmit = (event) => {
   say("Making the network …");
   send({ do: "open", n_vertices: +get("vertices").value, seed: +get("seed").value });
 };
+// The file that was sent last: a refusal is answered in the fields, and the same file is opened again.
+let sent = null;
+function openSent() {
+  send({ do: "file", name: sent, cell: get("cell").value, pins: get("pins").value, volume: get("volume").value });
+}
+get("own").onsubmit = (event) => {
+  event.preventDefault();
+  if (sent === null) say("Choose a file first.", true);
+  else openSent();
+};
 get("file").onchange = async () => {
   const chosen = [...get("file").files];
   if (!chosen.length) return;
   for (const file of chosen) {
-    const reply = await fetch(`upload?token=${token}&tab=${welcome.tab}&name=${encodeURIComponent(file.name)}`, {
-      method: "POST",
-      body: file,
-    }).catch(() => null);
-    if (!reply || !reply.ok) {
-      say(reply ? await reply.text() : "The file did not reach the server.", true);
-      return;
-    }
+    const name = encodeURIComponent(file.name);
+    const reply = await ask(`upload?tab=${welcome.tab}&name=${name}`, { method: "POST", body: file });
+    if (!reply.ok) return say(await reply.text(), true);
   }
-  send({ do: "file", name: chosen[0].name, pins: get("pins").value, volume: get("volume").value });
+  sent = chosen[0].name;
+  get("again").hidden = false;
+  text(get("again"), `Open ${sent} again`);
+  openSent();
   get("file").value = "";
 };
 async function save(name) {
-  const reply = await fetch(`export/${name}?token=${token}&tab=${welcome.tab}`).catch(() => null);
-  if (!reply || !reply.ok) {
-    say(reply ? await reply.text() : "The server has stopped.", true);
-    return;
-  }
+  const reply = await ask(`export/${name}?tab=${welcome.tab}`);
+  if (!reply.ok) return say(await reply.text(), true);
   const link = document.createElement("a");
   link.href = URL.createObjectURL(await reply.blob());
   link.download = /filename="(.+)"/.exec(reply.headers.get("Content-Disposition"))[1];
@@ -652,8 +687,8 @@ async function save(name) {
 get("picture").onclick = () => save(`picture.${get("pictureformat").value}`);
 get("savenetwork").onclick = () => save(`network.${get("networkformat").value}`);
 async function showScript() {
-  const reply = await fetch(`export/script.py?token=${token}&tab=${welcome.tab}`).catch(() => null);
-  if (reply) {
+  const reply = await ask(`export/script.py?tab=${welcome.tab}`);
+  if (reply.ok) {
     get("script").textContent = await reply.text();
     get("script").hidden = false;
   }
@@ -689,9 +724,11 @@ get("theme").onchange = () => {
 
 // A reload finds its state under the name of the tab, which must be free by then.
 window.addEventListener("pagehide", () => {
+  if (!socket) return;
   socket.onclose = null;
   socket.close();
 });
 for (const id of ["network", "forces", "plane", "curve"]) observer.observe(get(id));
+window.addEventListener("hashchange", () => location.reload());
 dress();
 connect();

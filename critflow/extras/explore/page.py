@@ -5,6 +5,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -20,6 +21,7 @@ from critflow.extras.explore.session import LARGEST_STRAIN, Session
 from critflow.extras.explore.sliders import known_dual
 from critflow.extras.explore.source import File, Random, Source
 from critflow.extras.explore.view import Reply, View
+from critflow.extras.files.hints import Hints, in_shell
 from critflow.result import CritflowError, InputError
 
 # Sessions that undo returns to.
@@ -82,6 +84,8 @@ class Page:
         if name == "cut":
             self.view.picked.clear()
             sentences.append(f"edge {values[0]} is cut")
+        if before.given is not None:
+            sentences.append("the vertices are no longer those of the file: Undo shows it as given")
         if before.strain and not state.strain and name != "strain":
             sentences.append("γ is 0 again: stresses are changed at the transition")
         if name == "population":
@@ -133,8 +137,9 @@ class Page:
     def _file(self, message: dict[str, Any]) -> str:
         """Open a network or a dataset that was sent to the server before."""
         path = self.uploads[message["name"]]
-        hints = {name: _hint(str(message[name])) for name in ("pins", "volume") if message.get(name)}
         try:
+            words = {name: str(message[name]) for name in _FIELDS if message.get(name)}
+            hints = Hints(words, []).keywords
             if path.suffix != ".nc":
                 sentence, self.dataset = self._start(File(path, hints=hints)), None
             else:
@@ -142,7 +147,7 @@ class Page:
                 sentence, self.dataset, self.filter = self._start(dataset), dataset, Filter()
         except CritflowError as error:
             # The folder is that of the server.
-            raise InputError(str(error).replace(f"{path.parent}/", "")) from None
+            raise InputError(_in_fields(str(error)).replace(f"{path.parent}/", "")) from None
         return sentence
 
     def _case(self, message: dict[str, Any]) -> str:
@@ -167,10 +172,15 @@ class Page:
         session = self._session(source)
         self._sessions = [*self._sessions, self.session][-_SESSIONS:]
         self.session, self.view = session, View()
-        return f"{session.source.title} is open"
+        return self._opened()
 
-    def _look(self, message: dict[str, Any]) -> None:
-        """Nothing changes: a tab that was reloaded."""
+    def _opened(self) -> str:
+        """The name of the source, and what it says about the positions of its file."""
+        return ". ".join(filter(None, (f"{self.session.source.title} is open", self.session.remark)))
+
+    def _look(self, message: dict[str, Any]) -> str:
+        """Nothing changes: a new tab, or one that was reloaded."""
+        return self._opened() if self.session.remark and not self.session.can_undo else ""
 
     # Replies
 
@@ -197,7 +207,7 @@ class Page:
         if self.dataset is None:
             return {"x": "B₀", "y": "C_B", "key": "", "own": True}
         x, y = self.dataset.variables(self.filter)
-        own = x == "bulk_modulus_0" and y in ("C_B_exact", "C_B")
+        own = x == "B_0" and y == "C_B"
         return {"x": x, "y": y, "key": f"{self.dataset.path.name} {self.filter}", "own": own}
 
     def _welcome(self) -> dict[str, Any]:
@@ -216,12 +226,18 @@ class Page:
         return script(self.session)
 
 
-def _hint(words: str) -> Any:
-    """A number, the names of vertices, or the word of a rule."""
-    try:
-        return float(words)
-    except ValueError:
-        return [name.strip() for name in words.split(",")] if "," in words else words
+# Fields of the page on how a file is read, keywords of `network_from`, with their names on the page.
+_FIELDS = {"cell": "cell", "pins": "fixed vertices", "volume": "volume"}
+# Keywords in sentences of the library, such as pins='hull', and options of the command, such as --cell.
+_KEYWORD = re.compile(rf"\b({'|'.join(_FIELDS)})=('?)([\w.]*)\2")
+_OPTION = re.compile(rf"--({'|'.join(_FIELDS)})\b")
+
+
+def _in_fields(sentences: str) -> str:
+    """Sentences of the library in the words of the page: "hull" in the field "fixed vertices" for pins='hull'."""
+    sentences = _KEYWORD.sub(lambda found: f'"{found[3]}" in the field "{_FIELDS[found[1]]}"', sentences)
+    sentences = _OPTION.sub(lambda found: f'the field "{_FIELDS[found[1]]}"', sentences)
+    return in_shell(sentences)
 
 
 _ACTIONS: dict[str, Callable[[Page, dict[str, Any]], str | None]] = {

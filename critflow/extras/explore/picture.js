@@ -81,6 +81,7 @@ function drawPanels() {
     if (drawing) drawPanel(canvas, drawing, name === "network" ? state.marks.face : []);
   }
   get("noforces").hidden = Boolean(panels.forces);
+  text(get("noforces"), state.rest ? REST : NO_FORCES);
 }
 function drawPanel(canvas, drawing, faces) {
   const [c, width, height] = context(canvas),

@@ -11,6 +11,8 @@ _IMPORTED = (
     *("CriticalManifold", "critical_from_lengths", "nearest_critical", "network_from", "optimize"),
     *("pruned", "stiffening", "strain_path", "elasticity", "voronoi_network"),
 )
+_AT_TRANSITION = "print(elasticity(critical).value, stiffening(critical).value)"
+_AT_REST = "print(elasticity(network, imported.positions).value)  # springs at rest, as in the file"
 
 
 def script(session: Session) -> str:
@@ -18,7 +20,7 @@ def script(session: Session) -> str:
     body = session.source.lines(session.start.critical)
     for name, *values in session.recipe():
         body += _LINES[name](session.start.model.seed, *values)
-    body.append("print(elasticity(critical).value, stiffening(critical).value)")
+    body.append(_AT_REST if session.state.given is not None else _AT_TRANSITION)
     text = "\n".join(body)
     heads = ["import numpy as np"] * ("np." in text) + ["import xarray as xr"] * ("xr." in text)
     heads += [""] * bool(heads)
@@ -32,7 +34,7 @@ def _stress(seed: int, name: str) -> str:
     """The stress of a population."""
     noise = f'stable_rng({seed}, "{name}").standard_normal(network.n_edges)'
     if name in OPTIMA:
-        return f'optimize(manifold, "{name}", throw=False).value.sigma'
+        return f'optimize(manifold, "{OPTIMA[name]}", throw=False).value.sigma'
     if name == "random_stress":
         return f"manifold.solve(np.abs({noise})).value.sigma"
     return f"critical_from_lengths(manifold, 1 + {SPREAD} * {noise}, throw=False).value.sigma"
@@ -80,9 +82,14 @@ def _strain(seed: int, deformation: str, gamma: float) -> list[str]:
     ]
 
 
+def _equal_stress(seed: int) -> list[str]:
+    return ["critical = manifold.configuration(network.stiffness)"]
+
+
 _LINES: dict[str, Callable[..., list[str]]] = {
     "population": _population,
     "blend": _blend,
+    "equal_stress": _equal_stress,
     "edge": _edge,
     "face": _face,
     "cut": _cut,

@@ -1,9 +1,8 @@
-"""The server of the page: loopback only, every request with the token, one `Page` for each tab."""
+"""The server of the page: loopback only, data with the token alone, one `Page` for each tab."""
 
 from __future__ import annotations
 
 import asyncio
-import hmac
 import json
 import logging
 import os
@@ -20,25 +19,26 @@ from pathlib import Path
 from typing import Any
 
 from tornado.httpserver import HTTPServer
-from tornado.web import Application, HTTPError, RequestHandler
+from tornado.web import Application, HTTPError, RequestHandler, stream_request_body
 from tornado.websocket import WebSocketClosedError, WebSocketHandler
 
+from critflow.extras.explore.connections import PROTOCOL, Connections, limited_server
 from critflow.extras.explore.datasets import Dataset
 from critflow.extras.explore.exports import network_file, picture_file
 from critflow.extras.explore.page import Page, Reply
 from critflow.extras.explore.source import Source
+from critflow.extras.explore.uploads import LARGEST_FILE, MOST_AT_A_TIME, Upload, file_name
 from critflow.extras.explore.view import packed
-from critflow.result import CritflowError, EnvironmentFailure
+from critflow.result import CritflowError, EnvironmentFailure, InputError
 
 LOOPBACK = "127.0.0.1"
 # Longest delays of the first numbers, and of those with errors, while the user keeps dragging, in seconds.
 LONGEST_DELAYS = (0.15, 0.5)
 # Pages of closed tabs that are kept for a reload.
 _KEPT = 12
-# Largest file that is accepted, and longest name of one, in bytes.
-_LARGEST_FILE, _LONGEST_NAME = 50_000_000, 200
 _STATIC = {"": "page.html", **{name: name for name in ("raster.js", "picture.js", "plots.js", "page.js", "page.css")}}
 _KINDS = {".html": "text/html", ".js": "text/javascript", ".css": "text/css"}
+_UNREADABLE = "the message is no list of values by name that the server can read: reload the page"
 _POLICY = "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' data: blob:; connect-src 'self'"
 
 
@@ -47,7 +47,8 @@ class Explorer:
 
     def __init__(self, source: Source | Dataset):
         self.source = source
-        self.token = secrets.token_urlsafe(18)
+        self.connections = Connections()
+        self.uploads: list[Upload] = []
         self.pages: dict[str, Page] = {}
         self.open_tabs: dict[str, _Socket] = {}
         self.threads = ThreadPoolExecutor(4, thread_name_prefix="explore")
@@ -82,20 +83,11 @@ class Explorer:
         self.folder.cleanup()
 
 
-def _require_token(handler: RequestHandler, explorer: Explorer) -> None:
-    """Refuse a request without the token."""
-    if not hmac.compare_digest(handler.get_query_argument("token", "").encode(), explorer.token.encode()):
-        raise HTTPError(403)
-
-
-class _Guarded(RequestHandler):
-    """A handler that refuses requests without the token."""
+class _Open(RequestHandler):
+    """A handler of files of the package, the same for everybody."""
 
     def initialize(self, explorer: Explorer) -> None:
         self.explorer = explorer
-
-    def prepare(self) -> None:
-        _require_token(self, self.explorer)
 
     def set_default_headers(self) -> None:
         self.set_header("Content-Security-Policy", _POLICY)
@@ -108,6 +100,13 @@ class _Guarded(RequestHandler):
         self.set_header("Content-Type", "text/plain; charset=utf-8")
         self.finish(f"{status_code}: {sentence}\n")
 
+
+class _Guarded(_Open):
+    """A handler that refuses requests without the token."""
+
+    def prepare(self) -> None:
+        self.explorer.connections.admit(self.request)
+
     def _page(self) -> Page:
         page = self.explorer.pages.get(self.get_query_argument("tab", ""))
         if page is None:
@@ -115,16 +114,22 @@ class _Guarded(RequestHandler):
         return page
 
 
-class _Files(_Guarded):
-    """The files of the page."""
+class _Files(_Open):
+    """The files of the page, which hold no data: the browser asks for them before it has read the token."""
 
     def get(self, name: str) -> None:
         if name not in _STATIC:
             raise HTTPError(404)
         file = files("critflow.extras.explore") / _STATIC[name]
-        text = file.read_text(encoding="utf-8").replace("{{token}}", self.explorer.token)
         self.set_header("Content-Type", f"{_KINDS[Path(_STATIC[name]).suffix]}; charset=utf-8")
-        self.finish(text)
+        self.finish(file.read_text(encoding="utf-8"))
+
+
+class _Token(_Guarded):
+    """Whether the token of a page is that of this server."""
+
+    def get(self) -> None:
+        self.set_status(204)
 
 
 class _Export(_Guarded):
@@ -149,21 +154,48 @@ class _Export(_Guarded):
         self.finish(content)
 
 
+@stream_request_body
 class _Upload(_Guarded):
-    """A file that a tab may open."""
+    """A file that a tab may open; `prepare` runs before its first byte is read."""
+
+    upload: Upload | None = None
+
+    def prepare(self) -> None:
+        super().prepare()
+        if self.request.method != "POST":
+            return
+        page = self._page()
+        try:
+            name = file_name(self.request.query_arguments.get("name", [b""])[-1])
+        except InputError as error:
+            raise HTTPError(400, reason=str(error)) from None
+        if len(self.explorer.uploads) >= MOST_AT_A_TIME:
+            raise HTTPError(503, reason="other files are still on their way, wait for them")
+        size = self.request.headers.get("Content-Length", "")
+        if size.isdecimal() and int(size) > LARGEST_FILE:
+            raise HTTPError(413, reason=f"the file is larger than {LARGEST_FILE // 10**6} MB, start critflow with it")
+        self.request.connection.set_max_body_size(LARGEST_FILE)  # type: ignore[union-attr]
+        self.upload = Upload(page, name, Path(self.explorer.folder.name))
+        self.explorer.uploads.append(self.upload)
+
+    def data_received(self, part: bytes) -> None:
+        if self.upload is not None:
+            self.upload.write(part)
 
     def post(self) -> None:
-        page = self._page()
-        # Without the replacement of control characters by `get_query_argument`.
-        given = self.request.query_arguments.get("name", [b""])[-1]
-        name = given.decode(errors="ignore")
-        is_name = name.encode() == given and name.isprintable() and Path(name).name == name and name != ".."
-        if not (is_name and 0 < len(given) <= _LONGEST_NAME):
-            raise HTTPError(400, reason="the file has no usable name, rename it")
-        # In one folder, where the two tables of a network find each other.
-        page.folder = page.folder or Path(tempfile.mkdtemp(dir=self.explorer.folder.name))
-        page.uploads[name] = page.folder / name
-        page.uploads[name].write_bytes(self.request.body)
+        if self.upload is not None:
+            self.upload.keep()
+            self._done()
+
+    def on_connection_close(self) -> None:
+        super().on_connection_close()
+        self._done()
+
+    def _done(self) -> None:
+        """Nothing of the file is on its way any more."""
+        if self.upload in self.explorer.uploads:
+            self.explorer.uploads.remove(self.upload)
+            self.upload.drop()
 
 
 class _Socket(WebSocketHandler):
@@ -173,7 +205,10 @@ class _Socket(WebSocketHandler):
         self.explorer, self.name = explorer, ""
 
     def prepare(self) -> None:
-        _require_token(self, self.explorer)
+        self.explorer.connections.admit(self.request)
+
+    def select_subprotocol(self, subprotocols: list[str]) -> str | None:
+        return PROTOCOL
 
     def open(self, *args: str, **kwargs: str) -> None:
         self.set_nodelay(True)
@@ -190,14 +225,16 @@ class _Socket(WebSocketHandler):
         self.messages.put_nowait({"do": "look"})
         self.work = asyncio.create_task(self._work())
 
-    def on_message(self, text: str | bytes) -> None:
+    async def on_message(self, text: str | bytes) -> None:
         try:
             message = json.loads(text)
-        except ValueError:
-            return
-        if isinstance(message, dict) and message.get("do") == "stop":
+        except (ValueError, RecursionError):
+            message = None
+        if not isinstance(message, dict):
+            await self._send(Reply({"fault": _UNREADABLE}))
+        elif message.get("do") == "stop":
             self.page.stopping = True
-        elif isinstance(message, dict):
+        else:
             self.messages.put_nowait(message)
 
     def on_close(self) -> None:
@@ -257,13 +294,14 @@ class _Socket(WebSocketHandler):
 
 
 def application(explorer: Explorer) -> Application:
-    """The routes of the page; an unknown address needs the token too."""
+    """The routes of the page; all but its own files need the token."""
     shared = {"explorer": explorer}
     return Application(
         [
             (r"/socket", _Socket, shared),
             (r"/export/([\w.]+)", _Export, shared),
             (r"/upload", _Upload, shared),
+            (r"/token", _Token, shared),
             (r"/(.*)", _Files, shared),
         ],
         websocket_max_message_size=1_000_000,
@@ -272,17 +310,17 @@ def application(explorer: Explorer) -> Application:
 
 
 def listening(explorer: Explorer, port: int = 0) -> tuple[HTTPServer, str]:
-    """A server on loopback, and the address of its page with the token."""
+    """A server on loopback, and the address of its page; browsers keep the token behind the # to themselves."""
     try:
         listener = socket.create_server((LOOPBACK, port))
     except OSError as error:
         raise EnvironmentFailure(
             f"port {port} cannot be used, {error.strerror}: choose another, or leave it out"
         ) from None
-    server = HTTPServer(application(explorer), max_buffer_size=_LARGEST_FILE)
+    server = limited_server(application(explorer), explorer.connections)
     listener.setblocking(False)
     server.add_sockets([listener])
-    return server, f"http://{LOOPBACK}:{listener.getsockname()[1]}/?token={explorer.token}"
+    return server, f"http://{LOOPBACK}:{listener.getsockname()[1]}/#{explorer.connections.token}"
 
 
 def serve(explorer: Explorer, port: int, announce: Callable[[str], None]) -> None:

@@ -17,6 +17,7 @@ from critflow.critical.isogonal import IsogonalModes, face_modes
 from critflow.critical.manifold import CriticalConfiguration
 from critflow.extras.explore.model import POPULATIONS, Model, Observer
 from critflow.extras.explore.source import Source
+from critflow.networks.network import Array
 from critflow.networks.pruning import pruned
 from critflow.paths.strain_path import PathSolver, StrainPath, strain_path
 from critflow.result import InputError, Solution
@@ -37,6 +38,7 @@ class State:
 
     change  the change that led to it from the state before
     strain  deformation and γ past the transition, and the springs there; None at the transition
+    given   coordinates (N_v, d) of a file that is not critical, shown with springs at rest until the first change
     """
 
     model: Model
@@ -44,6 +46,7 @@ class State:
     change: Change = ("start",)
     strain: tuple[str, float] | None = None
     springs: SpringState | None = None
+    given: Array | None = None
 
     def path(self, moduli: bool) -> Solution[StrainPath] | None:
         """The path from the transition to the strain, or None at the transition."""
@@ -63,12 +66,15 @@ class State:
 class Session:
     """A history of states of one source; `state` is the current one.
 
+    remark   what the source says about the positions of its file
     observe  called by long computations with the number of the step; a true value stops them
     """
 
     def __init__(self, source: Source, observe: Observer = lambda step: False):
         self.source, self.observe = source, observe
-        self._states, self._now = [State(*source.open())], 0
+        opening = source.open()
+        self.remark = opening.remark
+        self._states, self._now = [State(opening.model, opening.critical, given=opening.given)], 0
         self._modes: tuple[CriticalConfiguration, IsogonalModes] | None = None
         self._strained: tuple[CriticalConfiguration, dict[tuple[str, float], SpringState]] | None = None
 
@@ -125,7 +131,7 @@ class Session:
     def recipe(self) -> list[Change]:
         """The changes that lead from the source to the state, without those that later ones overrule."""
         changes = [state.change for state in self._states[1 : self._now + 1]]
-        first = max((n for n, change in enumerate(changes) if change[0] in ("population", "blend")), default=0)
+        first = max((n for n, change in enumerate(changes) if change[0] in _NEW_STRESS), default=0)
         last = len(changes) - 1
         return [
             change
@@ -135,6 +141,9 @@ class Session:
 
     def _population(self, base: State, name: str) -> State:
         return _solved(base.model, base.model.population(name, self.observe))
+
+    def _equal_stress(self, base: State) -> State:
+        return _solved(base.model, base.model.network.stiffness)
 
     def _blend(self, base: State, *weights: float) -> State:
         parts = {
@@ -169,8 +178,8 @@ class Session:
             raise InputError(f"the page knows no strain {deformation!r:.40}: choose from {', '.join(LARGEST_STRAIN)}")
         _within("the strain", gamma, -LARGEST_STRAIN[deformation], LARGEST_STRAIN[deformation])
         if gamma == 0:
-            return replace(base, strain=None, springs=None)
-        strained = replace(base, strain=(deformation, gamma), springs=None)
+            return replace(base, strain=None, springs=None, given=None)
+        strained = replace(base, strain=(deformation, gamma), springs=None, given=None)
         return replace(strained, springs=self._springs(strained))
 
     def _springs(self, strained: State) -> SpringState:
@@ -189,9 +198,12 @@ class Session:
         return known[strain]
 
 
+# Changes that overrule all stresses before them.
+_NEW_STRESS = ("population", "blend", "equal_stress")
 # The method of each change, with the types of its values.
 _CHANGES: dict[str, tuple[Callable[..., State], tuple[type, ...]]] = {
     "population": (Session._population, (str,)),
+    "equal_stress": (Session._equal_stress, ()),
     "blend": (Session._blend, (float,) * len(POPULATIONS)),
     "edge": (Session._edge, (int, float)),
     "face": (Session._face, (int, float)),

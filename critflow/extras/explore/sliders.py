@@ -50,14 +50,16 @@ class Picked:
         if edge is None:
             return None
         tension = float(state.critical.tensions[edge] / np.abs(state.critical.tensions).mean())
-        length = float(state.critical.lengths[edge])
+        text = f"τ/⟨τ⟩ {tension:#.4g}, |L| {state.critical.lengths[edge]:#.4g}"
+        if state.given is not None:
+            text = f"|L| {np.linalg.norm(state.model.network.bond_vectors(state.given)[edge]):#.4g}, as given"
         return {
             "number": edge,
             "count": state.model.network.n_edges,
             "value": state.change[2] if state.change[:2] == ("edge", edge) else 0.0,
             "low": -STEEPEST / 2,
             "high": STEEPEST / 2,
-            "text": f"τ/⟨τ⟩ {tension:#.4g}, |L| {length:#.4g}",
+            "text": text,
         }
 
     def _face_slider(self, session: Session, exact: bool) -> dict[str, Any] | None:

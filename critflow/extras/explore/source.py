@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
@@ -14,14 +14,31 @@ from critflow.extras.files.convert import network_from
 from critflow.extras.files.repair import ImportedNetwork
 from critflow.extras.inference.nearest import nearest_critical
 from critflow.generators.random_networks import voronoi_network
+from critflow.networks.network import Array
 from critflow.result import CritflowError, InputError
 
 # Vertices beyond which a change takes seconds.
 LARGEST = 20_000
 # Distance from the nearest critical configuration over the mean edge length, as closely as other programs relax.
 _RELAXED = 1e-3
+# Changes of edges over the mean edge length that are rounding.
+_ROUNDING = 1e-9
 # Steps towards the nearest critical configuration of a file: to one at its positions ten are enough.
 _FEW_STEPS = 20
+
+
+class Opening(NamedTuple):
+    """What a page starts from.
+
+    critical  the first configuration, from which changes start
+    given     coordinates (N_v, d) of the file, where those of `critical` are others: shown until the first change
+    remark    how far apart the two are, in sentences
+    """
+
+    model: Model
+    critical: CriticalConfiguration
+    given: Array | None = None
+    remark: str = ""
 
 
 class Source(Protocol):
@@ -30,7 +47,7 @@ class Source(Protocol):
     @property
     def title(self) -> str: ...
 
-    def open(self) -> tuple[Model, CriticalConfiguration]:
+    def open(self) -> Opening:
         """The network and its first configuration."""
         ...
 
@@ -57,7 +74,7 @@ class Random:
     def title(self) -> str:
         return f"Voronoi network of {self.n_vertices:,} vertices, seed {self.seed}"
 
-    def open(self) -> tuple[Model, CriticalConfiguration]:
+    def open(self) -> Opening:
         return opened(Model(voronoi_network(self.n_vertices, self.seed), self.seed))
 
     def lines(self, start: CriticalConfiguration) -> list[str]:
@@ -70,7 +87,9 @@ class Random:
 
 @dataclass(frozen=True)
 class File:
-    """The network of a file, or of two tables, critical at its force densities or positions, or at equal stress.
+    """The network of a file, or of two tables, as given where its positions are not critical.
+
+    Changes start at its force densities, in the critical configuration at its positions, or else at equal stress.
 
     hints  options of `network_from`, such as pins and volume; with labels the file numbers the cells of a tissue
     """
@@ -83,11 +102,15 @@ class File:
     def title(self) -> str:
         return " and ".join(path.name for path in (self.path, self.second) if path)
 
-    def open(self) -> tuple[Model, CriticalConfiguration]:
+    def open(self) -> Opening:
         imported = self._read()
         check_size(imported.network.n_vertices)
-        known = imported.force_densities
-        return opened(Model(imported.network), _stress_at(imported) if known is None else known)
+        model, known = Model(imported.network), imported.force_densities
+        if known is not None:
+            return _as_given(opened(model, known), imported, "the force densities of the file")
+        near = _stress_at(imported)
+        start = "equal stress" if near is None else "the critical configuration nearest to the positions of the file"
+        return _as_given(opened(model, near), imported, start)
 
     def _read(self) -> ImportedNetwork:
         hints = dict(self.hints)
@@ -117,14 +140,33 @@ def _stress_at(imported: ImportedNetwork) -> Any:
     return near.value.sigma if near.ok and near.distance < _RELAXED * near.value.lengths.mean() else None
 
 
-def opened(model: Model, stress: Any = None) -> tuple[Model, CriticalConfiguration]:
+def _as_given(opening: Opening, imported: ImportedNetwork, start: str) -> Opening:
+    """With the positions of the file, unless those of the first configuration equal them but for a small difference.
+
+    start  what the first configuration is, in words
+    """
+    given = opening.model.network.bond_vectors(imported.positions)
+    size = float(np.linalg.norm(given, axis=1).mean())
+    moved = float(np.linalg.norm(opening.critical.bond_vectors - given, axis=1).max()) / (size or 1.0)
+    if moved <= _ROUNDING:
+        return opening
+    change = f"which changes edges by up to {moved:.2g} of the mean edge length"
+    if moved <= _RELAXED:
+        return opening._replace(remark=f"It is shown in {start}, {change}.")
+    none = "is not at" if imported.force_densities is not None else "has no force densities and is not at"
+    shown = f"It {none} a critical configuration, so it is shown as given, with springs at rest."
+    remark = f"{shown} The first change starts from {start}, {change}."
+    return opening._replace(given=imported.positions, remark=remark)
+
+
+def opened(model: Model, stress: Any = None) -> Opening:
     """A model with its configuration at a stress σ (N_b,) that is known, or else at its stiffnesses."""
     network = model.network
     if stress is not None and np.shape(stress) == (network.n_edges,) and np.isfinite(stress).all() and np.any(stress):
         critical = model.manifold.solve(np.asarray(stress))
         if critical.ok:
-            return model, critical.value
-    return model, model.manifold.configuration(network.stiffness)
+            return Opening(model, critical.value)
+    return Opening(model, model.manifold.configuration(network.stiffness))
 
 
 def imported_lines(expression: str, start: CriticalConfiguration) -> list[str]:

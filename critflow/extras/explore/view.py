@@ -30,7 +30,11 @@ _LIVE = 3000
 # waits, so that they delay no picture; errors and coefficients when the user pauses, counts soon after those.
 WAITS = (0.02, 0.3, 0.1)
 # Numbers that are marked as out of date until their stage comes.
-_DUE = ("B_0", "G_0", "C_B", "C_G", "C_G_stress_corrected", "self-stresses", "zero modes")
+_DUE = ("B_0", "G_0", "C_B", "C_G", "C_G_stress_corrected", *numbers.COUNTS)
+# All rows at the transition, what comes with a strain, and all rows of springs at rest, in their order.
+_ROWS = ("B_0", "bound", "G_0", "C_B", "C_G", "C_G_stress_corrected", "V_L", "V_tau", "residual", *numbers.COUNTS)
+_STRAINED = ("B(γ)", "G(γ)", "M(γ)", "force(γ)")
+_AT_REST = ("B", "G", *numbers.COUNTS)
 # Points (B_0, C_B) of former states that are kept.
 _TRAIL = 60
 
@@ -63,30 +67,40 @@ class View:
     def show(self, session: Session, colour: str = "tension") -> Reply:
         """The picture of the state, coloured by one of `QUANTITIES`; what `refine` returns is marked as due."""
         state = session.state
-        model, shown = state.model, state.springs or state.critical
-        network, x, sigma = shown.network, shown.coordinates, shown.sigma
+        model, network, given = state.model, state.model.network, state.given
+        shown = state.springs or state.critical
+        x, sigma = (shown.coordinates, shown.sigma) if given is None else (given, np.zeros(network.n_edges))
         L = network.bond_vectors(x)
         values = edge_values(colour, sigma, np.linalg.norm(L, axis=1))
         shades, low, high = shades_of(values, sigma, from_zero=colour != "length")
         self.drawings = {"network": network_drawing(network, x, shades)}
-        if model.dual is not None:
+        if model.dual is not None and given is None:
             y, periods, offsets = model.dual.diagram(network, sigma, L)
             self.drawings["forces"] = periodic_drawing(model.dual.ends, offsets, periods, y, shades)
-        stages = (lambda: self._quick(session), lambda: self._precise(session), lambda: self._counts(session))
-        self._stages = list(zip(WAITS, stages, strict=True))
+        self._stages = self._due_stages(session)
         header = {
             "title": session.source.title,
             "sizes": _sizes(state),
             "slow": model.network.n_vertices > _LIVE,
-            "due": _DUE,
+            "due": _AT_REST if given is not None else _DUE,
+            "rows": _AT_REST if given is not None else (*_ROWS, *_STRAINED) if state.strain else _ROWS,
             "marks": self.picked.marks(model.dual, network, x, L),
             "weights": list(state.change[1:]) if state.change[0] == "blend" else [0.0] * len(POPULATIONS),
             "strain": list(state.strain) if state.strain else ["", 0.0],
             "scale": {"colour": colour, "name": QUANTITIES[colour], "low": _four(low), "high": _four(high)},
-            "bound": _bound(model.bulk_bound),
+            "bound": _bound(model.bulk_bound) if given is None else None,
+            "rest": given is not None,
             **self.picked.sliders(session, exact=False),
         }
         return Reply(header, self.drawings, values)
+
+    def _due_stages(self, session: Session) -> list[tuple[float, Callable[[], Reply]]]:
+        """What follows the picture, each with the seconds after which it is computed."""
+        given = session.state.given
+        if given is not None:
+            return [(WAITS[0], lambda: self._at_rest(session, given))]
+        stages = (lambda: self._quick(session), lambda: self._precise(session), lambda: self._counts(session))
+        return list(zip(WAITS, stages, strict=True))
 
     def refine(self) -> Reply | None:
         """The next stage, or None when everything is shown."""
@@ -101,6 +115,13 @@ class View:
         """Moduli, variances and residual."""
         critical = session.state.critical
         return Reply({"numbers": _rows(self._once("quick", critical, lambda: numbers.quick(critical))), "due": _DUE})
+
+    def _at_rest(self, session: Session, given: Array) -> Reply:
+        """All numbers of springs at rest at the positions of a file, and limits of the sliders."""
+        network, critical = session.state.model.network, session.state.critical
+        found = [*numbers.moduli_at_rest(network, given), *numbers.counts_at_rest(network, given)]
+        header = {"numbers": _rows(self._once("rest", critical, lambda: found)), "point": None, "trail": self.trail}
+        return Reply({**header, "curve": None, **self.picked.sliders(session, exact=True)})
 
     def _precise(self, session: Session) -> Reply:
         """Moduli and coefficients with their errors, moduli past the transition, and limits of the sliders."""
@@ -121,7 +142,7 @@ class View:
         return Reply({**header, **self.picked.sliders(session, exact=True)})
 
     def _counts(self, session: Session) -> Reply:
-        """Self-stresses and zero modes."""
+        """Self-stresses and floppy modes."""
         critical = session.state.critical
         return Reply({"numbers": _rows(self._once("counts", critical, lambda: numbers.counts(critical)))})
 

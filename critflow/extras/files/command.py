@@ -26,8 +26,12 @@ def convert(
         float | None, typer.Option(metavar="MM", help="Radius of the struts of a solid; 1 by default.")
     ] = None,
     by_stiffness: Annotated[
-        bool, typer.Option("--by-stiffness", help="Cross sections of drawn or solid struts by their stiffness.")
-    ] = False,
+        bool | None,
+        typer.Option(
+            "--by-stiffness/--one-width",
+            help="Widths of drawn or solid struts by their stiffness; by default where it varies, drawings in colour.",
+        ),
+    ] = None,
     copies: Annotated[
         str, typer.Option(metavar="NUMBERS", help="Copies of a periodic cell along each cell vector, such as '2 3'.")
     ] = "1",
@@ -36,7 +40,7 @@ def convert(
     if len(files) < 2:
         raise InputError("convert needs a file to read and one to write: critflow convert FILE OUT")
     *files, out = files
-    given = {"size": size, "radius": radius, "by_stiffness": by_stiffness or None}
+    given = {"size": size, "radius": radius, "by_stiffness": by_stiffness}
     options: dict[str, Any] = {name: value for name, value in given.items() if value is not None}
     writable_format(out, options=options)
     imported = read(files, hints)

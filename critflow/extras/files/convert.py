@@ -20,9 +20,10 @@ from critflow.extras.files.formats import READ_PICTURES, format_of_object, is_fr
 from critflow.extras.files.labels import from_labels, read_labels
 from critflow.extras.files.meshes import from_polygons
 from critflow.extras.files.repair import ImportedNetwork, check, imported, in_its_plane
-from critflow.extras.files.tables import read_tables
+from critflow.extras.files.tables import has_centres, read_centres, read_tables
+from critflow.generators.random_networks import voronoi_network
 from critflow.networks.checks import floats
-from critflow.networks.network import Network
+from critflow.networks.network import Array, Network
 from critflow.result import CritflowError, InputError, NetworkError, Solution
 
 # Edges of copies that fit into the memory of a usual computer with their file.
@@ -38,6 +39,7 @@ def network_from(
     strict: bool = False,
     contract: bool = False,
     volume: float | str | None = None,
+    voronoi: bool = False,
     **given: Any,
 ) -> ImportedNetwork:
     """A network from a file or an object of another program, checked and repaired, with one sentence for each repair.
@@ -52,6 +54,8 @@ def network_from(
     contract  join the edges of vertices of two edges: springs in series
     volume   V to which the moduli of a network without a cell refer; that of the source, or "hull", the convex hull,
              by default
+    voronoi  the source has the centres of cells, as a table with columns x and y or as an array (n, d), and the network
+             is that of their borders in a periodic cell
 
     Many parameters: hints that a source may lack.  Further keywords are those of the source: offsets, bond_vectors,
     stiffness, rest_lengths, force_densities, positions, edges, cutoff, pixel.  Raises `InputError` or `NetworkError`
@@ -62,16 +66,11 @@ def network_from(
     Network(3 vertices, 2 edges, 2 dimensions, 2 pins, z = 1.333)
     """
     of_kind(np.ndarray, None, cell=cell)
-    of_kind(bool, nearest=nearest, strict=strict, contract=contract)
+    of_kind(bool, nearest=nearest, strict=strict, contract=contract, voronoi=voronoi)
     of_kind(float, str, None, volume=volume)
-    data = _record(source, given)
-    if (vectors := data.cell if cell is None else floats(cell, "the cell")) is not None:
-        d = data.dimension
-        vectors = vectors * np.eye(d) if vectors.ndim == 0 else np.diag(vectors) if vectors.ndim == 1 else vectors
-        if vectors.shape not in ((d, d), (3, 3)):
-            raise InputError(f"the cell must be {d} side lengths or as many vectors as rows, not {vectors.shape}")
-        # A plane may be given in space.
-        data = replace(data, cell=vectors[:d, :d])
+    data = _of_centres(source, cell) if voronoi else _record(source, given)
+    if cell is not None and not voronoi:
+        data = replace(data, cell=_vectors(cell, data.dimension))
     check(data)
     data = in_its_plane(data)
     read = imported(with_pins(with_offsets(data, nearest), pins), strict, contract)
@@ -98,9 +97,10 @@ def write_network(
     copies           of a periodic cell along each cell vector, one number or d numbers, as one larger network
 
     Many parameters: the state of a network is more than its graph.  Options: size (mm) and width or radius (mm) of
-    drawings and solids, which are cut at the border of the cell, and by_stiffness, with which the cross section of each
-    strut is that of its stiffness.  Raises `InputError` where the format cannot hold the
-    network, `EnvironmentFailure` where its package is missing.
+    drawings and solids, which are cut at the border of the cell, and by_stiffness: True, the cross section of each
+    strut is that of its stiffness; False, all have one; None, the first where k varies, and SVG has colours and a
+    legend.  Raises `InputError` where the format cannot hold the network, `EnvironmentFailure` where its package is
+    missing.
 
     >>> import critflow as cf
     >>> import tempfile
@@ -116,6 +116,39 @@ def write_network(
     known = writable_format(target, data.dimension, options)
     assert known.write is not None
     known.write(_tiled(data, copies), target, **options)
+
+
+def _vectors(cell: ArrayLike, d: int) -> Array:
+    """Cell vectors (d, d) as rows, of side lengths or vectors."""
+    vectors = floats(cell, "the cell")
+    vectors = vectors * np.eye(d) if vectors.ndim == 0 else np.diag(vectors) if vectors.ndim == 1 else vectors
+    if vectors.shape not in ((d, d), (3, 3)):
+        raise InputError(f"the cell must be {d} side lengths or as many vectors as rows, not {vectors.shape}")
+    # A plane may be given in space.
+    return vectors[:d, :d]
+
+
+def _of_centres(source: Any, cell: ArrayLike | None) -> NetworkData:
+    """The record of the periodic Voronoi network of centres."""
+    if _is_path(source) or is_frame(source):
+        name = str(source) if _is_path(source) else shown(source)
+        with _one_sentence(name, "a table of centres"):
+            centres = read_centres(Path(source) if _is_path(source) else source)
+    else:
+        name, centres = "the array", floats(source, "the centres")
+    if cell is None:
+        raise InputError(f"{name}: centres of cells need the periodic cell that they lie in: give cell=, its sides")
+    if centres.ndim != 2 or centres.shape[1] not in (2, 3):
+        raise InputError(f"{name}: centres have two or three columns, not the shape {centres.shape}")
+    vectors = _vectors(cell, centres.shape[1])
+    points = np.linalg.solve(vectors.T, centres.T).T
+    if (span := float(np.ptp(points, axis=0).max())) > 1:
+        raise InputError(
+            f"{name}: the centres span {span:.3g} cells: give the cell that they lie in, or take them modulo it"
+        )
+    network = voronoi_network(points=points, cell=vectors)
+    note = f"the edges are the borders of the Voronoi cells of {len(centres):,} centres"
+    return replace(data_of(network), source=f"centres in {name}").noting(note)
 
 
 def _tiled(data: NetworkData, copies: int | Sequence[int]) -> NetworkData:
@@ -253,6 +286,8 @@ def _one_sentence(source: object, kind: str) -> Iterator[None]:
         advice = "check its name; the tables of NAME.csv are NAME_edges.csv and NAME_vertices.csv"
         if _is_path(source) and Path(str(source)).exists():
             advice = f"{source} is one of two tables: give the other one after it"
+            if has_centres(Path(str(source))):
+                advice += "; or voronoi=True and the cell, if its rows are centres of cells: their Voronoi network"
         raise InputError(f"there is no file {missing.filename or source}: {advice}") from None
     except Exception as error:
         text = isinstance(error, UnicodeDecodeError)

@@ -143,9 +143,9 @@ class NetworkData(Record):
 
 
 def from_dataset(case: Any) -> NetworkData:
-    """A case of a dataset, selected by its axis values, such as `dataset.sel(seed=3, population="bulk_modulus")`."""
+    """A case of a dataset, selected by its axis values, such as `dataset.sel(seed=3, population="max_B_0")`."""
     arrays: dict[str, Any] = stored_configuration(case)
-    positions, sigma = arrays.pop("coordinates"), arrays.pop("sigma")
+    positions, sigma = arrays.pop("position"), arrays.pop("sigma")
     return NetworkData(positions=positions, force_densities=sigma, source="critflow dataset", **arrays)
 
 

@@ -12,6 +12,7 @@ import numpy as np
 import scipy
 
 from critflow.extras.files.data import Array, IntArray, NetworkData, bond_vectors_of, optional
+from critflow.figures.shades import hexadecimal, strengths, varied, widely
 from critflow.networks.periodic_cell import BORDER, images_in_cell
 from critflow.result import InputError
 
@@ -20,46 +21,93 @@ _HEADER = b"critflow network, lengths in millimetres".ljust(80)
 # Sides of a strut; part of the radius by which struts end inside the balls, so that those in one line share no vertex
 # when a program joins equal ones.
 _SIDES, _INSET = 12, 0.2
+# Rectangles of the bar of colours; largest size in mm, of which STL's single precision leaves micrometres.
+_BAR, _LARGEST = 32, 1e5
 
 
 def write_svg(
-    data: NetworkData, path: Path, size: float = 100.0, width: float = 0.5, by_stiffness: bool = False
+    data: NetworkData, path: Path, size: float = 100.0, width: float = 0.5, by_stiffness: bool | None = None
 ) -> None:
     """An SVG drawing whose larger side is `size` mm, with lines `width` mm wide.
 
-    by_stiffness  a strip of a sheet has k ∝ width/|L|: widths ∝ k|L| of the mean `width`
+    by_stiffness  a strip of a sheet has k ∝ width/|L|: widths ∝ k|L| of the mean `width`, for a cutter.  None: the
+                  same where k varies, with colours by k and a legend below the network, for the eye
+
+    Raises `InputError` for sizes that are not positive and finite.
     """
+    require_sizes(size=size, width=width)
     segments, edges, low, high = planar_segments(data)
     scale = size / float((high - low).max())
-    across, down = scale * (high - low)
+    across, down = (scale * (high - low)).tolist()
     flipped = scale * np.stack([segments[..., 0] - low[0], high[1] - segments[..., 1]], axis=-1)
     lines = [f"M{a[0]:.6f} {a[1]:.6f}L{b[0]:.6f} {b[1]:.6f}" for a, b in flipped.tolist()]
-    widths = width * relative_sections(data) if by_stiffness else np.array([width])
-    parts = zip(lines, widths[edges], strict=True) if by_stiffness else [("".join(lines), width)]
-    style = 'fill="none" stroke="black" stroke-linecap="round"'
-    paths = "".join(f'<path d="{line}" {style} stroke-width="{wide:.6g}"/>' for line, wide in parts)
+    k = stiffnesses_of(data)
+    coloured = by_stiffness is None and varied(k)
+    widths = width * relative_sections(data) if by_stiffness or coloured else np.array([width])
+    colours = [hexadecimal(place) for place in strengths(k)] if coloured else ["black"] * data.n_edges
+    if len(widths) == 1:
+        paths = _line("".join(lines), "black", width)
+    else:
+        parts = zip(lines, edges.tolist(), strict=True)
+        paths = "".join(_line(line, colours[edge], float(widths[edge])) for line, edge in parts)
+    legend, below = _legend(k, size, across, down) if coloured else ("", 0.0)
     margin = float(widths.max())
-    view = f"{-margin:.6f} {-margin:.6f} {across + 2 * margin:.6f} {down + 2 * margin:.6f}"
+    view = f"{-margin:.6f} {-margin:.6f} {across + 2 * margin:.6f} {down + below + 2 * margin:.6f}"
     path.write_text(
         '<svg xmlns="http://www.w3.org/2000/svg" '
-        f'width="{across + 2 * margin:.6f}mm" height="{down + 2 * margin:.6f}mm" '
+        f'width="{across + 2 * margin:.6f}mm" height="{down + below + 2 * margin:.6f}mm" '
         f'viewBox="{view}"><title>critflow network, millimetres</title>'
-        f"{paths}</svg>\n",
+        f"{paths}{legend}</svg>\n",
         encoding="utf-8",
     )
 
 
+def _line(line: str, colour: str, wide: float) -> str:
+    return f'<path d="{line}" fill="none" stroke="{colour}" stroke-linecap="round" stroke-width="{wide:.6g}"/>'
+
+
+def _legend(k: Array, size: float, across: float, down: float) -> tuple[str, float]:
+    """A bar of the colours of stiffnesses (N_b,) below a drawing, with both ends in numbers, and its height in mm."""
+    letters, top = 0.03 * size, down + 0.04 * size
+    low = float(k.min()) if widely(k) else 0.0
+    step = 0.5 * across / _BAR
+    pieces = "".join(
+        f'<rect x="{0.25 * across + n * step:.6f}" y="{top:.6f}" width="{1.05 * step:.6f}" '
+        f'height="{0.8 * letters:.6f}" fill="{hexadecimal((n + 0.5) / _BAR)}"/>'
+        for n in range(_BAR)
+    )
+    font = f'y="{top + 0.8 * letters:.6f}" font-family="sans-serif" font-size="{letters:.6g}"'
+    ends = ((0.24, "end", f"k = {low:.4g}"), (0.76, "start", f"{k.max():.4g}{' (log)' if low else ''}"))
+    texts = "".join(
+        f'<text x="{place * across:.6f}" {font} text-anchor="{anchor}">{words}</text>' for place, anchor, words in ends
+    )
+    return f"<g>{pieces}{texts}</g>", 0.04 * size + 2 * letters
+
+
+def require_sizes(**sizes: float) -> None:
+    """Raise `InputError` for a length in mm that is not positive, or so large that its coordinates overflow."""
+    for name, value in sizes.items():
+        if not 0 < value <= _LARGEST:
+            raise InputError(f"{name}={value:g} must be positive and at most {_LARGEST:g}, in millimetres")
+
+
 def write_solid(
-    data: NetworkData, path: Path, size: float = 100.0, radius: float = 1.0, by_stiffness: bool = False
+    data: NetworkData, path: Path, size: float = 100.0, radius: float = 1.0, by_stiffness: bool | None = None
 ) -> None:
     """STL or 3MF of struts of a radius in mm with balls at their ends; the longest extent of the network is `size` mm.
 
-    by_stiffness  struts have k = E π r²/|L|: radii ∝ √(k|L|), whose mean cross section is that of `radius`
+    by_stiffness  struts have k = E π r²/|L|: radii ∝ √(k|L|), whose mean cross section is that of `radius`; None: where
+                  k varies
 
     Struts and balls are closed bodies that overlap; slicers join them.
+    Raises `InputError` for sizes that are not positive and finite, and for struts wider than the solid.
     """
-    if not radius > 0 or not size > 0:
-        raise InputError("size and radius of a solid must be positive, in millimetres")
+    require_sizes(size=size, radius=radius)
+    if radius > size:
+        raise InputError(
+            f"radius={radius:g} mm is more than the whole solid of size={size:g} mm: give a smaller radius"
+        )
+    by_stiffness = varied(stiffnesses_of(data)) if by_stiffness is None else by_stiffness
     trimesh = optional("trimesh")
     pieces, edges = clipped_segments(data)
     segments = np.zeros((*pieces.shape[:2], 3))
@@ -84,10 +132,14 @@ def write_solid(
     path.write_bytes(_HEADER + content[80:] if path.suffix.lower() == ".stl" else content)
 
 
+def stiffnesses_of(data: NetworkData) -> Array:
+    """k (N_b,), one where the record has none."""
+    return np.ones(data.n_edges) if data.stiffness is None else data.stiffness
+
+
 def relative_sections(data: NetworkData) -> Array:
     """Cross sections of elastic struts of the stiffnesses k = E A/|L|, over their mean, (N_b,)."""
-    k = np.ones(data.n_edges) if data.stiffness is None else data.stiffness
-    sections = k * np.linalg.norm(bond_vectors_of(data), axis=1)
+    sections = stiffnesses_of(data) * np.linalg.norm(bond_vectors_of(data), axis=1)
     return np.asarray(sections / sections.mean())
 
 

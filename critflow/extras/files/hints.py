@@ -74,6 +74,7 @@ _HINTS: dict[str, tuple[str | None, str, Callable[[Any], Any]]] = {
         partial(numbers_of, "pixel", "'0.5' or '0.5 0.4'"),
     ),
     "labels": (None, "The file is a picture whose values number the cells of a tissue.", bool),
+    "voronoi": (None, "The file has centres of cells: take their periodic Voronoi network; needs --cell.", bool),
     "nearest": (None, "Accept nearest images of long edges.", bool),
     "strict": (None, "Refuse a file that needs a repair.", bool),
     "contract": (None, "Join the edges of vertices of two edges in series.", bool),
@@ -148,7 +149,9 @@ def read(files: Sequence[Path], hints: Hints) -> ImportedNetwork:
 
 
 # A keyword of `network_from` or `write_network` in a sentence, such as pins='hull' or nearest=True.
-_KEYWORD = re.compile(rf"\b({'|'.join((*_HINTS, 'copies', 'size', 'radius', 'by_stiffness'))})=('?)([\w.]*)\2")
+_KEYWORD = re.compile(
+    rf"\b({'|'.join((*_HINTS, 'copies', 'size', 'radius', 'by_stiffness', 'change'))})=('?)([\w.]*)\2"
+)
 # What sentences of the library call functions, in the words of the command.
 _IN_SHELL = {
     "examine(FILE)": "critflow examine FILE",

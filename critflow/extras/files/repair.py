@@ -13,6 +13,7 @@ import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
 
+from critflow.critical.manifold import CriticalConfiguration
 from critflow.extras.files.boundaries import require_boundary
 from critflow.extras.files.data import EDGE_VALUES, Array, IntArray, NetworkData, bond_vectors_of, counted
 from critflow.networks.blocks import components
@@ -63,6 +64,19 @@ class ImportedNetwork(Solution[Network]):
     def force_densities(self) -> Array | None:
         """Force densities σ (N_b,) of the source, if it has any."""
         return self.data.force_densities
+
+    @property
+    def configuration(self) -> CriticalConfiguration:
+        """The critical configuration of these positions and force densities, such as that of a case of a dataset.
+
+        Raises `InputError` for a source without force densities, and where a repair changed the network.
+        """
+        if self.force_densities is None:
+            raise InputError("the source has no force densities: nearest_critical(network, positions) estimates them")
+        if self.repaired:
+            raise InputError("the network was repaired, so these force densities may not balance: see its notes")
+        vectors = self.network.bond_vectors(self.positions)
+        return CriticalConfiguration(self.network, self.force_densities, self.positions, vectors)
 
     @property
     def sides(self) -> sp.csr_array:

@@ -28,7 +28,7 @@ from critflow.extras.files.data import (
     unread,
 )
 from critflow.networks.checks import integers
-from critflow.result import InputError
+from critflow.result import CritflowError, InputError
 
 # Names of columns, in lower case, that are recognised in a header.
 _TAIL = ("tail", "source", "from", "i", "u", "node1", "vertex1", "id1", "start")
@@ -86,6 +86,20 @@ def read_tables(source: Path | Sequence[Any] | Any) -> NetworkData:
         **values,
     )
     return data if ids else from_zero(data)
+
+
+def read_centres(source: Path | Any) -> Array:
+    """Positions (n, d) of a single table, which need not be vertices."""
+    return _vertices(_of_file(source) if isinstance(source, Path) else _of_frame(source, "the table"))[1]
+
+
+def has_centres(path: Path) -> bool:
+    """Whether a table has coordinates and no edges."""
+    try:
+        table = _of_file(path)
+    except (CritflowError, ValueError, OSError):
+        return False
+    return table.column(_COORDINATES) is not None and table.column(_TAIL) is None
 
 
 def write_tables(data: NetworkData, path: Path) -> None:

@@ -89,7 +89,7 @@ def pareto(
     network: Network | CriticalManifold,
     objectives: Mapping[Any, str] | Sequence[Any],
     n: int = 11,
-    *,
+    *more: object,
     within: Mapping[str, Any] | None = None,
     start: ArrayLike | None = None,
     max_steps: int = _MOST_STEPS,
@@ -103,6 +103,7 @@ def pareto(
                 objectives have no extreme value without them, as C_B, which grows without limit as edges shrink
     start       stresses (N_b,) from which the ends are found; 1 by default
     max_steps   of each point
+    more        nothing: further arguments are named
 
     A point is certified, `Status.ok`, if its weights are not negative and the residual of its first-order conditions is
     below `FRONT_CERTIFIED`.  That is a proof of stationarity up to the residual, not of a global optimum: fronts are
@@ -115,6 +116,8 @@ def pareto(
     of the edges, and networks with several self-stresses; `SolveError` where a point is not certified and `throw`.
     """
     network = of_kind(Network, CriticalManifold, network=network)
+    if more or isinstance(objectives, str):
+        raise InputError("both objectives stand in one list, such as pareto(network, ['B_0', 'V_L'], 11)")
     of_kind(Mapping, Sequence, objectives=objectives)
     n, max_steps = of_kind(int, n=n, max_steps=max_steps)
     of_kind(Mapping, None, within=within)

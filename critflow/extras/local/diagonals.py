@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
 from critflow.arguments import of_kind
+from critflow.extras.local.pairs import spelled_pair
 from critflow.networks.network import Network
 from critflow.result import InputError
 
@@ -42,7 +45,13 @@ def _across(network: Network, first: int, last: int) -> tuple[int, int, tuple[in
     return start, end, tuple(int(n) for n in np.sum(signs[:, None] * network.offsets[edges], axis=0))
 
 
-def response_name(source: tuple[int, int, tuple[int, ...]], target: tuple[int, int, tuple[int, ...]]) -> str:
-    """local[i-j:n:m,k-l:n:m], the name of the response of a target to a source."""
-    pairs = (f"{i}-{j}" + "".join(f":{n}" for n in image) for i, j, image in (source, target))
-    return f"local[{','.join(pairs)}]"
+def response_name(source: Any, target: Any) -> str:
+    """local[i-j:n:m,k-l:n:m], the name of the response of a target (k, l, image) to a source (i, j, image).
+
+    Raises `InputError` for pairs without an image or with numbers that are not whole.
+
+    >>> from critflow.extras.local.diagonals import response_name
+    >>> response_name((3, 50, (1, 0)), (20, 77, (0, 0)))
+    'local[3-50:1:0,20-77:0:0]'
+    """
+    return f"local[{spelled_pair(source, 'source')},{spelled_pair(target, 'target')}]"

@@ -118,6 +118,15 @@ def _whole(vertex: Any, name: str) -> int:
     return int(vertex)
 
 
+def spelled_pair(given: Any, name: str) -> str:
+    """The name of a pair (i, j, image) in names of quantities, i-j:n:m, without a network; `InputError` otherwise."""
+    if not isinstance(given, Sequence | np.ndarray) or isinstance(given, str) or len(given) != 3:
+        raise InputError(f"{name} must be two vertices and an image (i, j, image), not {shown(given)}")
+    tail, head = (_whole(one, name) for one in given[:2])
+    image = [_whole(n, f"the image of {name}") for n in np.asarray(given[2], dtype=object).ravel().tolist()]
+    return f"{tail}-{head}" + "".join(f":{n}" for n in image)
+
+
 def read_pair(network: Network, text: str) -> Pair:
     """A checked pair as names of quantities spell it, such as 3-20 or 3-20:1:0."""
     match = _WRITTEN.fullmatch(text.strip())

@@ -16,11 +16,12 @@ from critflow.extras.files.formats import writable_format
 from critflow.extras.files.hints import FilesArgument, Hints, in_shell, read, reading, value_of
 from critflow.extras.files.repair import ImportedNetwork
 from critflow.extras.inference.nearest import nearest_critical
-from critflow.extras.targets.targets import Design, design
+from critflow.extras.targets.targets import Design, change_of, design
 from critflow.networks.network import Network
 from critflow.optimisation.optimize import optimize
 from critflow.response.certificate import certificate_text
 from critflow.result import InputError, Solution
+from critflow.springs.state import SpringState, spring_state
 
 
 @reading
@@ -29,22 +30,28 @@ def make(
     out: Annotated[Path, typer.Option(metavar="OUT", help="The file to write; its ending names the format.")],
     hints: Hints,
     objective: Annotated[
-        str,
+        str | None,
         typer.Option(
             metavar="NAME",
             help="A quantity, such as B_0, G_0 or V_tau, or nearest to the positions; B_0 unless there are targets.",
         ),
-    ] = "",
+    ] = None,
     picture: Annotated[Path | None, typer.Option(metavar="PNG", help="Also draw the configuration.")] = None,
     target: Annotated[
         list[str],
         typer.Option(metavar="NAME=VALUE", help="A property to reach, a value or LOW:HIGH; may be repeated."),
     ] = [],  # noqa: B006 (typer reads the default and copies it)
+    change: Annotated[
+        str | None,
+        typer.Option(metavar="KIND", help="What reaches the targets: stress, or the stiffness of springs at rest."),
+    ] = None,
 ) -> int:
     """Read a network, find its best critical configuration or one with requested properties, certify it and write it.
 
     Many parameters: each is an option of the command.
     """
+    if objective == "":
+        raise InputError("--objective needs a name, such as B_0, G_0, V_tau or nearest: give one, or leave it out")
     if objective and target:
         raise InputError("--objective is for networks without --target: give NAME=largest or NAME=smallest as a target")
     objective = objective or "B_0"
@@ -59,26 +66,32 @@ def make(
     print(in_shell(str(imported)))
     writable_format(out, imported.network.dimension)
     with running(f"making {out.name}"):
-        solution, title, lines = _made(imported, objective, target)
-    critical = solution.value
+        solution, title, lines = _made(imported, objective, target, change)
+    made = solution.value
     print("\n".join(f"  {line}" for line in lines))
-    if not np.isfinite(critical.coordinates).all():
+    if not np.isfinite(made.coordinates).all():
         return 3
-    print(f"  {certificate_text(critical, title, solution.status)}")
-    write_network(critical, out)
+    if isinstance(solution, Design) and not solution.reached:
+        print("  nothing is written, since the targets are not reached: change them, or give limits LOW:HIGH")
+        return 3
+    if isinstance(made, CriticalConfiguration):
+        print(f"  {certificate_text(made, title, solution.status)}")
+    write_network(made, out)
     print(f"  written to {out}")
     if picture is not None:
-        saved(draw(critical, title=title).figure, picture)
+        saved(draw(made, title=title).figure, picture)
         print(f"  drawn in {picture}")
     return 0 if solution.ok else 3
 
 
 def _made(
-    imported: ImportedNetwork, objective: str, target: Sequence[str]
-) -> tuple[Solution[CriticalConfiguration], str, list[str]]:
+    imported: ImportedNetwork, objective: str, target: Sequence[str], change: str | None
+) -> tuple[Solution[Any], str, list[str]]:
     """The configuration with the targets, nearest to the positions or best, a title of it, and lines that report it."""
     if target:
-        return _designed(imported.network, target)
+        return _designed(imported, target, change)
+    if change is not None:
+        raise InputError("--change says what reaches targets: give --target NAME=VALUE, or leave it out")
     if objective == "nearest":
         fit = nearest_critical(imported.network, imported.positions, throw=False)
         line = f"root mean square distance {fit.distance:.6g} ({fit.status.name}: {fit.reason})"
@@ -88,8 +101,12 @@ def _made(
     return optimum, f"{objective} {optimum.objective:.6g}", [line]
 
 
-def _designed(network: Network, words: Sequence[str]) -> tuple[Design, str, list[str]]:
-    """The design for targets of the command line, a title of it, and lines that report it."""
+def _designed(imported: ImportedNetwork, words: Sequence[str], change: str | None) -> tuple[Design, str, list[str]]:
+    """The design for targets of the command line, a title of it, and lines that report it.
+
+    change  of what; None: of stress, unless one of the targets is that of another change
+    """
+    network = imported.network
     targets = dict[str, Any]()
     for word in words:
         name, equals, value = word.partition("=")
@@ -98,10 +115,24 @@ def _designed(network: Network, words: Sequence[str]) -> tuple[Design, str, list
         if name in targets:
             raise InputError(f"--target {name} is given twice: give one value, or limits LOW:HIGH")
         targets[name] = value_of(value)
-    solution = design(network, targets, throw=False)
+    change = change or change_of(targets)
+    if change not in ("stress", "stiffness"):
+        raise InputError(f"--change is stress or stiffness, not {change!r:.40}: other changes need Python, design(...)")
+    start: Network | SpringState = network
+    if change == "stiffness":
+        lengths = np.linalg.norm(network.bond_vectors(imported.positions), axis=1)
+        start = spring_state(network, lengths, imported.positions)
+    solution = design(start, targets, change=change, throw=False)
     lines = [f"{solution.status.name}: {solution.reason}"] + [
-        f"{name} {one.value:.12g} ± {one.error:.1e}, requested {targets[name]}, cost {one.multiplier + 0.0:.3g}, "
-        f"independence {one.independence:.3g}"
+        f"{name} {one.value:.12g} ± {one.error:.1e}, requested {targets.get(name, 0)}, "
+        f"cost {one.multiplier + 0.0:.3g}, independence {one.independence:.3g}"
         for name, one in solution.targets.items()
     ]
-    return solution, ", ".join(f"{name} {one.value:.4g}" for name, one in solution.targets.items()), lines
+    if change == "stiffness":
+        k = solution.value.network.stiffness
+        lines.append(f"springs at rest at the positions of the file, stiffness from {k.min():.6g} to {k.max():.6g}")
+    return (
+        solution,
+        ", ".join(f"{name} {one.value:.4g}" for name, one in solution.targets.items() if name in targets),
+        lines,
+    )

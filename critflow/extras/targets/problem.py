@@ -26,6 +26,8 @@ from critflow.networks.network import Array, Network
 from critflow.result import InputError, Solution
 from critflow.springs.state import SpringState
 
+# Other spellings of the quantities of edges: `change="stiffness"` and `network.stiffness` are singular.
+_PLURALS = {"length": "lengths", "tension": "tensions", "force_density": "force_densities", "stiffness": "stiffnesses"}
 EXTREMES = ("largest", "smallest")
 # Powers of σ and |L| in the quantities of an edge that a stress sets.
 POWERS = {"lengths": (0, 1), "tensions": (1, 1), "force_densities": (1, 0)}
@@ -143,10 +145,15 @@ def edge_limits(n_edges: int, within: Mapping[str, object], quantities: Sequence
 
     quantities  of the edges that may have limits
     """
-    for name in within:
-        if name not in quantities:
+    limits = dict[str, object]()
+    for name, value in within.items():
+        plural = _PLURALS.get(name, name)
+        if plural not in quantities:
             raise InputError(f"edges have no quantity {name!r:.40}: choose from {', '.join(quantities) or 'none'}")
-    every = [EdgeLimits.of(name, value, n_edges) for name, value in within.items()]
+        if plural in limits:
+            raise InputError(f"the limits of {plural} are given twice: give them once")
+        limits[plural] = value
+    every = [EdgeLimits.of(name, value, n_edges) for name, value in limits.items()]
     return [limits for limits in every if np.isfinite(limits.low).any() or np.isfinite(limits.high).any()]
 
 
@@ -207,6 +214,7 @@ class Variables(ABC):
     origin              z_0, (N,)
     low, high           limits (m,) of the values of `limited`
     limited_quantities  of the edges that may have limits
+    own_targets         names of targets that are no quantities, which `all_targets` replaces by others
     preferences         names of preferences that the variables themselves satisfy
     starts              further classes of starts than networks, configurations and states of springs
     longest             largest change of a component of z in one step
@@ -218,6 +226,7 @@ class Variables(ABC):
     low: Array = np.zeros(0)
     high: Array = np.zeros(0)
     limited_quantities: ClassVar[tuple[str, ...]] = ()
+    own_targets: ClassVar[tuple[str, ...]] = ()
     preferences: ClassVar[tuple[str, ...]] = ()
     starts: ClassVar[tuple[type, ...]] = ()
     longest: ClassVar[float]
@@ -227,6 +236,11 @@ class Variables(ABC):
     @abstractmethod
     def of(cls, start: Any, options: DesignOptions) -> Self:
         """The variables of a start and the arguments of `design`; `InputError` for arguments that do not apply."""
+
+    @classmethod
+    def all_targets(cls, network: Network, targets: Mapping[Any, Any]) -> Mapping[Any, Any]:
+        """The targets with quantities in place of `own_targets`."""
+        return targets
 
     @property
     def size(self) -> int:

@@ -14,7 +14,7 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import ArrayLike
 
-from critflow.arguments import of_kind
+from critflow.arguments import of_kind, shown
 from critflow.calls import running
 from critflow.critical.manifold import Balance, CriticalConfiguration, CriticalManifold
 from critflow.critical.quantity import Quantity
@@ -114,14 +114,15 @@ def design(
              (stiffness, rest_lengths)
     targets  name or `Quantity` → value, (low, high), or "largest" or "smallest" for one of them
     change   "stress": the configuration follows the stress; quantities are those of the transition
-             "stiffness": springs at rest at the coordinates of a state; moduli and components "C_xxxx", ...
+             "stiffness": springs at rest at the coordinates of a state; moduli, components "C_xxxx", ..., and
+             "poisson", which makes them isotropic
              "faces": lengths at a constant force network, which keeps S, D and every modulus at the transition
              "rest_lengths": of cables, for "onset[simple_shear]", ... at strains other than zero
              "pressures": positive stresses and pressures in the faces, for lengths, areas, V_L and V_tau
     prefer   "least_change" from the start; for stress also "V_L", "V_tau", or a configuration or coordinates (N_v, d)
              to be near to; for rest lengths also "ratios": one factor for all
     within   limits (low, high), each a number, one an edge, or None: of "lengths", of "tensions" and "force_densities"
-             in units of their mean (stress), of "lengths" (faces), of "stiffnesses" (stiffness)
+             in units of their mean (stress), of "lengths" (faces), of "stiffnesses" (stiffness); also in singular
     signs    of the stress: "positive", 1 or −1 for each edge (N_b,), or "any"
     free     edges whose stress may change, indices or a mask; all by default
     initial  stresses, stiffnesses or rest lengths (N_b,) that are changed least, in place of those of the start
@@ -139,7 +140,11 @@ def design(
     of_kind(bool, throw=throw)
     start, prefer, max_steps = _checked(kind, start, targets, prefer, max_steps)
     network = start if isinstance(start, Network) else start.network
-    parsed = parse_targets(network, targets)
+    try:
+        parsed = parse_targets(network, kind.all_targets(network, targets))
+    except InputError:
+        _require_targets(change, targets)
+        raise
     variables = kind.of(start, DesignOptions(network, change, prefer, within, signs, free, initial))
     refusal = variables.refusal(parsed)
     extreme = next((target for target in parsed if target.sense), None)
@@ -164,7 +169,8 @@ def _searched(problem: TargetProblem, targets: Sequence[Target], refusal: str, m
 def _checked(kind: type[Variables], start: Any, targets: Any, prefer: Any, max_steps: Any) -> tuple[Any, Any, int]:
     """The start, the preference and the limit of the steps, of the kinds that `design` takes."""
     start = of_kind(Network, CriticalManifold, CriticalConfiguration, *kind.starts, SpringState, start=start)
-    of_kind(Mapping, targets=targets)
+    if not isinstance(targets, Mapping):
+        raise InputError(f"targets must be a Mapping of values by name, such as {{'B_0': 0.25}}, not {shown(targets)}")
     prefer = of_kind(np.ndarray, str, CriticalConfiguration, prefer=prefer)
     max_steps = of_kind(int, max_steps=max_steps)
     if max_steps < 0:
@@ -172,11 +178,30 @@ def _checked(kind: type[Variables], start: Any, targets: Any, prefer: Any, max_s
     return start, prefer, max_steps
 
 
+def change_of(targets: Mapping[Any, Any]) -> str:
+    """The change that alone has one of the targets, such as "stiffness" for "poisson"; "stress" without any."""
+    own = {name: change for change in _kinds() for name in _kind(change).own_targets}
+    return next((own[name] for name in targets if isinstance(name, str) and name in own), "stress")
+
+
+def _require_targets(change: str, targets: Mapping[Any, Any]) -> None:
+    """Raise `InputError` for a target that only another change has."""
+    for name in targets:
+        other = change_of({name: 0.0})
+        if other not in ("stress", change):
+            raise InputError(f"{name} is a target of change={other!r}, not of change={change!r}")
+
+
+def _kinds() -> list[str]:
+    """What `design` may change."""
+    declared = (function for extra in extras().values() for function in extra.functions)
+    return [function.removeprefix(_KIND) for function in declared if function.startswith(_KIND)]
+
+
 def _kind(change: str) -> type[Variables]:
     """The kind of variables of this name; `InputError` for unknown ones."""
     of_kind(str, change=change)
-    declared = (function for extra in extras().values() for function in extra.functions)
-    kinds = [function.removeprefix(_KIND) for function in declared if function.startswith(_KIND)]
+    kinds = _kinds()
     if change not in kinds:
         raise InputError(f"no change is called {change!r:.40}: choose from {', '.join(kinds)}")
     kind: type[Variables] = provided(_KIND + change, f"changes of {change}")

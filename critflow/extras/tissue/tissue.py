@@ -21,6 +21,7 @@ from critflow.extras.tissue.face_springs import FaceSprings
 from critflow.extras.tissue.perimeter_program import fit_perimeters
 from critflow.extras.tissue.state import TissueState
 from critflow.linalg.tolerances import EPS
+from critflow.linalg.vectors import power_of_two
 from critflow.networks.network import Array, Network
 from critflow.result import InputError, Record, Solution, Stats, Status
 from critflow.springs.equilibrium import equilibrium
@@ -148,6 +149,9 @@ def critical_from_perimeters(
     of_kind(bool, throw=throw)
     faces = FaceSprings.of(network, stiffness, sides)
     A, p0 = faces.sides, faces.perimeters(perimeters)
+    # Tolerances of programs and of forces are absolute: lengths and perimeters are in units of their own.
+    unit, own = power_of_two(network.spacing), power_of_two(float(p0.mean()))
+    given, network, p0 = network, network.deformed(np.eye(network.dimension) / unit), p0 / own
     cone = fit_perimeters(network.free_incidence, network.boundary_vectors, A, p0, 1e-12)
     x, T, error, status = network.all_coordinates(cone.coordinates), cone.multipliers, np.nan, Status.ok
     length = np.linalg.norm(network.bond_vectors(x), axis=1)
@@ -167,9 +171,9 @@ def critical_from_perimeters(
     length = np.linalg.norm(network.bond_vectors(x), axis=1)
     # An edge without length has a tension but no finite σ.
     sigma = (A.T @ T) / np.maximum(length, EPS * length.mean())
-    value = CriticalTissue(critical_configuration(network, sigma, x), faces, T / T.mean())
-    stats = Stats("conic", cone.steps, residual=error)
-    solution = PerimeterFit(value, status, stats, note, ratio=cone.ratio, slack_faces=slack, collapsed_edges=collapsed)
+    value = CriticalTissue(critical_configuration(given, sigma, unit * x), faces, T / T.mean())
+    stats, ratio = Stats("conic", cone.steps, residual=error), unit / own * cone.ratio
+    solution = PerimeterFit(value, status, stats, note, ratio=ratio, slack_faces=slack, collapsed_edges=collapsed)
     return solution.or_raise("these perimeters have no all-tension critical configuration") if throw else solution
 
 

@@ -79,8 +79,10 @@ class AngleSprings(Record):
         if not ((rest >= 0) & (rest <= np.pi)).all():
             raise InputError("rest angles lie between 0 and π, in radians: correct the first that does not")
         stiffness = _per_term(self.stiffness, len(edges), "stiffness", "pair of edges")
+        rest = np.where(np.pi - rest < _CERTAIN_DIRECTION, np.pi, rest)  # straight up to rounding
         terms = partial(_angle_terms, edges=edges, signs=signs, rest=rest, k=stiffness)
-        return _bond_energy(network, network.edges, network.offsets, terms)
+        rows, cols = (edges.T[ends].ravel() for ends in ([0, 1, 0, 1], [0, 1, 1, 0]))
+        return _bond_energy(network, network.edges, network.offsets, (rows, cols), terms)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -113,7 +115,8 @@ class SoftSprings(Record):
         rest = _per_term(self.rest_lengths, len(edges), "rest_lengths", "soft spring", positive=False)
         if not (rest >= 0).all():
             raise InputError("rest lengths of soft springs are not negative: correct the first that is")
-        return _bond_energy(network, edges, offsets, partial(_spring_terms, k=k, rest=rest))
+        each = np.arange(len(edges))
+        return _bond_energy(network, edges, offsets, (each, each), partial(_spring_terms, k=k, rest=rest))
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -180,43 +183,74 @@ def _checked(x: Array, F: Array, *, function: Callable[[Array, Array], Any]) -> 
             f"a weak energy returns a gradient of shape {x.shape} and a Hessian of shape {(size, size)}, not "
             f"{gradient.shape} and {hessian.shape}"
         )
+    finite = {"energy": -np.inf < value < np.inf, "gradient": np.isfinite(gradient).all(), "Hessian": _finite(hessian)}
+    if wrong := next((name for name, good in finite.items() if not good), None):
+        called = getattr(function, "__name__", type(function).__name__)
+        raise InputError(
+            f"the {wrong} of the weak energy {called} is not finite at some positions: correct its function"
+        )
     return value, gradient, hessian
+
+
+def _finite(hessian: sp.csr_array) -> bool:
+    return bool(np.isfinite(hessian.data).all())
 
 
 def _sum(x: Array, F: Array, *, parts: list[WeakFunction]) -> tuple[float, Array, sp.sparray]:
     """A sum of weak energies."""
     values, gradients, hessians = zip(*(part(x, F) for part in parts), strict=True)
-    return sum(values), np.sum(gradients, axis=0), sp.csr_array(sum(hessians[1:], hessians[0]))
+    # Sums of sparse matrices drop entries that cancel: as a list of entries the sum keeps its pattern.
+    listed = [sp.coo_array(each) for each in hessians]
+    data, rows, cols = (np.concatenate([getattr(each, part) for each in listed]) for part in ("data", "row", "col"))
+    return sum(values), np.sum(gradients, axis=0), sp.csr_array((data, (rows, cols)), shape=hessians[0].shape)
 
 
-_Terms = Callable[[Array], tuple[float, Array, tuple[IntArray, IntArray, Array]]]
-"""L (n, d) → U, ∂U/∂L (n, d), and ∂²U/∂L∂L as the edges of rows and columns, (m,) each, of blocks (m, d, d)."""
+_Terms = Callable[[Array], tuple[float, Array, Array]]
+"""L (n, d) → U, ∂U/∂L (n, d), and the blocks (m, d, d) of ∂²U/∂L∂L."""
 
 
-def _bond_energy(network: Network, edges: IntArray, offsets: IntArray, terms: _Terms) -> WeakFunction:
-    """The energy of terms over the bond vectors L = g x + F b of a graph."""
+def _bond_energy(
+    network: Network, edges: IntArray, offsets: IntArray, pairs: tuple[IntArray, IntArray], terms: _Terms
+) -> WeakFunction:
+    """The energy of terms over the bond vectors L = g x + F b of a graph; pairs: edges of each block, (m,) twice."""
     n, d = offsets.shape
     where = np.repeat(np.arange(n), 2), edges.ravel()
     g = sp.csr_array((np.tile([-1.0, 1.0], n), where), shape=(n, network.n_vertices))
-    spread = sp.csr_array(sp.kron(g, sp.eye_array(d)))
     b = np.zeros((n, d)) if network.cell is None else offsets @ network.cell
-    return partial(_of_bonds, g=g, spread=spread, b=b, terms=terms)
+    return partial(_of_bonds, g=g, b=b, hessian=_HessianOfBlocks(edges, pairs, network.n_vertices, d), terms=terms)
 
 
 def _of_bonds(
-    x: Array, F: Array, *, g: sp.csr_array, spread: sp.csr_array, b: Array, terms: _Terms
+    x: Array, F: Array, *, g: sp.csr_array, b: Array, hessian: _HessianOfBlocks, terms: _Terms
 ) -> tuple[float, Array, sp.sparray]:
-    """U and its derivatives by x; `spread` is g ⊗ 1, (d·n, d·N_v)."""
-    value, gradient, (rows, cols, blocks) = terms(g @ x + b @ F.T)
-    size, d = spread.shape[0], x.shape[1]
-    axes = np.arange(d)
-    where = (d * rows[:, None, None] + axes[:, None], d * cols[:, None, None] + axes)
-    indices = [np.broadcast_to(index, blocks.shape).ravel() for index in where]
-    M = sp.csr_array((blocks.ravel(), indices), shape=(size, size))
-    return value, g.T @ gradient, sp.csr_array(spread.T @ M @ spread)
+    """U and its derivatives by x."""
+    value, gradient, blocks = terms(g @ x + b @ F.T)
+    return value, g.T @ gradient, hessian.of(blocks)
 
 
-def _spring_terms(L: Array, k: Array, rest: Array) -> tuple[float, Array, tuple[IntArray, IntArray, Array]]:
+class _HessianOfBlocks:
+    """(g ⊗ 1)ᵀ M (g ⊗ 1) from the blocks of M, (m, d, d), for pairs of edges: all have one pattern, zeros included."""
+
+    def __init__(self, edges: IntArray, pairs: tuple[IntArray, IntArray], n_vertices: int, d: int):
+        m, axes = len(pairs[0]), np.arange(d)
+        rows = d * edges[pairs[0]][:, :, None, None, None] + axes[:, None]
+        cols = d * edges[pairs[1]][:, None, :, None, None] + axes
+        shape = (m, 2, 2, d, d)
+        signs = np.array([[1.0, -1.0], [-1.0, 1.0]])[:, :, None, None]
+        sources = np.arange(m * d * d).reshape(m, 1, 1, d, d)
+        rows, cols, signs, sources = (np.broadcast_to(part, shape).ravel() for part in (rows, cols, signs, sources))
+        size = d * n_vertices
+        places, slot = np.unique(rows.astype(np.int64) * size + cols, return_inverse=True)
+        self._gather = sp.csr_array((signs, (slot.ravel(), sources)), shape=(len(places), m * d * d))
+        self._starts = np.searchsorted(places, size * np.arange(size + 1, dtype=np.int64))
+        self._columns, self._shape = places % size, (size, size)
+
+    def of(self, blocks: Array) -> sp.csr_array:
+        """The Hessian, (d·N_v)²."""
+        return sp.csr_array((self._gather @ blocks.ravel(), self._columns.copy(), self._starts.copy()), self._shape)
+
+
+def _spring_terms(L: Array, k: Array, rest: Array) -> tuple[float, Array, Array]:
     """½ k(|L| − ℓ)²."""
     length = norms(L)
     divisor = np.where(rest > 0, length, 1.0)
@@ -226,13 +260,10 @@ def _spring_terms(L: Array, k: Array, rest: Array) -> tuple[float, Array, tuple[
     ratio, n = rest / divisor, L / divisor[:, None]
     blocks = (k * (1 - ratio))[:, None, None] * np.eye(L.shape[1])
     blocks = blocks + (k * ratio)[:, None, None] * n[:, :, None] * n[:, None, :]
-    edges = np.arange(len(L))
-    return float(0.5 * np.sum(k * (length - rest) ** 2)), (k * (1 - ratio))[:, None] * L, (edges, edges, blocks)
+    return float(0.5 * np.sum(k * (length - rest) ** 2)), (k * (1 - ratio))[:, None] * L, blocks
 
 
-def _angle_terms(
-    L: Array, edges: IntArray, signs: Array, rest: Array, k: Array
-) -> tuple[float, Array, tuple[IntArray, IntArray, Array]]:
+def _angle_terms(L: Array, edges: IntArray, signs: Array, rest: Array, k: Array) -> tuple[float, Array, Array]:
     """½ k(θ − θ0)² of pairs of edges, by the cosine c = p·q of the unit vectors p and q away from their vertex."""
     vectors = signs[:, :, None] * L[edges]
     lengths = np.linalg.norm(vectors, axis=2)
@@ -256,8 +287,7 @@ def _angle_terms(
         block = (first * scale)[:, None, None] * curvature
         blocks.append(block + second[:, None, None] * _outer(rates[i], rates[j]))
     blocks.append(blocks[2].transpose(0, 2, 1))
-    rows, cols = (edges.T[ends].ravel() for ends in ([0, 1, 0, 1], [0, 1, 1, 0]))
-    return value, gradient, (rows, cols, np.concatenate(blocks))
+    return value, gradient, np.concatenate(blocks)
 
 
 def _outer(a: Array, b: Array) -> Array:

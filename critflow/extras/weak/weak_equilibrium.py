@@ -18,8 +18,8 @@ from critflow.arguments import of_kind
 from critflow.calls import running
 from critflow.critical.manifold import CriticalConfiguration
 from critflow.extras.weak.weak_energies import ENERGIES, WeakEnergy, WeakFunction, weak_function
-from critflow.linalg.factor import Entries, Factor, FixedPattern
-from critflow.linalg.matrices import block_entries, n_block_values
+from critflow.extras.weak.weak_pattern import WeakPattern
+from critflow.linalg.factor import Factor, FixedPattern
 from critflow.networks.checks import floats
 from critflow.networks.deformation import Deformable, Deformation, deformation_of
 from critflow.networks.network import Array, Network
@@ -67,17 +67,12 @@ class WeakSpringState(SpringState):
         return False
 
     def pattern(self) -> FixedPattern:
-        H, start = sp.coo_array(self._weak[2]), n_block_values(self.network)
-        weak = Entries(H.row, H.col, start + np.arange(H.nnz), 1.0)
-        entries, in_space = [*block_entries(self.network), weak], self.network.dimension > 2
-        return FixedPattern(H.shape[0], start + H.nnz, entries, in_space=in_space)
+        return WeakPattern(self.network, self._weak[2])
 
     def factorize(self, pattern: FixedPattern, shift: float = 0.0) -> Factor:
+        assert isinstance(pattern, WeakPattern)
         springs = self.blocks(self.modified_stiffness, self.sigma)
-        values = np.concatenate([springs, sp.coo_array(self._weak[2]).data])
-        if len(values) != pattern.n_sources:
-            raise InputError("the Hessian of a weak energy keeps its pattern: store its zeros too")
-        return pattern.factorize(values, shift)
+        return pattern.factorize(pattern.values(springs, self._weak[2]), shift)
 
     def factorize_convex(self, pattern: FixedPattern, shift: float) -> Factor:
         factor = self.factorize(pattern, shift)

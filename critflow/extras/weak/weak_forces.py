@@ -15,6 +15,7 @@ H = 0, give D τ³ − c γ τ² − ½ κ² fᵀZ(ZᵀPZ)⁻¹Zᵀf = 0, the sc
     3. one scalar equation for each γ and κ, by bisection and Newton's method, on the branch of positive τP + κH
     4. stress and moduli as derivatives of the same energy: with m = −dΦ/ds, Φ = ½ vᵀP v, and c̃ = c + γ g − dv·r
        V σ_γ = τ(c + γ g) + κ dU/dγ,   V M_ab = c̃_a c̃_b/(D + 3Qτ + m/κ) + τ g_ab + κ (d²U/da db − r_a(sP + H)⁻¹r_b)
+    5. errors by a few steps of the whole energy from each solution, a factorisation each (`weak_correction`)
 """
 
 from __future__ import annotations
@@ -30,6 +31,7 @@ from critflow.calls import running
 from critflow.certificates.prestress import stabilises
 from critflow.critical.manifold import CriticalConfiguration
 from critflow.extras.weak.soft_spectrum import require_floppy_motions, soft_eigenvalues
+from critflow.extras.weak.weak_correction import WeakCorrection
 from critflow.extras.weak.weak_derivatives import PLACES, STEP, WeakDerivatives
 from critflow.extras.weak.weak_energies import ENERGIES, Temperature, WeakEnergy, WeakFunction, no_energy, weak_function
 from critflow.extras.weak.weak_equilibrium import fixed_deformation
@@ -40,7 +42,7 @@ from critflow.networks.deformation import Deformable, Deformation
 from critflow.networks.network import Array
 from critflow.result import InputError, Record, Solution, Stats, Status
 
-LARGEST_ERROR = 0.1  # of the tension above the end of the branch, beyond which values are NaN
+LARGEST_ERROR = 0.1  # of the tension, beyond which values are NaN
 NO_WORK = 1e-9  # part of Σσ|L||AL| below which a strain does no work on the self-stress
 # Distances from the end of the branch, in units of tr H/tr P: the first nodes, and the closest that are solved.
 _FIRST_NODES, _CLOSEST = (0.5, 8.0), 1e-6
@@ -59,7 +61,7 @@ class WeakState:
     s: Array  # τ/κ of the stress amplitude τ
     load: Array  # f − γ r on the modes, (..., m)
     resistance: Array
-    error: Array  # estimate of the error of s
+    error: Array  # estimate of the error of s by interpolation; of `_judged`: that of the tension
     status: NDArray[np.int64]  # codes of `Status`
 
 
@@ -82,57 +84,61 @@ class WeakForces(Record):
     _energy: WeakFunction = field(repr=False)
     _path: WeakStrain = field(repr=False)
     _model: WeakModel | ThermalModel = field(repr=False)
+    _correction: WeakCorrection | None = field(default=None, repr=False)
     _full: WeakForces | None = field(default=None, repr=False)
+    # Errors by quantity, strain and κ, each of which costs a few factorisations.
+    _found: dict[tuple[str, float, float], float] = field(default_factory=dict, repr=False)
 
     def tension(self, strain: ArrayLike, kappa: ArrayLike) -> Array:
         """τ: the tension of edge α is τ σ_α|L_α| with Σσ² = N_b, and what the weak forces add; units of k."""
-        state = self._solve(strain, kappa)
-        stress = state.kappa * state.s
-        return self._valid(state, stress * (1 + self.softening / self.compliance * stress))
+        state = self._judged(strain, kappa)
+        return self._valid(state, self._tension(state))
 
     def error(self, strain: ArrayLike, kappa: ArrayLike) -> Array:
-        """Error (estimate) of the tension: the first terms that the equation leaves out (`weak_model`)."""
-        state = self._solve(strain, kappa)
-        return np.asarray(state.kappa * state.error)[()]
+        """Error (estimate) of the tension: what steps of the whole energy change it by (`weak_correction`)."""
+        return self._judged(strain, kappa).error[()]
 
     def status(self, strain: ArrayLike, kappa: ArrayLike) -> NDArray[np.int64]:
         """Codes of `Status`: ok; unstable where the branch ends; out_of_range where the error exceeds a tenth.
 
-        The error is relative to the tension above the end of the branch, where the stiffness τP + κH of a floppy motion
-        vanishes.  The cubic equation has values everywhere.
+        The error is relative to the tension.  The branch ends where the stiffness τP + κH of a floppy motion vanishes.
+        The cubic equation has values everywhere.
         """
-        return self._solve(strain, kappa).status[()]
+        return self._judged(strain, kappa).status[()]
 
     def stress(self, strain: ArrayLike, kappa: ArrayLike) -> Array:
         """(1/V) dE/dγ with V of the strained network, of springs and weak energy together."""
-        state, path = self._solve(strain, kappa), self._path
-        amplitude, gamma = state.kappa * state.s, state.strain
-        weak = path.weak_rate + gamma * path.weak_curvature
-        weak = weak + np.sum(self._model.modes.loads[1] * self._model.modes.amplitudes(state.s, state.load), axis=-1)
-        value = amplitude * (self.work + self.growth * gamma) + state.kappa * (not self.cubic) * weak
-        return self._valid(state, value / self._volume(state))
+        state = self._judged(strain, kappa)
+        return self._valid(state, self._stress(state) / self._volume(state))
+
+    def stress_error(self, strain: ArrayLike, kappa: ArrayLike) -> Array:
+        """Error (estimate) of the stress, as that of the tension; it may exceed the stress where that changes sign."""
+        state = self._judged(strain, kappa)
+        if self._full is not None:
+            difference = np.abs(self.stress(strain, kappa) - self._full.stress(strain, kappa))
+            return np.asarray(difference + self._full.stress_error(strain, kappa))[()]
+        if self._correction is None:
+            change = self._stress(self._shifted(state)) - self._stress(state)
+        else:
+            change = self._corrected("stress", state, self._stress(state))
+        return np.asarray(np.abs(change) / self._volume(state))[()]
 
     def modulus(self, strain: ArrayLike, kappa: ArrayLike, deformation: Deformable | None = None) -> Array:
         """(1/V) d²E/dγ² along the path, or (1/V) d²E/dε² of another deformation, with V of the strained network."""
-        state = self._solve(strain, kappa)
-        volume, other, modes = self._volume(state), self._path, self._model.modes
-        load, growth = modes.loads[1], self.deformation.second_rate(0.0)
-        mixed = growth
-        if deformation is not None:
-            path = fixed_deformation(deformation, self.critical.network.dimension)
-            other, growth = WeakStrain(self._model.system, self._energy, path), path.second_rate(0.0)
-            mixed = other.strain @ self._path.strain
+        state = self._judged(strain, kappa)
+        return self._valid(state, self._modulus(state, deformation) / self._volume(state))
+
+    def modulus_error(self, strain: ArrayLike, kappa: ArrayLike, deformation: Deformable | None = None) -> Array:
+        """Error (estimate) of the modulus, as that of the tension."""
+        state = self._judged(strain, kappa)
         if self._full is not None:
-            return self._valid(state, other.work**2 / (state.resistance * volume))
-        if deformation is not None:
-            modes = self._model.extended(other.weak_load)
-            load = modes.loads[2]
-        forces = modes.loads[0] - state.strain[..., None] * modes.loads[1]
-        work = other.work + state.strain * other.turning(self._path, mixed)
-        work = work - np.sum(load * modes.amplitudes(state.s, forces, 2), axis=-1)
-        weak = other.weak_curvature - np.sum(load * modes.amplitudes(state.s, load), axis=-1)
-        geometric = state.s * other.turning(other, growth) + weak
-        return self._valid(state, (work**2 / state.resistance + state.kappa * geometric) / volume)
+            difference = self.modulus(strain, kappa, deformation) - self._full.modulus(strain, kappa, deformation)
+            return np.asarray(np.abs(difference) + self._full.modulus_error(strain, kappa, deformation))[()]
+        if self._correction is None:
+            change = self._modulus(self._shifted(state), deformation) - self._modulus(state, deformation)
+        else:
+            change = self._corrected("modulus", state, self._modulus(state, deformation), deformation)
+        return np.asarray(np.abs(change) / self._volume(state))[()]
 
     def modulus_derivatives(self, strain: float, kappa: float) -> tuple[Array, ...]:
         """Derivatives of `modulus` along the path by σ (N_b,), L (N_b, d), free coordinates (n_free, d) and k (N_b,).
@@ -150,13 +156,13 @@ class WeakForces(Record):
 
     def displacement(self, strain: ArrayLike, kappa: ArrayLike) -> Array:
         """Displacements (..., N_v, d) of the vertices from F(γ) x_c."""
-        state = self._solve(strain, kappa)
+        state = self._judged(strain, kappa)
         floppy = self._model.modes.amplitudes(state.s, state.load) @ self._model.modes.vectors.T
         return self._on_vertices(state, state.strain[..., None] * self._path.motion + floppy)
 
     def nonaffinity(self, strain: ArrayLike, kappa: ArrayLike) -> Array:
         """(1/N_v) Σ|du/dγ|² of the displacements u, in units of length squared."""
-        state, modes = self._solve(strain, kappa), self._model.modes
+        state, modes = self._judged(strain, kappa), self._model.modes
         moving = modes.amplitudes(state.s, state.load, 2)
         pulled = np.sum(modes.loads[1] * moving, axis=-1)  # −dΦ/dγ at constant s
         rate = (self.work + self.growth * state.strain - pulled) / (state.kappa * state.resistance)
@@ -182,6 +188,89 @@ class WeakForces(Record):
     def cubic(self) -> bool:
         """Whether the equation is that of the leading order; its error is the difference to the full one."""
         return self._full is not None
+
+    # Values of a solution of the scalar equation
+
+    def _tension(self, state: WeakState) -> Array:
+        stress = state.kappa * state.s
+        return np.asarray(stress * (1 + self.softening / self.compliance * stress))
+
+    def _stress(self, state: WeakState) -> Array:
+        """dE/dγ."""
+        amplitude, gamma, path = state.kappa * state.s, state.strain, self._path
+        weak = path.weak_rate + gamma * path.weak_curvature
+        weak = weak + np.sum(self._model.modes.loads[1] * self._model.modes.amplitudes(state.s, state.load), axis=-1)
+        return np.asarray(amplitude * (self.work + self.growth * gamma) + state.kappa * (not self.cubic) * weak)
+
+    def _modulus(self, state: WeakState, deformation: Deformable | None) -> Array:
+        """d²E/dε²."""
+        other, modes = self._path, self._model.modes
+        load, growth = modes.loads[1], self.deformation.second_rate(0.0)
+        mixed = growth
+        if deformation is not None:
+            path = fixed_deformation(deformation, self.critical.network.dimension)
+            other, growth = WeakStrain(self._model.system, self._energy, path), path.second_rate(0.0)
+            mixed = other.strain @ self._path.strain
+        if self._full is not None:
+            return np.asarray(other.work**2 / state.resistance)
+        if deformation is not None:
+            modes = self._model.extended(other.weak_load)
+            load = modes.loads[2]
+        forces = modes.loads[0] - state.strain[..., None] * modes.loads[1]
+        work = other.work + state.strain * other.turning(self._path, mixed)
+        work = work - np.sum(load * modes.amplitudes(state.s, forces, 2), axis=-1)
+        weak = other.weak_curvature - np.sum(load * modes.amplitudes(state.s, load), axis=-1)
+        geometric = state.s * other.turning(other, growth) + weak
+        return np.asarray(work**2 / state.resistance + state.kappa * geometric)
+
+    # Their errors
+
+    def _judged(self, strain: ArrayLike, kappa: ArrayLike) -> WeakState:
+        """The solutions with errors of the tension and statuses."""
+        state = self._solve(strain, kappa)
+        if self._full is not None:  # the cubic equation
+            full = self._full._judged(strain, kappa)
+            error = np.abs(self._full._tension(full) - self._tension(state)) + full.error
+            return replace(state, error=error, status=np.full(state.s.shape, int(Status.ok)))
+        if isinstance(self._model, ThermalModel):
+            left_out = np.abs(self._model.neglected_slopes(state.s, state.kappa)).sum(axis=-1)
+            elastic = 0.5 * np.abs(self.growth * state.strain / self.work)
+            elastic = elastic + 1.5 * np.abs(self.softening / self.compliance * state.kappa * state.s)
+            error = left_out / state.resistance + state.kappa * elastic**2 * np.abs(state.s)
+        else:
+            error = self._corrected("tension", state, self._tension(state))
+        error = error + state.kappa * state.error
+        excessive = ~(error <= LARGEST_ERROR * np.abs(self._tension(state)))
+        status = np.where(excessive & (state.status == Status.ok), int(Status.out_of_range), state.status)
+        return replace(state, error=error, status=status)
+
+    def _shifted(self, state: WeakState) -> WeakState:
+        """The state with a tension that is larger by its error."""
+        s = state.s + state.error / state.kappa
+        return replace(state, s=s, resistance=self._resistance(state.kappa, s, state.load, self._model.modes))
+
+    def _corrected(
+        self, quantity: str, state: WeakState, values: Array, deformation: Deformable | None = None
+    ) -> Array:
+        """Errors of values (...) by steps of the whole energy; infinite where the branch has ended."""
+        assert self._correction is not None
+        path = None
+        if deformation is not None:
+            path = fixed_deformation(deformation, self.critical.network.dimension)
+        result, modes = np.full(state.s.shape, np.inf), self._model.modes
+        for n in np.ndindex(state.s.shape):
+            if state.status[n] == Status.unstable:
+                continue
+            key = quantity, float(state.strain[n]), float(state.kappa[n])
+            error = self._found.get(key) if path is None else None
+            if error is None:
+                floppy = modes.vectors @ modes.amplitudes(state.s[n], state.load[n])
+                tau = float(state.kappa[n] * state.s[n])
+                error = _error(self._correction.steps(*key, tau, floppy, path), float(values[n]))
+            if path is None:
+                self._found[key] = error
+            result[n] = error
+        return result
 
     # The scalar equation
 
@@ -232,17 +321,8 @@ class WeakForces(Record):
     def _state(self, gamma: Array, kappa: Array, x: Array, coarse: Array, modes: Modes) -> WeakState:
         s, load = self.branch_end + x, modes.loads[0] - gamma[..., None] * modes.loads[1]
         resistance = self._resistance(kappa, s, load, modes)
-        if self._full is not None:  # the cubic equation
-            full = self._full._solve(gamma, kappa)
-            error = np.abs(full.s - s) + full.error
-            return WeakState(gamma, kappa, s, load, resistance, error, np.full(s.shape, int(Status.ok)))
-        left_out = np.abs(self._model.neglected_slopes(s, kappa)).sum(axis=-1) / (kappa * resistance)
-        elastic = 0.5 * np.abs(self.growth * gamma / self.work)
-        elastic = elastic + 1.5 * np.abs(self.softening / self.compliance * kappa * s)
-        error = left_out + elastic**2 * np.abs(s) + np.abs(coarse - x)
-        status = np.where(error > LARGEST_ERROR * x, int(Status.out_of_range), int(Status.ok))
-        status = np.where(x < _CLOSEST * self._model.scale, int(Status.unstable), status)
-        return WeakState(gamma, kappa, s, load, resistance, error, status)
+        status = np.where(x < _CLOSEST * self._model.scale, int(Status.unstable), int(Status.ok))
+        return WeakState(gamma, kappa, s, load, resistance, np.abs(coarse - x), status)
 
     def _volume(self, state: WeakState) -> Array:
         """V det F(γ) of the strained network."""
@@ -311,14 +391,15 @@ def weak_forces(
     system = WeakSystem(critical, sp.csr_array(hessian)[rows][:, rows])
     strain = WeakStrain(system, U, path)
     loads = np.array([force, strain.weak_load])
-    model: WeakModel | ThermalModel = ThermalModel(system, strain) if thermal else WeakModel(system, loads, U)
+    model: WeakModel | ThermalModel = ThermalModel(system, strain) if thermal else WeakModel(system, loads)
     if not np.isfinite(model.end):
         note = "the end of the stable branch was not found: scale the weak energy, or relax it with weak_equilibrium()"
         return _refused(Status.stalled, note, throw)
     model.cover(*(place * model.scale for place in _FIRST_NODES))
     growth = strain.turning(strain, path.second_rate(0.0))
     softening = float(np.sum(sigma**2 * system.flexible_stress / network.stiffness))
-    value = WeakForces(critical, path, strain.work, system.compliance, softening, growth, U, strain, model)
+    correction = None if thermal else WeakCorrection(system, U, strain, path)
+    value = WeakForces(critical, path, strain.work, system.compliance, softening, growth, U, strain, model, correction)
     if order == "cubic":
         value = replace(value, softening=0.0, growth=0.0, _model=model.leading(), _full=value)  # type: ignore[arg-type]
     return Solution(value, Status.ok, Stats("weak forces", len(model.modes.theta)))
@@ -327,6 +408,12 @@ def weak_forces(
 def _refused(status: Status, note: str, throw: bool) -> Solution[WeakForces]:
     solution: Solution[WeakForces] = Solution(None, status, Stats("weak forces"), note)  # type: ignore[arg-type]
     return solution.or_raise("no theory of weak forces") if throw else solution
+
+
+def _error(steps: Array, value: float) -> float:
+    """|X_n − X_0| + |X_n − X_{n−1}| of values after steps (n,) and X_0."""
+    last, before = steps[-1], steps[-2] if len(steps) > 1 else value
+    return float(abs(last - value) + abs(last - before)) if np.isfinite(last) else np.inf
 
 
 def _numbers(values: ArrayLike, name: str) -> Array:

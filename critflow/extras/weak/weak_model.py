@@ -9,12 +9,6 @@ are functions of s alone.  Steps:
 The projection agrees with Φ and its first derivatives at every node, and between nodes to rounding, as a model on half
 of the nodes tells.
 
-At the nodes the first terms that the equation of weak forces leaves out are found too (`neglected`), as energies in
-units of κ: with N_v = gᵀ(λ ∘ g v), N_λ = ½|g v|²
-    n_1 = ½ Σ λ|g v|²                         the tensions λ of weak forces turn with their edges
-    n_2 = ½ N·δz,  M δz = −N                  floppy motions change lengths to second order, with M the bordered matrix
-    n_3 = U(x + v) − U + f·v − ½ vᵀH v        the weak energy beyond its Hessian
-
 Temperature T is another model (`ThermalModel`).  Floppy motions under the tension τ have the weight exp(−τ vᵀP v/2T),
 so that
     ⟨½ vᵀP v⟩ = T ∂/∂τ ½ ln det τP = N_f T/2τ = Φ(s),   s = τ/T,   Φ(s) = N_f/2s
@@ -31,13 +25,11 @@ from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
-import scipy
 import scipy.linalg
 from scipy.sparse.linalg import ArpackNoConvergence, LinearOperator, eigsh
 
-from critflow.extras.weak.weak_energies import WeakFunction
 from critflow.extras.weak.weak_system import WeakFactor, WeakStrain, WeakSystem
-from critflow.linalg.vectors import dot, quasi_random
+from critflow.linalg.vectors import quasi_random
 from critflow.networks.network import Array
 from critflow.springs.state import spring_state
 
@@ -51,24 +43,24 @@ _STRAIN = 1e-4  # of the differences of n_2: the tension is small, and H keeps t
 
 
 class _Node(NamedTuple):
-    """Solutions v and dv/ds (2·n_sources, d·n_free) at one s, and the neglected energies (3,) of the first source."""
+    """Solutions v and dv/ds (2·n_sources, d·n_free) at one s."""
 
     s: float
     vectors: Array
-    neglected: Array
 
 
 class WeakModel:
     """v(s) of loads (n_sources, d·n_free), of which the first is f.
 
-    energy  x (N_v, d), F (d, d) → U and its derivatives
-    end     s_end, found here by default
+    end  s_end, found here by default
     """
 
-    def __init__(self, system: WeakSystem, loads: Array, energy: WeakFunction, end: float | None = None):
-        self.system, self.loads, self._energy = system, loads, energy
+    def __init__(self, system: WeakSystem, loads: Array, end: float | None = None):
+        self.system, self.loads = system, loads
         self._nodes: list[_Node] = []
-        self.scale = system.scales[1] / system.scales[0] or 1.0
+        # The unit of s: without H, that of the forces, which move vertices by about a length there.
+        displaced = float(np.abs(loads).max(initial=0.0)) / float(system.lengths.mean())
+        self.scale = (system.scales[1] or displaced) / system.scales[0] or 1.0
         self.end = self._branch_end() if end is None else end
 
     def _branch_end(self) -> float:
@@ -105,7 +97,7 @@ class WeakModel:
                 if factor.positive:
                     self._nodes.append(self._node(s, factor))
         self._nodes.sort(key=lambda node: node.s)
-        for outdated in ("modes", "coarse", "_splines"):
+        for outdated in ("modes", "coarse"):
             self.__dict__.pop(outdated, None)
 
     @property
@@ -114,29 +106,9 @@ class WeakModel:
         return self._nodes[0].s - self.end, self._nodes[-1].s - self.end
 
     def _node(self, s: float, factor: WeakFactor) -> _Node:
-        solved = [factor.solve(load) for load in self.loads]
-        slopes = [factor.solve(self.system.prestress @ u)[0] for u, _ in solved]
-        return _Node(s, np.array([*(u for u, _ in solved), *slopes]), self._neglected(factor, *solved[0]))
-
-    def _neglected(self, factor: WeakFactor, v: Array, multipliers: Array) -> Array:
-        system, network, compliance = self.system, self.system.network, self.system.flexible_stress
-
-        def without_self_stress(tensions: Array) -> Array:
-            # Tensions along the self-stress belong to τ: what remains does no work on its elongations.
-            return tensions - (compliance @ tensions) / system.compliance * system.sigma
-
-        multipliers, turns = without_self_stress(multipliers), v.reshape(-1, network.dimension)
-        turning = np.asarray(network.free_incidence @ turns)
-        stretch = 0.5 * dot(turning, turning)
-        force = np.asarray(network.divergence @ (multipliers[:, None] * turning)).ravel()
-        missing = stretch - (system.sigma @ stretch) / system.compliance * compliance
-        change, correction = factor.solve(-force, -missing)
-        second = 0.5 * (float(force @ change) + float(stretch @ without_self_stress(correction)))
-        x, unit = system.critical.coordinates.copy(), np.eye(network.dimension)
-        x[network.free] += turns
-        beyond = self._energy(x, unit)[0] - self._energy(system.critical.coordinates, unit)[0]
-        beyond += float(self.loads[0] @ v - 0.5 * v @ (system.hessian @ v))
-        return np.array([float(multipliers @ stretch), second, beyond])
+        solved = [factor.solve(load)[0] for load in self.loads]
+        slopes = [factor.solve(self.system.prestress @ u)[0] for u in solved]
+        return _Node(s, np.array([*solved, *slopes]))
 
     @cached_property
     def modes(self) -> Modes:
@@ -160,13 +132,6 @@ class WeakModel:
         theta, Y = scipy.linalg.eigh(0.5 * (H + H.T), 0.5 * (P + P.T))
         return Modes(theta, Q @ Y, self.loads @ (Q @ Y))
 
-    @cached_property
-    def _splines(self) -> scipy.interpolate.CubicSpline:
-        """Of the neglected energies times distance³, over log distance: as such they vary little between two nodes."""
-        distance = np.array([node.s - self.end for node in self._nodes])
-        scaled = np.array([node.neglected for node in self._nodes]) * distance[:, None] ** 3
-        return scipy.interpolate.CubicSpline(np.log(distance), scaled)
-
     def leading(self) -> ExactModel:
         """The model without H: v = (1/s) Z(ZᵀPZ)⁻¹Zᵀf."""
         v = self.system.factorize(1.0, weak=0.0).solve(self.loads[0])[0]
@@ -177,19 +142,9 @@ class WeakModel:
 
     def extended(self, load: Array) -> Modes:
         """Modes that contain the response to a further load (d·n_free,), at the same nodes."""
-        larger = WeakModel(self.system, np.concatenate([self.loads, [load]]), self._energy, self.end)
+        larger = WeakModel(self.system, np.concatenate([self.loads, [load]]), self.end)
         larger.cover(*self.covered)
         return larger.modes
-
-    def neglected_slopes(self, s: Array, kappa: Array) -> Array:
-        """d/ds of the neglected energies, (..., 3), the same for all κ.
-
-        Where an energy has an extremum its slope vanishes but not its effect, of higher order: the size of a slope is
-        at least that of the energy over the distance from the end of the branch.
-        """
-        distance = np.clip(s - self.end, *self.covered)[..., None]
-        scaled, rate = (self._splines(np.log(distance[..., 0]), n) for n in (0, 1))
-        return np.maximum(np.abs(rate - 3 * scaled), np.abs(scaled)) / distance**4
 
 
 @dataclass(frozen=True, eq=False)
@@ -207,11 +162,13 @@ class Modes:
 
     def work(self, s: Array, load: Array) -> Array:
         """Φ(s) = ½ Σ b²/(s + θ)² + N_f/2s, (...)."""
-        return 0.5 * np.sum(self.amplitudes(s, load) ** 2, axis=-1) + self.n_thermal / (2 * s)
+        work = np.asarray(0.5 * np.sum(self.amplitudes(s, load) ** 2, axis=-1))
+        return work + self.n_thermal / (2 * s) if self.n_thermal else work  # s may be zero without temperature
 
     def work_slope(self, s: Array, load: Array) -> Array:
         """−Φ'(s) = Σ b²/(s + θ)³ + N_f/2s², (...)."""
-        return np.sum(load * self.amplitudes(s, load, 3), axis=-1) + self.n_thermal / (2 * s**2)
+        slope = np.asarray(np.sum(load * self.amplitudes(s, load, 3), axis=-1))
+        return slope + self.n_thermal / (2 * s**2) if self.n_thermal else slope
 
 
 class ExactModel:

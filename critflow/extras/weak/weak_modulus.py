@@ -31,8 +31,8 @@ class WeakModulus(SpringResponse):
     kappa                κ > 0
 
     The value is `weak_forces(...).value.modulus(strain, kappa)`, NaN where the theory ends; its error is that of the
-    numbers, and `WeakForces.error` that of the theory.  Angle springs of fixed stiffness are stiff without limit where
-    edges shrink, so that a largest value may not exist: `design` for a value.
+    theory, `WeakForces.modulus_error`, and of the numbers.  Angle springs of fixed stiffness are stiff without limit
+    where edges shrink, so that a largest value may not exist: `design` for a value.
     """
 
     energy: WeakEnergy
@@ -71,7 +71,11 @@ class WeakModulus(SpringResponse):
         return weak.modulus_derivatives(self.strain, self.kappa)[3]
 
     def error(self, critical: CriticalConfiguration) -> float:
-        return super().error(critical) + _ACCURACY * abs(self.evaluate(critical)[0])
+        weak = self._weak(critical)
+        if weak is None:
+            return np.nan
+        theory = float(weak.modulus_error(self.strain, self.kappa))
+        return super().error(critical) + theory + _ACCURACY * abs(float(weak.modulus(self.strain, self.kappa)))
 
     def _weak(self, balance: Balanced) -> WeakForces | None:
         """The weak forces of the balance where they have a modulus."""

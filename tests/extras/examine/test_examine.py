@@ -215,3 +215,11 @@ def test_a_critical_file_needs_no_search_for_onsets(tmp_path, monkeypatch):
     monkeypatch.setattr(module, "critical_strain", lambda *_: pytest.fail("search"))
     examination = examine(tmp_path / "critical.json")
     assert examination.order == "critical" and not examination.critical_strains
+
+
+def test_the_report_says_that_moduli_are_absolute():
+    """k = 5 everywhere: the moduli are five times those of k = 1, and the sentence on units says so."""
+    network = lattice("triangular", 4, 4)
+    one, five = (examine(network.with_stiffness(np.full(network.n_edges, k))) for k in (1.0, 5.0))
+    assert five.elasticity.value.bulk == pytest.approx(5 * one.elasticity.value.bulk, rel=1e-12)
+    assert "stiffness k 5; moduli are not divided by k, their unit is that of k" in str(five)

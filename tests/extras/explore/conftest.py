@@ -12,8 +12,8 @@ from critflow.command.main import main
 def dataset(tmp_path_factory):
     """The path of a dataset of four cases; without the lengths no figure is drawn."""
     folder = tmp_path_factory.mktemp("ensemble")
-    words = ["n_vertices=36", "seeds=0:2", "populations=bulk_modulus,random_stress", "strains=0.001,0.002,0.003"]
-    words.append("variables=edges,offsets,cell,sigma,coordinates,bulk_modulus_0,shear_modulus_0,C_B_exact,bulk_modulus")
+    words = ["n_vertices=36", "seeds=0:2", "populations=max_B_0,random_stress", "strains=0.001,0.002,0.003"]
+    words.append("variables=edges,offsets,cell,sigma,position,B_0,G_0,C_B,B")
     assert main(["run", "ensemble", "--out", str(folder), "--workers", "0", *(f"--set={word}" for word in words)]) == 0
     return folder / "ensemble.nc"
 

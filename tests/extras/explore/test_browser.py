@@ -1,6 +1,7 @@
 """The page in a real Chromium: what it shows, what the mouse changes, its lines, theme and strain."""
 
 import asyncio
+import json
 
 import pytest
 
@@ -167,6 +168,35 @@ async def test_a_narrow_window_and_names_of_all_controls(browser):
         "!(e.labels && e.labels.length) && !e.ariaLabel && !e.textContent.trim()).map(e => e.id)"
     )
     assert await tab.run(unnamed) == []
+
+
+async def test_a_file_is_opened_with_its_cell_and_the_answer_is_in_view(browser):
+    """A refusal below the window is read above it, and is answered in a field, without another choice of the file."""
+    tab = await browser.tab(width=420, height=700)
+    nodes = [{"id": 3 * i + j, "x": i, "y": j} for i in range(3) for j in range(3)]
+    ends = [(3 * i + j, end) for i in range(3) for j in range(3) for end in ((3 * i + 3) % 9 + j, 3 * i + (j + 1) % 3)]
+    links = [{"source": a, "target": b} for a, b in ends]
+    choice = {"name": "mine.json", "text": json.dumps({"nodes": nodes, "links": links})}
+    await tab.run("get('file').scrollIntoView()")
+    await tab.run(
+        f"(() => {{ const c = {json.dumps(choice)}, t = new DataTransfer(); t.items.add(new File([c.text], c.name)); "
+        "get('file').files = t.files; get('file').onchange(); })()"
+    )
+    await tab.until("get('sentence').className === 'error' && get('sentence').textContent.includes('field')")
+    seen = "(() => { const r = get('sentence').getBoundingClientRect(); return [r.top, r.bottom]; })()"
+    top, bottom = await tab.run(seen)
+    assert 0 <= top < bottom <= 700 and await tab.run("scrollY") > 700
+    await tab.run("get('cell').value = '3 3'; get('again').click()")
+    await tab.until(f"get('sentence').textContent.startsWith('mine.json is open') && {SETTLED}")
+    assert (await browser.page_of(tab)).session.state.model.network.cell.tolist() == [[3, 0], [0, 3]]
+    assert tab.problems == []
+
+
+async def test_a_page_without_its_token_says_what_it_needs(browser):
+    for end in ("#", "#wrong token", f"?token={browser.explorer.connections.token}"):
+        tab = await browser.chromium.tab(browser.address.partition("#")[0] + end)
+        await tab.until("document.body && document.body.innerText.includes('the link that critflow explore')")
+        assert tab.problems == [] and await tab.run("socket === undefined")
 
 
 # The least contrast of the text on the page with what is behind it, by the formula of WCAG 2, and the text.

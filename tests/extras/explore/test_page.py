@@ -7,7 +7,9 @@ import numpy as np
 import pytest
 import xarray as xr
 
+from critflow import elasticity, network_from
 from critflow.extras.explore.datasets import Dataset, Filter
+from critflow.extras.explore.exports import network_file, picture_file
 from critflow.extras.explore.page import Page
 from critflow.extras.explore.source import Random
 from critflow.extras.explore.view import WAITS, packed
@@ -70,7 +72,7 @@ def test_numbers_and_limits_follow_the_picture(page):
     picture = header(page, do="change", change=["edge", 5, 2.0])
     assert "numbers" not in picture and picture["face"] == before and page.wait == WAITS[0]
     first = page.refine().header
-    assert {number["key"] for number in first["numbers"]} == {"B_0", "G_0", "V_L", "V_τ", "residual"}
+    assert {number["key"] for number in first["numbers"]} == {"B_0", "G_0", "V_L", "V_tau", "residual"}
     assert page.wait > 0 and page.refine().header["face"]["high"] != before["high"]
     # The same configuration past the transition has the same numbers, and they are not computed again.
     known = page.view._known["quick"][1]
@@ -149,13 +151,84 @@ def test_tables_open_with_fixed_vertices_and_a_volume(page, tmp_path):
     assert network.volume == 6 and "pins=['A', 'B', 'C'], volume=6.0)" in page.script()
 
 
+RIGID = {
+    "edges": "tail,head\nA,D\nB,D\nC,D\n",
+    "vertices": "id,x,y,fixed\nA,0,0,1\nB,4,0,1\nC,0,3,1\nD,3,2,0\n",
+}
+
+# A square grid of nine vertices, which lacks its cell, 3 × 3.
+_NODES = [{"id": 3 * i + j, "x": i, "y": j} for i in range(3) for j in range(3)]
+_LINKS = [(3 * i + j, end) for i in range(3) for j in range(3) for end in ((3 * i + 3) % 9 + j, 3 * i + (j + 1) % 3)]
+GRID = json.dumps({"nodes": _NODES, "links": [{"source": a, "target": b} for a, b in _LINKS]})
+
+
+def uploaded(page, folder, tables):
+    for table, text in tables.items():
+        page.uploads[f"t_{table}.csv"] = folder / f"t_{table}.csv"
+        page.uploads[f"t_{table}.csv"].write_text(text)
+
+
+def test_a_file_without_force_densities_is_shown_as_given(page, tmp_path):
+    """Coordinates and moduli of the file, by how much a change would move them, and no change without a word."""
+    uploaded(page, tmp_path, RIGID)
+    opened = header(page, do="file", name="t_edges.csv", volume="6")
+    network = page.session.state.model.network
+    # By hand: equal stress moves D from (3, 2), outside of the triangle, to (4/3, 1), and the mean length is 3.0.
+    assert not opened["error"] and "shown as given, with springs at rest" in opened["sentence"]
+    assert "starts from equal stress, which changes edges by up to 0.65 of" in opened["sentence"]
+    rows = {row["key"]: row for row in page.refine().header["numbers"]}
+    expected = elasticity(network, network.positions).value
+    assert float(rows["B"]["text"]) == pytest.approx(expected.bulk, rel=1e-12) and expected.bulk > 0
+    assert rows["floppy modes"]["text"] == "0" and set(rows) == set(opened["rows"]) and page.refine() is None
+    segments = page.view.drawings["network"].segments
+    assert [3.0, 2.0] in segments.reshape(-1, 2).tolist()
+    assert "elasticity(network, imported.positions)" in page.script()
+    assert header(page, do="look")["sentence"] == opened["sentence"]
+    changed = header(page, do="change", change=["edge", 0, 0.5])
+    assert "no longer those of the file" in changed["sentence"] and "B_0" in changed["rows"]
+    assert [3.0, 2.0] not in page.view.drawings["network"].segments.reshape(-1, 2).tolist()
+    assert header(page, do="undo")["rest"]
+    equal = header(page, do="change", change=["equal_stress"])
+    np.testing.assert_allclose(page.session.state.critical.coordinates[3], [4 / 3, 1], rtol=1e-14)
+    assert not equal["rest"] and "B" not in equal["rows"]
+
+
+def test_a_file_as_given_is_exported_as_given(page, tmp_path):
+    uploaded(page, tmp_path, RIGID)
+    header(page, do="file", name="t_edges.csv", volume="6")
+    name, content = network_file(page.session, ".json")
+    (tmp_path / name).write_bytes(content)
+    assert network_from(tmp_path / name).positions[3].tolist() == [3.0, 2.0]
+    assert picture_file(page.session, ".png")[1].startswith(b"\x89PNG")
+
+
+def test_a_file_near_a_critical_configuration_says_by_how_much_it_moves(page, tmp_path):
+    near = {"edges": "tail,head\nA,D\nB,D\n", "vertices": RIGID["vertices"].replace("D,3,2", "D,2,0.001")}
+    uploaded(page, tmp_path, near)
+    opened = header(page, do="file", name="t_edges.csv", volume="6")
+    assert not opened["rest"] and "nearest to the positions" in opened["sentence"]
+    assert "changes edges by up to 0.0005 of the mean" in opened["sentence"]
+
+
+def test_a_refusal_speaks_of_the_fields_of_the_page(page, tmp_path):
+    uploaded(page, tmp_path, {**RIGID, "vertices": RIGID["vertices"].replace(",1\n", ",0\n")})
+    refused = header(page, do="file", name="t_edges.csv")["sentence"]
+    assert '"hull" in the field "fixed vertices"' in refused and "pins=" not in refused and "examine(" not in refused
+    wrong = header(page, do="file", name="t_edges.csv", cell="ten")["sentence"]
+    assert 'the field "cell" must be numbers' in wrong and "--" not in wrong
+    page.uploads["grid.json"] = tmp_path / "grid.json"
+    page.uploads["grid.json"].write_text(GRID)
+    assert not header(page, do="file", name="grid.json", cell="3 3")["error"]
+    assert page.session.state.model.network.cell.tolist() == [[3, 0], [0, 3]]
+
+
 def test_a_dataset_shows_its_cases(data, dataset):
     stored = xr.open_dataset(dataset)
     for case in (0, 3):
         assert not header(data, do="case", case=case)["error"]
         where = data.dataset.position(case)
         moduli = {number["key"]: number for number in precise(data)["numbers"]}
-        assert float(moduli["B_0"]["text"]) == pytest.approx(float(stored.bulk_modulus_0.sel(where)), rel=1e-11)
+        assert float(moduli["B_0"]["text"]) == pytest.approx(float(stored.B_0.sel(where)), rel=1e-11)
         assert np.allclose(data.session.state.critical.sigma, stored.sigma.sel(where), rtol=1e-12, atol=0)
     # The exported lines run where the dataset lies.
     with contextlib.chdir(dataset.parent):
@@ -166,10 +239,10 @@ def test_a_dataset_shows_its_cases(data, dataset):
 
 def test_filters_of_a_dataset(data):
     found = data.dataset
-    assert found.variables(Filter()) == ("bulk_modulus_0", "C_B_exact")
-    assert {s["label"] for s in found.points(Filter())} == {"max B₀", "random σ"}
+    assert found.variables(Filter()) == ("B_0", "C_B")
+    assert {s["label"] for s in found.points(Filter())} == {"max B_0", "random σ"}
     assert found.description()["statuses"] == {"ok": 4}
     assert found.mask(Filter(status="floppy")).sum() == 0 and found.points(Filter(status="floppy")) == []
-    plane = header(data, do="filter", x="C_B_exact", y="shear_modulus_0")["plane"]
-    assert plane["x"] == "C_B_exact" and not plane["own"] and len(plane["series"]) == 2
+    plane = header(data, do="filter", x="C_B", y="G_0")["plane"]
+    assert plane["x"] == "C_B" and not plane["own"] and len(plane["series"]) == 2
     assert "series" not in header(data, do="look", series=plane["key"])["plane"]

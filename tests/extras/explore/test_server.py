@@ -1,6 +1,7 @@
 """The server of the page: loopback only, nothing without the token, exports equal to the state."""
 
 import asyncio
+import contextlib
 import json
 import os
 import socket
@@ -13,8 +14,10 @@ from tornado.websocket import websocket_connect
 
 from critflow import network_from
 from critflow.command.main import main
+from critflow.extras.explore import connections
 from critflow.extras.explore.server import Explorer, listening
 from critflow.extras.explore.source import Random
+from critflow.extras.explore.uploads import LARGEST_FILE, MOST_AT_A_TIME
 from critflow.result import EnvironmentFailure
 
 
@@ -28,16 +31,17 @@ class Served:
         self.host = f"http://{urlsplit(self.address).netloc}"
 
     async def get(self, path, token=None, **given):
-        token = self.explorer.token if token is None else token
-        url = f"{self.host}/{path}{'&' if '?' in path else '?'}token={token}"
+        token = self.explorer.connections.token if token is None else token
+        headers = {"Authorization": f"Bearer {token}"}
         try:
-            return await AsyncHTTPClient().fetch(url, **given)
+            return await AsyncHTTPClient().fetch(f"{self.host}/{path}", headers=headers, **given)
         except HTTPClientError as error:
             return error.response
 
     async def tab(self, name=""):
-        url = f"ws{self.host[4:]}/socket?token={self.explorer.token}&tab={name}"
-        self.connections.append(await websocket_connect(url))
+        protocols = ["critflow", self.explorer.connections.token]
+        url = f"ws{self.host[4:]}/socket?tab={name}"
+        self.connections.append(await websocket_connect(url, subprotocols=protocols))
         return self.connections[-1]
 
     @staticmethod
@@ -65,18 +69,28 @@ def server(loop):
     loop.run(server.close())
 
 
-async def test_nothing_is_served_without_the_token(server):
-    for path in ("", "page.js", "nothing", "export/script.py?tab=x", "export/picture.png?tab=x", "socket"):
-        for token in ("", "wrong", server.explorer.token[:-1], "%C3%A9"):
+async def test_no_data_is_served_without_the_token(server):
+    right = server.explorer.connections.token
+    for path in ("export/script.py?tab=x", "export/picture.png?tab=x", f"token?token={right}", "socket"):
+        for token in ("", "wrong", right[:-1], "é"):
             assert (await server.get(path, token)).code == 403, (path, token)
     assert (await server.get("upload?name=a", "wrong", method="POST", body="x")).code == 403
-    with pytest.raises(HTTPClientError, match="403"):
-        await websocket_connect(f"ws{server.host[4:]}/socket?token=wrong")
-    page = await server.get("")
-    assert page.code == 200 and server.explorer.token in page.body.decode()
-    assert "default-src 'none'" in page.headers["Content-Security-Policy"]
+    for protocols in (None, ["critflow"], ["critflow", "wrong"], ["other", right]):
+        with pytest.raises(HTTPClientError, match="403"):
+            await websocket_connect(f"ws{server.host[4:]}/socket?token={right}", subprotocols=protocols)
+    assert (await server.get("token")).code == 204
     assert (await server.get("nothing")).code == 404
     assert (await server.get("export/script.py?tab=x")).code == 404
+
+
+async def test_the_files_of_the_page_are_the_same_for_everybody(server):
+    page = await server.get("", "")
+    assert page.code == 200 and "default-src 'none'" in page.headers["Content-Security-Policy"]
+    for path in ("", "page.js", "page.css"):
+        assert server.explorer.connections.token not in (await server.get(path)).body.decode()
+    # Browsers send no part of an address from its # on.
+    address = urlsplit(server.address)
+    assert address.fragment == server.explorer.connections.token and not address.query
 
 
 async def test_nothing_listens_beyond_loopback(server):
@@ -107,9 +121,10 @@ def test_the_token_is_in_a_private_file_and_not_in_the_arguments_of_the_browser(
     monkeypatch.setattr("webbrowser.open", opened.append)
 
     def look(explorer, port, announce):
-        announce(f"http://127.0.0.1:1/?token={explorer.token}")
+        token = explorer.connections.token
+        announce(f"http://127.0.0.1:1/#{token}")
         file = Path(unquote(urlsplit(opened[0]).path))
-        assert explorer.token not in opened[0] and explorer.token in file.read_text()
+        assert token not in opened[0] and token in file.read_text()
         assert file.stat().st_mode & 0o777 == 0o600 and file.parent.stat().st_mode & 0o077 == 0
         explorer.close()
 
@@ -160,11 +175,115 @@ async def test_tabs_are_apart_and_a_reload_finds_its_state(server):
     assert again["welcome"]["tab"] == name and again["undo"]
 
 
-async def test_a_page_that_cannot_be_read_leaves_the_server_running(server):
+UNREADABLE = {
+    "broken": "{",
+    "a list": "[]",
+    "a number": "7",
+    "deep": "[" * 100_000,
+    "deep in a message": '{"do": "change", "change": ' + "[" * 100_000,
+    "bytes": b"\xff",
+    "deep, and readable": '{"do": "change", "change": ' + "[" * 700 + "]" * 700 + "}",
+    "no action": '{"do": 7}',
+    "no place": json.dumps({"do": "pick", "panel": "network", "x": "x", "y": 0}),
+}
+
+
+@pytest.mark.parametrize("text", UNREADABLE.values(), ids=UNREADABLE)
+async def test_a_message_that_cannot_be_read_is_answered_with_a_sentence(server, text):
     connection = await server.tab()
     await server.reply(connection)
-    for text in ("{", "[]", "7", '{"do": 7}', json.dumps({"do": "pick", "panel": "network", "x": "x", "y": 0})):
-        await connection.write_message(text)
+    await connection.write_message(text, binary=isinstance(text, bytes))
     found = {}
-    while "incomplete" not in found.get("sentence", ""):
+    while not (found.get("fault") or found.get("error")):
         found = await server.reply(connection)
+    assert "reload" in (found.get("fault") or found["sentence"])
+    await connection.write_message(json.dumps({"do": "look", "seq": 5}))
+    while (await server.reply(connection)).get("seq") != 5:
+        pass
+
+
+async def raw(server, head):
+    """A connection that has sent a few bytes."""
+    address = urlsplit(server.host)
+    reader, writer = await asyncio.open_connection(address.hostname, address.port)
+    writer.write(head.encode())
+    await writer.drain()
+    return reader, writer
+
+
+async def ended(reader, seconds=3.0):
+    """What a connection answers until the server closes it; raises `TimeoutError` if it stays open."""
+    async with asyncio.timeout(seconds):
+        with contextlib.suppress(ConnectionError):
+            return await reader.read()
+    return b""
+
+
+def posted(server, token, size, name="a.csv", tab="x"):
+    return (
+        f"POST /upload?tab={tab}&name={name} HTTP/1.1\r\nHost: a\r\nContent-Length: {size}\r\n"
+        f"Authorization: Bearer {token}\r\n\r\n"
+    )
+
+
+async def test_a_body_without_the_token_is_refused_before_it_arrives(server):
+    """The request ends while its body is still awaited; the other paths take no body at all."""
+    reader, writer = await raw(server, posted(server, "wrong", 40_000_000))
+    assert b" 403 " in await ended(reader)
+    writer.close()
+    for path in ("page.js", "export/script.py", "socket", "token"):
+        words = f"GET /{path} HTTP/1.1\r\nHost: a\r\nContent-Length: 40000000\r\n\r\n"
+        reader, writer = await raw(server, words)
+        await ended(reader)
+        writer.close()
+
+
+async def test_many_slow_connections_are_few_for_the_server(server):
+    slow = [await raw(server, "GET / HTTP/1.1\r\n") for _ in range(3 * connections.MOST_UNKNOWN)]
+    for reader, _ in slow[: 2 * connections.MOST_UNKNOWN - 1]:
+        await ended(reader)
+    assert len([known for known in server.explorer.connections.unknown if not known.closed()]) <= 32
+    # The page works meanwhile, and what has shown the token is not closed for others.
+    tab = await server.tab()
+    await server.reply(tab)
+    more = [await raw(server, "GET / HTTP/1.1\r\n") for _ in range(2 * connections.MOST_UNKNOWN)]
+    await tab.write_message(json.dumps({"do": "look", "seq": 5}))
+    while (await server.reply(tab)).get("seq") != 5:
+        pass
+    for _, writer in slow + more:
+        writer.close()
+
+
+async def test_a_connection_that_asks_for_nothing_is_closed(loop, monkeypatch):
+    monkeypatch.setattr(connections, "UNKNOWN_SECONDS", 0.1)
+    server = Served()
+    for head in ("", "GET / HTTP/1.1\r\nHost:"):
+        reader, writer = await raw(server, head)
+        await ended(reader)
+        writer.close()
+    await server.close()
+
+
+async def test_unfinished_files_are_few_and_leave_nothing(server):
+    tab = (await server.reply(await server.tab()))["welcome"]["tab"]
+    token, folder = server.explorer.connections.token, Path(server.explorer.folder.name)
+    begun = [
+        await raw(server, posted(server, token, 1000, f"{number}.csv", tab) + "x" * 500)
+        for number in range(MOST_AT_A_TIME)
+    ]
+    while len(server.explorer.uploads) < MOST_AT_A_TIME:
+        await asyncio.sleep(0.01)
+    refused = await server.get(f"upload?tab={tab}&name=b.csv", method="POST", body="y")
+    assert refused.code == 503 and "wait" in refused.body.decode()
+    begun[0][1].write(b"x" * 500)
+    assert b" 200 " in await begun[0][0].readline()
+    for _, writer in begun:
+        writer.close()
+    while server.explorer.uploads:
+        await asyncio.sleep(0.01)
+    assert list(server.explorer.pages[tab].uploads) == ["0.csv"] and list(folder.glob("arriving-*")) == []
+    assert server.explorer.pages[tab].uploads["0.csv"].read_text() == "x" * 1000
+    reader, writer = await raw(server, posted(server, token, LARGEST_FILE + 1, "b.csv", tab))
+    large = await ended(reader)
+    writer.close()
+    assert b" 413 " in large and b"50 MB" in large

@@ -34,7 +34,7 @@ def text(session, key):
 RECIPES = {
     "edges": [("edge", 5, 0.7), ("edge", 9, -1.5), ("edge", 5, 0.1)],
     "population and face": [("population", "random_stress"), ("face", 4, 0.05), ("edge", 2, 0.3)],
-    "optimum": [("population", "tension_variance"), ("edge", 7, 0.2)],
+    "optimum": [("population", "min_V_tau"), ("edge", 7, 0.2)],
     "blend": [("blend", 0.0, 0.0, 1.0, 0.0, 0.25, 0.5), ("face", 1, 0.01)],
     "cut": [("population", "random_stress"), ("cut", 11), ("edge", 3, 1.0), ("cut", 0), ("cut", 20)],
 }
@@ -87,8 +87,8 @@ def test_a_slider_that_moves_on_is_one_step_of_undo(session):
 
 
 def test_the_recipe_leaves_out_what_later_changes_overrule(session):
-    replay(session, [("edge", 5, 1.0), ("cut", 2), ("strain", "dilation", 0.01), ("population", "bulk_modulus")])
-    assert session.recipe() == [("cut", 2), ("population", "bulk_modulus")]
+    replay(session, [("edge", 5, 1.0), ("cut", 2), ("strain", "dilation", 0.01), ("population", "max_B_0")])
+    assert session.recipe() == [("cut", 2), ("population", "max_B_0")]
 
 
 def test_numbers_are_those_of_the_library(session):
@@ -233,7 +233,7 @@ SHORT = {
     "far below its error": (numbers.Number("V_L", 5e-32, 7.9e-30, numbers.PROOF), "0", "0"),
     "negative": (numbers.Number("C_B", -12.34567, 1e-9, numbers.ESTIMATE), "-12.35", "-12.34567000"),
     "small": (numbers.Number("residual", 1.234567e-16), "1.235e-16", "1.23457e-16"),
-    "count": (numbers.Number("zero modes", 123456), "123456", "123456"),
+    "count": (numbers.Number("floppy modes", 123456), "123456", "123456"),
     "none": (numbers.Number("G_0", np.nan), "—", "—"),
 }
 

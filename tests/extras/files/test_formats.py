@@ -141,7 +141,7 @@ def drawn_length(path):
     ids=["voronoi", "sheared", "edges along the border"],
 )
 def test_drawings_have_the_requested_size(tmp_path, network, copies):
-    write_network(network, tmp_path / "n.svg", size=50.0, width=0.4, copies=copies)
+    write_network(network, tmp_path / "n.svg", size=50.0, width=0.4, copies=copies, by_stiffness=False)
     root = ET.parse(tmp_path / "n.svg").getroot()
     assert max(float(root.get(side).removesuffix("mm")) for side in ("width", "height")) == pytest.approx(50.8)
     extent = np.ptp(np.array([[0, 0], [1, 0], [0, 1], [1, 1]]) @ (copies * network.cell), axis=0).max()
@@ -184,6 +184,47 @@ def test_cross_sections_of_struts_are_those_of_their_stiffness(tmp_path):
     assert sorted(np.ptp(body.vertices[:, 2]) / 2 for body in bodies[:2]) == pytest.approx(radii, rel=1e-4)
     # Balls are as large as the largest strut that ends there.
     assert sorted(np.ptp(body.vertices[:, 2]) / 2 for body in bodies[2:]) == pytest.approx(radii[[0, 1, 1]], rel=1e-4)
+
+
+def test_stiffnesses_that_vary_are_seen_without_an_option(tmp_path):
+    """Widths and colours of the drawing, and a legend with both ends; one width where none varies, or if requested."""
+    x = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 2.0]])
+    ends = {"pins": {0: x[0], 2: x[2]}, "positions": x}
+    for stiffness, labels in (([1.0, 3.0], ["k = 0", "3"]), ([0.1, 4.0], ["k = 0.1", "4 (log)"])):
+        write_network(Network([[0, 1], [1, 2]], stiffness=stiffness, **ends), tmp_path / "n.svg", size=100.0, width=0.7)
+        root = ET.parse(tmp_path / "n.svg").getroot()
+        paths = [one for one in root if one.tag.endswith("path")]
+        widths = np.array([float(path.get("stroke-width")) for path in paths])
+        sections = np.array(stiffness) * [1, 2]
+        assert widths == pytest.approx(0.7 * sections / sections.mean(), rel=1e-5)
+        assert len({path.get("stroke") for path in paths}) == 2 and paths[1].get("stroke") == "#0b1530"
+        assert [text.text for text in root.iter() if text.tag.endswith("text")] == labels
+    for network, option in (
+        (Network([[0, 1], [1, 2]], stiffness=[1.0, 3.0], **ends), {"by_stiffness": False}),
+        (Network([[0, 1], [1, 2]], stiffness=[3.0, 3.0], **ends), {}),
+    ):
+        write_network(network, tmp_path / "n.svg", **option)
+        drawn = (tmp_path / "n.svg").read_text()
+        assert drawn.count("<path") == 1 and "black" in drawn and "<text" not in drawn
+
+
+def test_solids_of_stiffnesses_that_vary_have_struts_of_several_radii(tmp_path):
+    pytest.importorskip("trimesh")
+    contents = []
+    for option in ({}, {"by_stiffness": True}, {"by_stiffness": False}):
+        write_network(NETWORKS["voronoi"], tmp_path / "n.stl", **option)
+        contents.append((tmp_path / "n.stl").read_bytes())
+    assert contents[0] == contents[1] != contents[2]
+
+
+@pytest.mark.parametrize("value", [1e300, np.inf, np.nan, -1.0, 0.0])
+@pytest.mark.parametrize(
+    ("file", "option"), [("n.stl", "radius"), ("n.stl", "size"), ("n.svg", "size"), ("n.svg", "width")]
+)
+def test_sizes_that_no_drawing_has_are_refused(tmp_path, file, option, value):
+    with pytest.raises(InputError, match=f"{option}=.*millimetres"):
+        write_network(NETWORKS["voronoi"], tmp_path / file, **{option: value})
+    assert not (tmp_path / file).exists()
 
 
 def far(network):

@@ -331,13 +331,17 @@ def test_a_case_of_a_dataset():
         "edges": network.edges,
         "offsets": network.offsets,
         "cell": network.cell,
-        "coordinates": x,
+        "position": x,
         "sigma": sigma,
     }
-    variables = {
-        name: (("seed", *(f"{name}{axis}" for axis in range(array.ndim))), array[None])
-        for name, array in arrays.items()
+    dims = {
+        "edges": ("edge", "end"),
+        "offsets": ("edge", "axis"),
+        "cell": ("cell_vector", "axis"),
+        "position": ("vertex", "axis"),
+        "sigma": ("edge",),
     }
+    variables = {name: (("seed", *dims[name]), array[None]) for name, array in arrays.items()}
     dataset = xr.Dataset(variables, coords={"seed": [3]})
     read = network_from(dataset.sel(seed=3))
     assert not read.repaired
@@ -345,8 +349,15 @@ def test_a_case_of_a_dataset():
         np.testing.assert_array_equal(getattr(read.network, name), arrays[name])
     np.testing.assert_array_equal(read.positions, x)
     np.testing.assert_array_equal(read.force_densities, sigma)
-    with pytest.raises(InputError, match="choose one case"):
+    critical = read.configuration
+    np.testing.assert_array_equal(critical.sigma, sigma)
+    assert critical.network is read.network and critical.residual < 1e-12
+    with pytest.raises(InputError, match="one seed"):
         network_from(dataset)
+    with pytest.raises(InputError, match="schema 3"):
+        network_from(dataset.sel(seed=3).rename(position="coordinates"))
+    with pytest.raises(InputError, match="force densities"):
+        _ = network_from(dataset.sel(seed=3).drop_vars("sigma")).configuration
     with pytest.raises(InputError, match="lacks"):
         network_from(dataset.sel(seed=3).drop_vars("edges"))
 
@@ -435,6 +446,7 @@ DAMAGED = {
         "neither a number",
     ),
     "one_edges.csv": ("tail,head\n0,1\n", "is one of two tables: give the other one after it"),
+    "centres.csv": ("x,y\n0,1\n2,3\n", "the cell, if its rows are centres of cells"),
     "deep.json": ("[" * 100_000 + "]" * 100_000, "cannot be read as graph: maximum recursion"),
     "deep.gml": ("graph [ " * 3000 + "]" * 3000, "cannot be read as graph: maximum recursion"),
     "deep.graphml": ("<graphml>" * 20_000 + "</graphml>" * 20_000, "graphml"),
@@ -458,3 +470,37 @@ def test_a_damaged_file_is_one_sentence(tmp_path, capsys, name):
     assert main(["convert", str(tmp_path / name), str(tmp_path / "out.json")]) == 2
     error = capsys.readouterr().err
     assert word in error and error.count("\n") == 1
+
+
+CENTRES = np.random.default_rng(3).random((20, 2))
+OBLIQUE = np.array([[5.0, 0.0], [1.0, 4.0]])
+
+
+@pytest.mark.parametrize("cell", [5.0, (5.0, 4.0), OBLIQUE], ids=["a side", "sides", "vectors"])
+def test_centres_of_cells_are_read_as_their_voronoi_network(tmp_path, cell):
+    vectors = cell if np.ndim(cell) == 2 else np.diag(np.broadcast_to(cell, 2))
+    x = (CENTRES - 0.3) @ vectors
+    path = tmp_path / "centres.csv"
+    path.write_text("x,y,area\n" + "".join(f"{a!r},{b!r},1\n" for a, b in x.tolist()))
+    expected = voronoi_network(points=CENTRES, cell=vectors)
+    lengths = np.sort(np.linalg.norm(expected.bond_vectors(expected.positions), axis=1))
+    for source in (path, pandas.read_csv(path), x):
+        read = network_from(source, voronoi=True, cell=cell)
+        assert (read.network.n_vertices, read.network.n_edges) == (40, 60) and "20 centres" in str(read)
+        found = np.linalg.norm(read.network.bond_vectors(read.positions), axis=1)
+        np.testing.assert_allclose(np.sort(found), lengths, rtol=0, atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("source", "options", "word"),
+    [
+        (CENTRES, {}, "need the periodic cell"),
+        (CENTRES[:, 0], {"cell": 1.0}, "two or three columns"),
+        (CENTRES, {"cell": np.ones((3, 2))}, "side lengths or as many vectors"),
+        (12 * CENTRES, {"cell": 1.0}, "span 10.7 cells: give the cell that they lie in"),
+        ("nowhere.csv", {"cell": 1.0}, "there is no file nowhere.csv"),
+    ],
+)
+def test_centres_that_make_no_network_are_one_sentence(source, options, word):
+    with pytest.raises(InputError, match=word):
+        network_from(source, voronoi=True, **options)

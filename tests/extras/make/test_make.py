@@ -5,7 +5,7 @@ import pytest
 from extras.tissue_patches import tissue
 
 import critflow
-from critflow import lattice, network_from, voronoi_network, write_network
+from critflow import delaunay_network, lattice, network_from, voronoi_network, write_network
 from critflow.command.main import main
 from critflow.extras.files import data
 from critflow.extras.make import command
@@ -39,8 +39,13 @@ def test_a_network_with_targets(tmp_path, capsys):
     exact = critflow.stiffening(critical).value
     assert abs(exact.C_B) < 1e-9 and 0.201 < exact.bulk_0 < 0.25 + 1e-9
     assert "C_B" in capsys.readouterr().out
-    assert main(["make", str(source), "--target", "C_B=-9", "--out", str(out)]) == 3
-    assert "at least" in capsys.readouterr().out
+    before = {path: path.read_bytes() for path in tmp_path.iterdir()}
+    words = ["--picture", str(tmp_path / "made.png"), "--out", str(out)]
+    assert main(["make", str(source), "--target", "C_B=-9", *words]) == 3
+    refused = capsys.readouterr().out
+    assert "at least" in refused and "nothing is written" in refused and "written to" not in refused
+    # What was there before stays, and no picture shows a configuration without the properties.
+    assert {path: path.read_bytes() for path in tmp_path.iterdir()} == before
     assert main(["make", str(source), "--target", "C_B", "--out", str(out)]) == 2
     assert "NAME=VALUE" in capsys.readouterr().err
     twice = ["make", str(source), "--target", "C_B=0", "--out", str(out)]
@@ -48,11 +53,33 @@ def test_a_network_with_targets(tmp_path, capsys):
     assert main([*twice, "--objective", "bulk_modulus"]) == 2 and "--objective" in capsys.readouterr().err
 
 
+def test_poissons_ratio_of_springs_at_rest(tmp_path, capsys):
+    source, out = tmp_path / "d.csv", tmp_path / "made.csv"
+    network = delaunay_network(24, seed=2)
+    write_network(network, source)
+    words = ["make", str(source), "--target", "poisson=-0.5", "--out", str(out)]
+    assert main([*words, "--picture", str(tmp_path / "made.png")]) == 0
+    printed = capsys.readouterr().out
+    assert "poisson -0.5 ±" in printed and "springs at rest" in printed
+    made = network_from(out)
+    C = critflow.elasticity(made.network, made.positions).value
+    for direction, across in (([1, 0], [0, 1]), ([1, 2], [2, -1])):
+        assert C.poisson(direction, across) == pytest.approx(-0.5, abs=1e-7)
+    np.testing.assert_allclose(
+        made.network.bond_vectors(made.positions), network.bond_vectors(network.positions), rtol=0, atol=1e-12
+    )
+    assert main([*words, "--change", "stress"]) == 2 and "--change stiffness" in capsys.readouterr().err
+    assert main([*words, "--change", "faces"]) == 2 and "stress or stiffness" in capsys.readouterr().err
+
+
 @pytest.mark.parametrize(
     ("words", "word"),
     [
         (["make", "h.csv", "--out", "m.svg", "--objective", "colour"], "colour"),
+        (["make", "h.csv", "--out", "m.csv", "--change", "stiffness"], "give --target NAME=VALUE"),
         (["make", "h.csv", "--out", "m.csv", "--target", "B_0=0_1"], "0_1"),
+        (["make", "h.csv", "--out", "m.csv", "--objective", ""], "--objective needs a name"),
+        (["convert", "h.csv", "h.stl", "--radius", "1e300"], "--radius 1e+300 must be positive and at most"),
         (["make", "t.csv", "--out", "m.csv", "--target", "C_B=0"], "in Python, prune_towards("),
     ],
 )

@@ -9,9 +9,11 @@ from critflow import (
     AngleSprings,
     CriticalManifold,
     Network,
+    SoftSprings,
     Status,
     critical_strain,
     fibre_network,
+    lattice,
     optimize,
     voronoi_network,
 )
@@ -65,6 +67,11 @@ def test_a_branch_is_followed_from_tension_downwards():
     np.testing.assert_allclose(found.tension[1:], strains[1:], rtol=1e-9)
 
 
+def growing(x, F):
+    """An energy without force whose Hessian has further entries away from the transition."""
+    return 0.0, 0 * x, 1e-3 * (np.eye(x.size) + (F[0, 0] < 1.004))
+
+
 GOOD = {"critical": CRITICAL, "energy": AngleSprings(), "strains": [0.0], "kappa": 1e-3}
 test_bad_input = refused_changes(
     lambda **changes: weak_equilibrium(**GOOD | changes),
@@ -74,7 +81,21 @@ test_bad_input = refused_changes(
     ({"strains": [np.inf]}, "finite"),
     ({"deformation": "uniaxial_free"}, "fixed components"),
     ({"energy": AngleSprings(np.ones(3))}, "pair"),
+    ({"energy": lambda x, F: (np.nan, 0 * x, np.eye(x.size))}, "energy of the weak energy <lambda> is not finite"),
+    ({"energy": lambda x, F: (0.0, np.nan * x, np.eye(x.size))}, "gradient of the weak"),
+    ({"energy": lambda x, F: (0.0, 0 * x, np.nan * np.eye(x.size))}, "Hessian of the weak"),
+    ({"energy": growing}, "keeps its pattern"),
 )
+
+
+@pytest.mark.parametrize("name", ["square", "honeycomb", "kagome"])
+def test_angles_whose_entries_vanish_at_first_keep_their_pattern(name):
+    # Right angles and straight ones have entries of zero until the network bends.
+    network = lattice(name, 3, 3)
+    critical = CriticalManifold(network).configuration(np.ones(network.n_edges))
+    for energy in (AngleSprings(), [AngleSprings(), SoftSprings([[0, 5], [1, 7]])]):
+        found = weak_equilibrium(critical, energy, [0.01, 0.005], 1e-4, "uniaxial", throw=False)
+        assert found.ok and (found.value.tension > 0).all()
 
 
 def test_a_failure_is_a_status():

@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-import scipy.interpolate
 import scipy.linalg
 import scipy.sparse as sp
 from problems import dense_incidence, hung_ring, partly_compressed, random_stress, slack_lattice, with_random_stiffness
@@ -71,13 +70,10 @@ def test_tension_and_stress_are_those_of_relaxed_energies_within_the_stated_erro
         status, tension = weak.status(STRAINS, kappa), weak.tension(STRAINS, kappa)
         compared = (status == Status.ok) & (true.status == Status.ok)
         error = weak.error(STRAINS, kappa)
-        # The estimate is the size of the first terms left out: deviations are not twice as large.
-        assert (np.abs(tension - true.tension) <= 2 * error)[compared].all()
+        assert (np.abs(tension - true.tension) <= 1.1 * error)[compared].all()
         assert np.isnan(tension[status != Status.ok]).all()
-        # Stress, in units of that of the tension above the end of the branch
-        unit = np.abs(weak.work) * (weak.tension(STRAINS, kappa) - kappa * weak.branch_end) / critical.network.volume
-        deviation = np.abs(weak.stress(STRAINS, kappa) - true.stress) / unit
-        assert (deviation < 0.1)[compared].all()
+        stress_error = weak.stress_error(STRAINS, kappa)
+        assert (np.abs(weak.stress(STRAINS, kappa) - true.stress) <= 1.1 * stress_error)[compared].all()
         counted += np.count_nonzero(compared)
     assert counted >= 6
 
@@ -123,6 +119,22 @@ def test_the_leading_modulus_at_the_transition_is_a_third_of_that_past_it(energy
     cubic = weak_forces(CRITICAL, energy, order="cubic").value
     past = cubic.work**2 / (cubic.compliance * NETWORK.volume)
     np.testing.assert_allclose(cubic.modulus(0.0, KAPPAS), past / 3, rtol=1e-9)
+
+
+LOAD = np.random.default_rng(7).standard_normal((60, 2))
+LOADS = PointForces(LOAD - LOAD.mean(axis=0))
+
+
+@pytest.mark.parametrize("energy", [AngleSprings(), near_angles(), LOADS], ids=["bending", "random angles", "loads"])
+@pytest.mark.parametrize("population", ["B_0", "V_L"])
+@pytest.mark.parametrize("deformation", ["dilation", "uniaxial"])
+def test_the_modulus_at_the_transition_tends_to_a_third_for_any_weak_force(energy, population, deformation):
+    weak = weak_forces(optimize(NETWORK, population).value, energy, deformation).value
+    past = weak.work**2 / (weak.compliance * NETWORK.volume)
+    # Corrections are a series in κ^(1/3): a factor of a thousand leaves a tenth of the first.
+    off = weak.modulus(0.0, np.array([1e-6, 1e-9, 1e-12])) / past - 1 / 3
+    assert abs(off[2]) < 2e-3
+    assert (np.abs(off[1:]) < 0.2 * np.abs(off[:-1])).all()
 
 
 def dense_response(critical, energy):
@@ -287,27 +299,70 @@ def test_failures_are_statuses(monkeypatch):
         weak_forces(critical, AngleSprings(1.9), "simple_shear")
 
 
-def test_the_sizes_of_neglected_slopes_are_those_of_closer_nodes(monkeypatch):
-    distance = np.geomspace(0.5, 50, 40)
-    model = weak_forces(optimize(voronoi_network(60, seed=3), "B_0").value, AngleSprings()).value._model
-    model.cover(0.05, 500)  # energies span ten decades
-    sizes = model.neglected_slopes(model.end + distance, np.array(1e-3)).sum(axis=-1)
-    monkeypatch.setattr("critflow.extras.weak.weak_model.NODE_RATIO", 1.05)
-    model._nodes = []
-    model.cover(0.4, 60)
-    nodes = np.array([node.s for node in model._nodes]) - model.end
-    energies = np.array([node.neglected for node in model._nodes])
-    slopes = scipy.interpolate.CubicSpline(nodes, energies)(distance, 1)
-    least = np.abs(scipy.interpolate.CubicSpline(nodes, energies)(distance)) / distance[:, None]
-    np.testing.assert_allclose(sizes, np.maximum(np.abs(slopes), least).sum(axis=-1), rtol=0.15)
-
-
 @pytest.mark.parametrize(("seed", "kappa"), [(3, 1e-3), (10, 1e-4), (23, 1e-4)])
 def test_deviations_are_of_the_size_of_the_stated_errors(seed, kappa):
-    # Slopes of neglected energies change sign within these strains.
+    # The first terms left out change sign within these strains.
     critical = optimize(voronoi_network(60, seed=seed), "B_0").value
     weak, cubic = (weak_forces(critical, AngleSprings(), order=order).value for order in ("full", "cubic"))
     strains = np.array([-1.0, -0.5, 0.0, 1.0]) * cubic.crossover(kappa)
-    true = weak_equilibrium(critical, AngleSprings(), strains, kappa).value.tension
-    ratio = (np.abs(weak.tension(strains, kappa) - true) / weak.error(strains, kappa))[weak.status(strains, kappa) == 0]
-    assert len(ratio) >= 3 and ratio.max() < 1.8 and np.median(ratio) > 0.5
+    true = weak_equilibrium(critical, AngleSprings(), strains, kappa).value
+    ok = weak.status(strains, kappa) == 0
+    ratio = (np.abs(weak.tension(strains, kappa) - true.tension) / weak.error(strains, kappa))[ok]
+    assert len(ratio) >= 2 and ratio.max() < 1.05 and np.median(ratio) > 0.5
+    ratio = (np.abs(weak.stress(strains, kappa) - true.stress) / weak.stress_error(strains, kappa))[ok]
+    assert ratio.max() < 1.05
+    deviation = np.abs(cubic.tension(strains, kappa) - true.tension)
+    assert (deviation <= 1.05 * cubic.error(strains, kappa))[ok].all()
+
+
+def table_of_errors():
+    """Networks, energies, κ and strains: deviations from relaxed values over the stated errors, of all that is ok."""
+    strains, kappas, h = np.array([-1e-2, -1e-3, 0.0, 1e-3, 1e-2]), (1e-4, 1e-3, 1e-2, 3e-2), 1e-5
+    network = voronoi_network(30, seed=300)
+    soft = SoftSprings(np.stack([np.arange(15), np.arange(15, 30)], axis=1), 0.2, 0.5)
+    rows = []
+    for objective in ("B_0", "V_L"):
+        critical = optimize(network, objective).value
+        for energy in (AngleSprings(), AngleSprings(2 * np.pi / 3), soft):
+            weak = weak_forces(critical, energy).value
+            for kappa in kappas:
+                near = np.concatenate([strains, strains - h, strains + h])
+                true = weak_equilibrium(critical, energy, near, kappa, throw=False).value
+                n, volume = len(strains), 1 + near
+                work = true.stress * volume
+                modulus = (work[2 * n :] - work[n : 2 * n]) / (2 * h * volume[:n])
+                values = true.tension[:n], true.stress[:n], modulus
+                found = (getattr(weak, name)(strains, kappa) for name in ("tension", "stress", "modulus"))
+                errors = (getattr(weak, name)(strains, kappa) for name in ("error", "stress_error", "modulus_error"))
+                ok = (weak.status(strains, kappa) == Status.ok) & (true.status[:n] == Status.ok)
+                deviations = [np.abs(one - other)[ok] for one, other in zip(found, values, strict=True)]
+                ratios = [one / error[ok] for one, error in zip(deviations, errors, strict=True)]
+                rows.append(np.array([*ratios, deviations[0] / np.abs(true.tension[:n][ok])]))
+    return np.concatenate(rows, axis=1)
+
+
+def test_errors_of_all_three_values_cover_deviations_over_decades_of_the_weak_energy():
+    tension, stress, modulus, relative = table_of_errors()
+    assert len(tension) > 70
+    for ratio in (tension, stress, modulus):
+        assert np.mean(ratio > 1.01) < 0.05 and np.median(ratio) > 1 / 30
+    # No value is ok whose error exceeds a fifth.
+    assert relative.max() < 0.2
+
+
+def test_values_are_refused_where_edges_give_way_to_the_weak_forces():
+    # Their stretching, of relative order κ, exceeds what floppy motions do: 5.3e-5 and 3.1e-4 in place of 1.9e-5.
+    network = voronoi_network(60, seed=1)
+    weak = weak_forces(optimize(network, "V_L").value, AngleSprings(2 * np.pi / 3)).value
+    assert (weak.status(0.0, [1e-2, 3e-2]) == Status.out_of_range).all()
+    assert (weak.error(0.0, [1e-2, 3e-2]) > 1e-6).all()
+
+
+def test_angles_at_rest_have_a_modulus_at_zero_tension():
+    network = Network(
+        NETWORK.edges, NETWORK.offsets, NETWORK.cell, positions=CRITICAL.coordinates, n_vertices=NETWORK.n_vertices
+    )
+    critical = CriticalManifold(network).configuration(CRITICAL.sigma)
+    weak = weak_forces(critical, AngleSprings()).value
+    at, near = weak.modulus([0.0, 1e-9], 1e-3)
+    assert at == pytest.approx(near, rel=1e-6) and weak.modulus_error(0.0, 1e-3) < 1e-2 * at

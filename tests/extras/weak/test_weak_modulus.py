@@ -73,12 +73,13 @@ def test_derivatives_by_stiffness_are_those_of_differences(name, strain):
     found = properties(critical, objective)
     row, u = found.by_stiffness[objective.name], np.random.default_rng(1).standard_normal(len(k))
     assert_derivative(modulus, row, k, [u], 2e-3, 0.0, 1e-6 * np.linalg.norm(row))
-    # The value has the digits of its differences along a strain.
-    assert 1e-9 < found.errors[objective.name] / found.values[objective.name] < 1e-7
+    # The error is that of the theory, and of differences along a strain.
+    theory = weak_forces(critical, energy, deformation).value.modulus_error(strain, 1e-4)
+    assert 1e-9 < (found.errors[objective.name] - theory) / found.values[objective.name] < 1e-7
 
 
 def test_a_design_is_stiffer_than_the_largest_bulk_modulus_also_by_relaxed_energies():
-    network, energy, kappa, step = voronoi_network(20, seed=1), AngleSprings(), 1e-3, 2e-4
+    network, energy, kappa, step = voronoi_network(30, seed=1), AngleSprings(), 1e-3, 2e-4
     start = optimize(network, "B_0").value
     found = optimize(network, WeakModulus(energy, kappa), start=start.sigma, max_steps=15, throw=False)
     moduli = []

@@ -10,8 +10,9 @@ from critflow.result import Status
 from critflow.workflow import Claim
 from critflow.workflow.study import plural
 
-from ...shared.figures import lettered
+from ...shared.figures import TEXT, counted, lettered, page
 from ...shared.reports import parameters
+from ..high_precision import DIGITS
 from .outcomes import Outcome, Violation
 from .problems import DIFFICULTIES, METHODS, OBJECTIVES
 
@@ -40,7 +41,7 @@ MAPS = {
 }
 RIGHT = (Outcome.exact, Outcome.bounded, Outcome.tolerated)
 # Difficulties and quantities whose error and bound are drawn.
-SHOWN = (("stress_spread", "configuration"), ("near_singular", "transition_moduli"), ("short_edge", "stiffening"))
+SHOWN = (("contrast", "linear_response"), ("near_singular", "transition_moduli"), ("short_edge", "stiffening"))
 ULP = 2.0**-53
 WIDEST = 100.0
 
@@ -122,19 +123,20 @@ def _number(value):
 def bound_figure(ds):
     """True error and claimed bound against strength, up to the strength with a status."""
     present = [(d, q) for d, q in SHOWN if d in ds.difficulty.values and q in ds.quantity.values]
-    figure = Figure(figsize=(11, 3.8), dpi=110, layout="constrained")
+    figure = page(3.2)
     if not present:
         return figure
-    row = figure.subplots(1, len(present), squeeze=False)[0]
+    row = figure.subplots(1, len(present), sharey=True, squeeze=False)[0]
     for axes, (difficulty, quantity) in zip(row, present, strict=True):
         _draw_bounds(axes, ds, difficulty, quantity)
-    row[0].legend(fontsize=8, frameon=False, loc="upper left")
+    row[0].legend(fontsize=9, frameon=False, loc="upper left")
     lettered(*row)
     wrong = (ds.violation == Violation.above_bound).any()
     relation = "is not always" if wrong else "is always"
     figure.suptitle(
-        f"The claimed bound {relation} above the true error; where it ends, a status has the reason", fontsize=12
-    )
+        f"The claimed bound {relation} above the true error; where it ends, a status has the reason\n"
+        f"({counted(ds)} at each strength, errors against {DIGITS} digits)", fontsize=TEXT + 1,
+    )  # fmt: skip
     return figure
 
 
@@ -164,10 +166,17 @@ def _draw_bounds(axes, ds, difficulty, quantity):
         text = " / ".join(word for word in names if word != "missing") or "refused"
         middle = np.flatnonzero(silent).mean()
         axes.text(
-            middle, 0.5, text, rotation=90, ha="center", va="center", fontsize=9, transform=axes.get_xaxis_transform()
+            middle,
+            0.5,
+            text,
+            rotation=90,
+            ha="center",
+            va="center",
+            fontsize=TEXT,
+            transform=axes.get_xaxis_transform(),
         )
-    shown = steps[:: max(1, n // 5)]
-    axes.set_xticks(shown, [_number(strengths[s]) for s in shown], fontsize=8)
+    shown = steps[:: max(1, n // 3)]
+    axes.set_xticks(shown, [_number(strengths[s]) for s in shown])
     axes.set(yscale="log", xlim=(-0.5, n - 0.5), ylim=(floor / 3, 1e2), xlabel=DIFFICULTIES[difficulty].label)
     axes.set_title(quantity.replace("_", " "))
     axes.set_ylabel("relative error" if axes.get_subplotspec().is_first_col() else "")

@@ -9,6 +9,7 @@ from matplotlib.ticker import LogLocator, NullFormatter
 
 from critflow.figures.plot import COLOURS
 
+from ...shared.figures import RESOLUTION, TEXT, WIDTH
 from .curves import MAIN_SIZE, cases, gain
 from .tasks import TASKS
 
@@ -16,8 +17,8 @@ from .tasks import TASKS
 FIRST = ("strain_step", "moduli", "length_variance")
 # Where an error of exactly zero is drawn, if nothing is below.
 FLOOR = 1e-17
-# Width of a page of print [inches]; text is 7.5 to 10 points there.
-_WIDTH, _RESOLUTION, _SMALL, _TEXT = 7.2, 160, 7.5, 8.5
+# Text of 9 points at the width of a page.
+_WIDTH, _RESOLUTION, _SMALL, _TEXT = WIDTH, RESOLUTION, TEXT, TEXT
 # Height of a line of a legend [inches].
 _LINE = 0.16
 _PEER_COLOURS = (*COLOURS[2:6], "#8C510A", "#666666", "#000000")
@@ -46,7 +47,7 @@ def overview_figure(ds):
         # The panels, not their legends, share the width of the page.
         _legend(below, curves, default, styles).set_in_layout(False)
     sizes = " or ".join(f"{size:,}" for size in dict.fromkeys(size for size, _, _ in shown.values()))
-    _explain(figure, ds, f"Error against time of every method, $N_v$ = {sizes}")
+    _explain(figure, f"Error against time of every method at $N_v$ = {sizes}: lower left is better")
     return figure
 
 
@@ -129,12 +130,9 @@ def _legend(axes, curves, default, styles):
     )  # fmt: skip
 
 
-def _explain(figure, ds, first):
-    share = (ds.seconds / ds.wall_seconds).values
-    share = share[np.isfinite(share)]
-    load = f"; runs had {100 * np.median(share):.0f} % of it (median)" if len(share) else ""
+def _explain(figure, first):
     figure.suptitle(
-        f"{fill(first, 80)}\nlower left is better; dark blue: default, light blue: other methods of critflow, "
-        f"dashed: other packages\nprocessor time on one core{load}",
-        fontsize=_TEXT,
+        f"{first}\n(one network; dark blue: default, light blue: other methods of critflow,\n"
+        "dashed: other packages; processor time on one core)",
+        fontsize=_TEXT + 1,
     )

@@ -1,13 +1,12 @@
 """Figure, claims and summary of the cost of every stage against size, from the dataset alone."""
 
 import numpy as np
-from matplotlib.figure import Figure
 
 from critflow.figures.plot import COLOURS
 from critflow.result import Status
 from critflow.workflow import Claim
 
-from ...shared.figures import lettered
+from ...shared.figures import TEXT, lettered, page
 from ...shared.power_laws import exponent
 from ...shared.reports import MARKERS, duration
 from ..timing import Backend
@@ -63,17 +62,16 @@ def sizes_figure(ds):
     stages = stages_of(ds)
     if stages is None:
         return nothing("no stage was timed")
-    figure = Figure(figsize=(9.5, 4.8), dpi=130, layout="constrained")
+    figure = page(3.9)
     by_time, by_memory = figure.subplots(1, 2, width_ratios=(1.6, 1))
     _draw_times(by_time, stages)
     _draw_memory(by_memory, stages)
     lettered(*figure.axes)
     power, largest = fitted(stages, "configuration"), int(stages.n_vertices[-1])
+    made, taken = (duration(seconds(stages, name)[-1], 2) for name in ("generation", "configuration"))
+    growth = "" if np.isnan(power) else f", which grows as $N_v^{{{power:.2f}}}$"
     figure.suptitle(
-        f"{largest:,} vertices: made in {duration(seconds(stages, 'generation')[-1], 2)}, a configuration in "
-        f"{duration(seconds(stages, 'configuration')[-1], 2)}"
-        + ("" if np.isnan(power) else f", which grows as $N_v^{{{power:.2f}}}$"),
-        fontsize=11,
+        f"A network of {largest:,} vertices takes {made}, a configuration of it {taken}{growth}", fontsize=TEXT + 1
     )
     return figure
 
@@ -92,8 +90,8 @@ def _draw_times(axes, stages):
     low, high = axes.get_ylim()
     axes.set_ylim(low, high * 60)
     axes.legend(
-        fontsize=8.5, frameon=False, loc="upper left", ncols=2, columnspacing=1.0, handletextpad=0.4,
-        title_fontsize=8.5,
+        fontsize=TEXT, frameon=False, loc="upper left", ncols=2, columnspacing=1.0, handletextpad=0.4,
+        title_fontsize=TEXT,
         title=f"exponent of $N_v$ from {FIRST_FITTED:,} on, slowest first" if sizes[-1] > FIRST_FITTED else None,
     )  # fmt: skip
 
@@ -101,12 +99,10 @@ def _draw_times(axes, stages):
 def _draw_memory(axes, stages):
     sizes, memory = stages.n_vertices.values, stages.memory.max("contestant").values / 1e3
     axes.plot(sizes, memory, marker="o", color=COLOURS[0], linewidth=2)
-    axes.axhline(MEMORY / 1e3, color="0.25", linestyle="--", linewidth=1.2)
-    axes.text(sizes[0], 1.03 * MEMORY / 1e3, f"allowed: {MEMORY / 1e3:g} GB", fontsize=9)
     last = (sizes[-1], memory[-1])
-    axes.annotate(f"{memory[-1]:.2g} GB", last, xytext=(-6, 6), textcoords="offset points", ha="right", fontsize=9)
+    axes.annotate(f"{memory[-1]:.2g} GB", last, xytext=(-6, 6), textcoords="offset points", ha="right", fontsize=TEXT)
     axes.set(xscale="log", xlabel="number of vertices $N_v$", ylabel="peak resident memory  [GB]")
-    axes.set_ylim(0, 1.2 * MEMORY / 1e3)
+    axes.set_ylim(0, 1.15 * memory.max())
 
 
 def size_claims(ds):

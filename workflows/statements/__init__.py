@@ -1,0 +1,1 @@
+"""Statements of the paper that a small network decides in a second."""

@@ -1,0 +1,1 @@
+"""Which growth with strain goes with which bulk modulus: attained triples, designed curves, one force network."""
