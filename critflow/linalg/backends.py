@@ -142,7 +142,7 @@ def _eliminate(matrix: sp.csc_matrix, ordering: str) -> SuperLU:
 def multiply(upper: sp.csc_matrix, lower: sp.csr_matrix, x: Array) -> Array:
     """A x of the symmetric matrix with this upper triangle and its transpose, x (n,) or (n, d)."""
     diagonal = upper.data[upper.indptr[1:] - 1]
-    return upper @ x + product(lower, x) - (diagonal * x.T).T
+    return product(upper, x) + product(lower, x) - (diagonal * x.T).T
 
 
 # The solvers of the scene by name.

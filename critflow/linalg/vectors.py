@@ -12,7 +12,7 @@ import scipy.sparse as sp
 from numpy.typing import NDArray
 
 # The kernels of SciPy's own product, unchanged since its first release.
-from scipy.sparse._sparsetools import csr_matvec, csr_matvecs
+from scipy.sparse._sparsetools import csc_matvec, csc_matvecs, csr_matvec, csr_matvecs
 
 Array = NDArray[np.float64]
 
@@ -67,17 +67,17 @@ def set_read_only(record: object, *names: str) -> None:
             object.__setattr__(record, name, array)
 
 
-def product(matrix: sp.csr_array, x: Array) -> Array:
+_KERNELS = {"csr": (csr_matvec, csr_matvecs), "csc": (csc_matvec, csc_matvecs)}
+
+
+def product(matrix: sp.csr_array | sp.csc_matrix, x: Array) -> Array:
     """A x for x (n,) or (n, d) of floats: the bits of `matrix @ x`."""
-    rows = matrix.indptr.size - 1
-    y = np.zeros((rows, *x.shape[1:]))
-    # The kernels take any array and make a contiguous copy where it is not.
-    kernel = csr_matvec if x.ndim == 1 else csr_matvecs
-    kernel(rows, *x.shape, matrix.indptr, matrix.indices, matrix.data, x, y)
-    return y
+    return add_product(matrix, x, np.zeros((matrix.shape[0], *x.shape[1:])))
 
 
-def add_product(matrix: sp.csr_array, x: NDArray[Any], y: NDArray[Any]) -> NDArray[Any]:
-    """y + A x in place of y (n,), all of the same precision."""
-    csr_matvec(y.size, x.size, matrix.indptr, matrix.indices, matrix.data, x, y)
+def add_product(matrix: sp.csr_array | sp.csc_matrix, x: NDArray[Any], y: NDArray[Any]) -> NDArray[Any]:
+    """y + A x in place of a contiguous y (n,) or (n, d), all of the same precision."""
+    # The kernels make a contiguous copy of an x that is not.
+    kernel = _KERNELS[matrix.format][x.ndim - 1]
+    kernel(y.shape[0], *x.shape, matrix.indptr, matrix.indices, matrix.data, x, y)
     return y
