@@ -12,8 +12,8 @@ import pytest
 # the optimum was read, which is computed at once now.
 CEILINGS = {
     "run ensemble": {"lines": 15_008, "modules": 96},
-    "strain path": {"files": 25, "functions": 184, "classes": 29},
-    "optimize G_0": {"files": 23, "functions": 165, "classes": 29},
+    "strain path": {"files": 24, "functions": 181, "classes": 29},
+    "optimize G_0": {"files": 23, "functions": 162, "classes": 29},
 }
 
 

@@ -28,8 +28,7 @@ from critflow.critical.edge_lengths import COLLAPSED
 from critflow.critical.manifold import CriticalConfiguration, CriticalManifold
 from critflow.lengths.boundary import Expansion
 from critflow.lengths.cone import fit_lengths
-from critflow.lengths.few_slack import few_slack
-from critflow.lengths.length_iteration import NEAR, iterate_lengths
+from critflow.lengths.length_iteration import NEAR, few_slack, iterate_lengths
 from critflow.lengths.lengths_end import FromLengths, configuration_of, not_separated, too_short
 from critflow.lengths.taut_edges import OnsetState, newton_taut
 from critflow.lengths.taut_set import EXACT_CONE, polish_taut, resolved, stressed

@@ -23,7 +23,7 @@ from scipy.sparse.csgraph import depth_first_order
 from scipy.sparse.linalg import SuperLU, splu
 
 from critflow.extensions import extras
-from critflow.linalg.vectors import column_product, product
+from critflow.linalg.vectors import product
 from critflow.result import InputError
 
 Array = NDArray[np.float64]
@@ -142,7 +142,7 @@ def _eliminate(matrix: sp.csc_matrix, ordering: str) -> SuperLU:
 def multiply(upper: sp.csc_matrix, lower: sp.csr_matrix, x: Array) -> Array:
     """A x of the symmetric matrix with this upper triangle and its transpose, x (n,) or (n, d)."""
     diagonal = upper.data[upper.indptr[1:] - 1]
-    return column_product(upper, x) + product(lower, x) - (diagonal * x.T).T
+    return product(upper, x) + product(lower, x) - (diagonal * x.T).T
 
 
 # The solvers of the scene by name.

@@ -191,7 +191,8 @@ class FixedPattern:
 
     def eliminate(self, factor: Factor, place: int = 0) -> None:
         """Let a solver eliminate the matrix of a factor; the first one serves the newest."""
-        self.analyse()
+        if not self._solvers:
+            self.analyse()
         self._owners[place] = _nobody
         self._matrix.data = factor._data
         self._solvers[place].update(self._matrix)

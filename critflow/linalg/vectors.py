@@ -81,27 +81,17 @@ def set_read_only(record: object, *names: str) -> None:
             object.__setattr__(record, name, array)
 
 
-def product(matrix: sp.csr_array, x: Array) -> Array:
+_KERNELS = {"csr": (csr_matvec, csr_matvecs), "csc": (csc_matvec, csc_matvecs)}
+
+
+def product(matrix: sp.csr_array | sp.csc_matrix, x: Array) -> Array:
     """A x for x (n,) or (n, d) of floats: the bits of `matrix @ x`."""
-    return add_product(matrix, x, np.zeros((matrix.indptr.size - 1, *x.shape[1:])))
+    return add_product(matrix, x, np.zeros((matrix.shape[0], *x.shape[1:])))
 
 
-def add_product(matrix: sp.csr_array, x: NDArray[Any], y: NDArray[Any]) -> NDArray[Any]:
+def add_product(matrix: sp.csr_array | sp.csc_matrix, x: NDArray[Any], y: NDArray[Any]) -> NDArray[Any]:
     """y + A x in place of a contiguous y (n,) or (n, d), all of the same precision."""
-    parts = matrix.indptr, matrix.indices, matrix.data
-    if x.ndim == 1:
-        csr_matvec(y.size, x.size, *parts, x, y)
-    else:
-        csr_matvecs(*y.shape[:1], *x.shape, *parts, x.ravel(), y.ravel())
-    return y
-
-
-def column_product(matrix: sp.csc_matrix, x: Array) -> Array:
-    """As `product`, of a matrix stored by columns."""
-    y = np.zeros((matrix.shape[0], *x.shape[1:]))
-    parts = matrix.indptr, matrix.indices, matrix.data
-    if x.ndim == 1:
-        csc_matvec(*matrix.shape, *parts, x, y)
-    else:
-        csc_matvecs(*matrix.shape, x.shape[1], *parts, x.ravel(), y.ravel())
+    # The kernels make a contiguous copy of an x that is not.
+    kernel = _KERNELS[matrix.format][x.ndim - 1]
+    kernel(y.shape[0], *x.shape, matrix.indptr, matrix.indices, matrix.data, x, y)
     return y

@@ -278,7 +278,8 @@ def strain_basis(dimension: int) -> tuple[tuple[str, ...], Array]:
 
 def strain_components(A: Array) -> Array:
     """The components (m,) of a symmetric strain A (d, d) in `strain_basis`: engineering shears are doubled."""
-    return np.asarray(_component_weights(len(A)) @ A.ravel())
+    components: Array = _component_weights(len(A)) @ A.ravel()
+    return components
 
 
 @cache

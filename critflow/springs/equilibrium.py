@@ -95,7 +95,7 @@ def equilibrium(
     max_steps = of_kind(int, None, max_steps=max_steps)
     pattern = of_kind(FixedPattern, None, pattern=pattern)
     of_kind(bool, throw=throw)
-    solution, _ = relaxed(state, pattern or state.pattern(), method, tolerance, max_steps)
+    solution, _ = relaxed(state, pattern or state.pattern(), relaxation_method(method), tolerance, max_steps)
     return solution.or_raise("the springs found no equilibrium") if throw else solution
 
 
@@ -118,7 +118,6 @@ def relaxed(
 
     condition  whether `stats.condition` is computed, which costs a solve; else it is NaN
     """
-    method = relaxation_method(method)
     if not tolerance > 0:
         raise InputError(f"the tolerance must be positive, not {tolerance}: {FINEST_TOLERANCE:g} is rounding")
     if not np.isfinite(state.energy):
@@ -226,7 +225,7 @@ def with_bounds(
         solution = replace(solution, value=state, stats=stats)
         if judged:
             exact = state if corrected else state.placed(state.coordinates, correction.bond_vectors)
-            solution = as_minimum(solution, *stability_of(exact, pattern))
+            solution = as_minimum(solution, *stability_of(exact, pattern)) if exact.softens else solution
         return solution, factor
     note = "rounding hides the distance to the exact equilibrium: go further from the transition"
     return replace(solution, value=state, status=Status.ill_conditioned, stats=stats, note=note), factor

@@ -38,8 +38,6 @@ class Stressed(Elastic, Protocol):
     @property
     def edge_stiffness(self) -> Array: ...
     @property
-    def softens(self) -> bool: ...
-    @property
     def largest_stiffness(self) -> float: ...
     def edge_rates(self, motion: Array) -> Array: ...
 
@@ -62,8 +60,8 @@ def stability_of(state: Stressed, pattern: FixedPattern) -> tuple[Status, str]:
 
     Eigenvalues within rounding of zero count as zero if they are floppy modes, which no compressed edge softens.
     """
-    softening = compressed_edges(state) if state.softens else None
-    if softening is None or (not softening.any() and (state.edge_stiffness >= 0).all()):
+    softening = compressed_edges(state)
+    if not softening.any() and (state.edge_stiffness >= 0).all():
         return Status.ok, ""
     delta = HESSIAN_ROUNDING * state.largest_stiffness
     below = state.factorize(pattern, -delta)

@@ -5,7 +5,7 @@ import pytest
 
 from critflow import CriticalManifold, Status, critical_from_lengths, voronoi_network
 from critflow.lengths import from_lengths
-from critflow.lengths.few_slack import few_slack
+from critflow.lengths.length_iteration import few_slack
 
 
 def uneven(network, spread, seed):

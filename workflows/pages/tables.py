@@ -43,7 +43,7 @@ REASONS = {
     "shear_modulus": "L-BFGS with the known curvature of the penalty; Newton's method where it stops",
     "length_variance_pinned": "as above, on pinned networks, which other packages support",
     "tension_variance_pinned": "as above, on pinned networks",
-    "rest_lengths": "the same iteration, or the cone program where edges are slack, then Newton's method",
+    "rest_lengths": "the same iteration, or the cone program where many edges are slack, then Newton's method",
     "strain_step": "Newton's method: the softness grows as 1/γ, and no other method reaches these errors",
     "moduli": "linear response with the factor of the last Newton step",
     "transition_moduli": "sums over edges, without a factorisation",

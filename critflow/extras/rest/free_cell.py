@@ -94,10 +94,6 @@ class FreeCellState:
         return self.springs.edge_stiffness
 
     @property
-    def softens(self) -> bool:
-        return self.springs.softens
-
-    @property
     def stress_rounding(self) -> Array:
         return self.springs.stress_rounding
 
