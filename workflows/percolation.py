@@ -237,7 +237,7 @@ def _panel(large, name):
     return large[name].transpose("spread", "seed").values
 
 
-def states_figure(ds):
+def spread_figure(ds):
     """Eight measures of the largest networks against the spread, in each state, with the sentences of the paper."""
     figure = Figure(figsize=(12.5, 6.6), dpi=150, layout="constrained")
     panels, spreads = figure.subplots(2, 4).ravel(), ds.spread.values
@@ -357,7 +357,7 @@ study = Study(
         *outcomes(SPREAD, solve_status="outcome by state and spread; missing where it was not computed"),
         Variable("status", EACH, "i1", long_name="whether the case was computed", flags=Status),
     ),
-    figures={"percolation": percolation_figure, "states": states_figure},
+    figures={"percolation": percolation_figure, "spread": spread_figure},
     claims=claims,
     summary=summary,
 )

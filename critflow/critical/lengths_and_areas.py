@@ -44,7 +44,7 @@ class FaceArea(OfLengths):
     face: int
 
     def unit(self, network: Network) -> float:
-        return network.spacing**2
+        return network.spacing * network.spacing
 
     @property
     def name(self) -> str:

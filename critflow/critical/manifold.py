@@ -26,7 +26,7 @@ from critflow.extensions import provided
 from critflow.linalg.factor import Factor, FixedPattern
 from critflow.linalg.matrices import block_laplacian, laplacian
 from critflow.linalg.saddle import CondensedSaddle, Saddle, positive
-from critflow.linalg.vectors import dot, norms, product, set_read_only
+from critflow.linalg.vectors import dot, norms, product, read_only, restore_read_only, set_read_only
 from critflow.networks.blocks import check_opened, components
 from critflow.networks.checks import edge_values
 from critflow.networks.network import Array, Network
@@ -75,10 +75,13 @@ class CriticalConfiguration(Record):
         """The numbers alone: factors of matrices are in the memory of one process."""
         return {one.name: getattr(self, one.name) for one in fields(self) if one.name != "maker"}
 
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        restore_read_only(self, state)
+
     @cached_property
     def lengths(self) -> Array:
         """|L_α|, (N_b,)."""
-        return norms(self.bond_vectors)
+        return read_only(norms(self.bond_vectors))
 
     @property
     def collapsed_edges(self) -> NDArray[np.intp]:

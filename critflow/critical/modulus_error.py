@@ -44,7 +44,8 @@ def transition_modulus_error(
     dcost = 2 * (sigma**2 * length / k) @ dL + EPS * cost + second_cost
     if dcost >= cost:
         return np.inf
-    curved = 2 * abs(ratio) * second_work + ratio**2 * second_cost + (dwork + abs(ratio) * dcost) ** 2 / (cost - dcost)
+    change = dwork + abs(ratio) * dcost
+    curved = 2 * abs(ratio) * second_work + ratio * ratio * second_cost + change * change / (cost - dcost)
     return float(first + curved / V + _sum_rounding(A, critical, V, value) + _input_rounding(critical, value))
 
 

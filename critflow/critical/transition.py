@@ -1,6 +1,7 @@
 """Moduli at the transition and the stress S/√D that determines them, as quantities.
 
     W = Σ σ L·A L,   D = Σ σ²|L|²/k,   μ_A = W²/(V D),   S:A/√D = W/√D,   C = S⊗S/(V D).
+Scalars are squared by products: the power of a number is off by a last bit that depends on its unit.
 All are functions f(W, D), so that ∂O/∂σ = f_W ∂W/∂σ + f_D ∂D/∂σ and likewise for L.
 The configuration does not depend on k, and ∂D/∂k = −σ²|L|²/k².
 
@@ -68,12 +69,13 @@ class TransitionModulus(SpringResponse):
     def evaluate(self, balance: Balanced) -> tuple[float, Partials]:
         terms, volume = _WorkAndCost(balance, self.symmetric), balance.network.volume
         ratio = terms.work / terms.cost
-        by_sigma, by_L = terms.partials(2 * ratio, -(ratio**2))
+        by_sigma, by_L = terms.partials(2 * ratio, -ratio * ratio)
         return terms.work * ratio / volume, (by_sigma / volume, by_L / volume)
 
     def by_stiffness(self, balance: Balanced) -> Array:
         terms = _WorkAndCost(balance, self.symmetric)
-        return terms.by_stiffness * (terms.work / terms.cost) ** 2 / balance.network.volume
+        ratio = terms.work / terms.cost
+        return terms.by_stiffness * (ratio * ratio) / balance.network.volume
 
     def extreme(self, manifold: CriticalManifold, positive: bool = True) -> tuple[float, float]:
         return 0.0, largest_value(manifold, self.symmetric)
@@ -158,11 +160,11 @@ class StressComponent(SpringResponse):
     def evaluate(self, balance: Balanced) -> tuple[float, Partials]:
         terms = _WorkAndCost(balance, self.strain)
         root = np.sqrt(terms.cost).item()
-        return terms.work / root, terms.partials(1 / root, -0.5 * terms.work / root**3)
+        return terms.work / root, terms.partials(1 / root, -0.5 * terms.work / (terms.cost * root))
 
     def by_stiffness(self, balance: Balanced) -> Array:
         terms = _WorkAndCost(balance, self.strain)
-        return 0.5 * terms.work / terms.cost**1.5 * terms.by_stiffness
+        return 0.5 * terms.work / (terms.cost * np.sqrt(terms.cost).item()) * terms.by_stiffness
 
     def extreme(self, manifold: CriticalManifold, positive: bool = True) -> tuple[float, float]:
         reach = float(np.sqrt(largest_value(manifold, self.strain) * manifold.network.volume))

@@ -66,8 +66,9 @@ def _relative_variance(values: Array) -> tuple[float, Array]:
     """Variance over squared mean, without cancellation, and its derivative."""
     mean = _mean(values)
     deviation = values - mean
-    variance = _mean(deviation**2) / mean**2
-    return variance, 2 / (len(values) * mean**2) * (deviation - variance * mean)
+    square = mean * mean  # not a power, whose last bit depends on the units
+    variance = _mean(deviation**2) / square
+    return variance, 2 / (len(values) * square) * (deviation - variance * mean)
 
 
 def _mean(values: Array) -> float:

@@ -57,6 +57,20 @@ def power_of_two(size: float, step: int = 1) -> float:
     return float(2.0 ** (step * np.round(np.log2(size) / step)))
 
 
+def read_only(array: Array) -> Array:
+    """The array, to which nobody can write."""
+    array.flags.writeable = False
+    return array
+
+
+def restore_read_only(record: object, state: dict[str, Any]) -> None:
+    """Attributes of a frozen record from those of a copy, whose arrays may be written to; for `__setstate__`."""
+    for value in state.values():
+        if isinstance(value, np.ndarray):
+            value.flags.writeable = False
+    record.__dict__.update(state)
+
+
 def set_read_only(record: object, *names: str) -> None:
     """Replace arrays of a frozen record, of these names, by views that nobody can write to; for `__post_init__`."""
     for name in names:

@@ -100,6 +100,13 @@ class Network:
         object.__setattr__(self, "pins", pins)
         object.__setattr__(self, "n_vertices", n_vertices)
 
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        """Of a copy, whose arrays could be written to."""
+        for value in state.values():
+            if isinstance(value, np.ndarray):
+                value.flags.writeable = False
+        self.__dict__.update(state)
+
     @staticmethod
     def _check_support(
         edges: IntArray, offsets: IntArray, cell: Array | None, pins: Mapping[int, Array], n_vertices: int
@@ -292,7 +299,7 @@ class Network:
     def _copied(self, **changed: Any) -> Network:
         """A copy with other values of the same graph, whose checks and matrices stay valid."""
         copied = copy(self)
-        copied.__dict__.update(changed)
+        copied.__setstate__(changed)
         copied.__dict__.pop("volume", None)
         return copied
 

@@ -71,10 +71,8 @@ def optimize(
     edge of zero length, `Status.slack_edges` for a length variance whose infimum has slack edges, `Status.singular`
     where lengths grow without end.  The objective is then the limit of the value.  Every optimum of a descent may be
     local: where no stress gives equal lengths, different starts end at different length variances.
-    A least "V_tau" and a largest "B_0" are not unique where every vertex of the plane has three edges: isogonal modes
-    keep all tensions, and with them V_τ and every modulus at the transition, and change σ, coordinates, lengths, C_G
-    and C_B (of the least V_τ; C_B is −B_0/2 at every largest B_0).  `start` decides which one is returned; from the
-    default, σ = 1, the largest B_0 is that of σ = k.
+    A least "V_tau" and a largest "B_0" are not unique where three edges meet at every vertex of the plane: isogonal
+    modes keep tensions and moduli, and change σ, coordinates and growth.  `start` decides which one is returned.
     Raises `InputError` for bad arguments, `SolveError` when the status is not `ok` and `throw`.
     Many parameters: all after the method are options of a descent, by keyword only.
 

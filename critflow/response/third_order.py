@@ -174,11 +174,12 @@ class ThirdOrderEnergy:
         strains = terms[0][1:4]
         product = c[strains[0]] * c[strains[1]] * c[strains[2]]
         # φ''' K⁻³ and its derivative along L, per |L|
-        law = self._third_of_law * self._lengths / k**3
+        law = self._third_of_law * self._lengths / (k * k**2)
         cube, slope = law * self._lengths**2 - 3 * flexibility / k, 3 * law - 6 / k**2
-        edges, by_s = product * s**3 * cube, 3 * product * s**2 * cube
-        by_L, by_k = (product * s**3 * slope)[:, None] * L, 6 * product * s**3 * flexibility / k**2
-        by_c, cubes = np.zeros(len(c)), float(np.sum(s**3 * cube))
+        third = s * s**2
+        edges, by_s = product * third * cube, 3 * product * s**2 * cube
+        by_L, by_k = (product * third * slope)[:, None] * L, 6 * product * third * flexibility / k**2
+        by_c, cubes = np.zeros(len(c)), float(np.sum(third * cube))
         for n, a in enumerate(strains):
             by_c[a] += cubes * c[strains[n - 1]] * c[strains[n - 2]]
         for times, a, i, j, curvature in terms:
@@ -218,7 +219,10 @@ class ThirdOrderEnergy:
         weights = [np.abs(response.multipliers) for response in responses]
         rates, slips = ([getattr(one, name) for one in responses] for name in ("speed", "rounded"))
         _, i, j, l, _ = terms[0]
-        noise = 4 * (np.abs(self._third_of_law) / length**3 + 3 * k / length**4) * goals[i] * goals[j] * goals[l]
+        square = length**2
+        noise = (
+            4 * (np.abs(self._third_of_law) / (length * square) + 3 * k / square**2) * goals[i] * goals[j] * goals[l]
+        )
         remaining = 0.0
         for term in terms:
             b, c, size = term.b, term.c, term.times * abs(responses[term.a].amplitude)

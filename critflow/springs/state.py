@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import TypeAlias, TypeVar
+from typing import Any, TypeAlias, TypeVar
 
 import numpy as np
 import scipy.sparse as sp
@@ -20,7 +20,7 @@ from critflow.arguments import of_kind
 from critflow.linalg.factor import Factor, FixedPattern
 from critflow.linalg.matrices import block_laplacian, edge_blocks
 from critflow.linalg.tolerances import EPS
-from critflow.linalg.vectors import dot, largest, mean, norms, product, set_read_only
+from critflow.linalg.vectors import dot, largest, mean, norms, product, read_only, restore_read_only, set_read_only
 from critflow.networks.checks import edge_values
 from critflow.networks.network import Array, Network, validated_coordinates
 from critflow.precision.double_double import Extended, less_squares, two_square
@@ -58,6 +58,9 @@ class SpringState(Record):
     def __post_init__(self) -> None:
         set_read_only(self, "rest_lengths", "coordinates", "bond_vectors")
 
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        restore_read_only(self, state)
+
     # Springs, one for each edge.
 
     @property
@@ -68,7 +71,7 @@ class SpringState(Record):
     @cached_property
     def lengths(self) -> Array:
         """|L|, (N_b,)."""
-        return norms(self.bond_vectors)
+        return read_only(norms(self.bond_vectors))
 
     @property
     def spring_lengths(self) -> Array:

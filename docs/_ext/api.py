@@ -170,7 +170,7 @@ def entry_of(path: str) -> str:
 
 
 class Layer(Directive):
-    """`layer NAME`: a table of the names of a folder, with a line of each, and their pages in the contents."""
+    """`layer NAME`: a table of the names of a folder, with a line of each, which lead to their pages."""
 
     required_arguments = 1
     has_content = True
@@ -178,10 +178,7 @@ class Layer(Directive):
 
     def run(self):
         layer = self.arguments[0]
-        paths = paths_of(layer, self.options.get("first", []), " ".join(self.content).split())
-        pages = [f"   {ENTRIES}/{entry_of(path)}" for path in paths]
-        contents = [".. toctree::", "   :hidden:", "", *pages, ""] if pages else []
-        return parsed(self, "\n".join([summary(paths), *contents]))
+        return parsed(self, summary(paths_of(layer, self.options.get("first", []), " ".join(self.content).split())))
 
 
 class Names(Directive):

@@ -69,7 +69,9 @@ def links_of(name: str) -> list[str]:
 def entry(path: str, place: Listed) -> str:
     """The text of the page of a function or class."""
     module, _, name = path.rpartition(".")
+    # Lists of the reference lead to the page: 150 more lines in the contents of every page would hide the others.
     lines = [
+        *(":orphan:", ""),
         *(name, "=" * len(name), "", f"``from {module} import {name}``", ""),
         *(autodoc(path), *pictures_of(name), *links_of(name)),
         f"In the group :doc:`{place.heading} </reference/{place.page}>`.",

@@ -1,5 +1,8 @@
 """Arrays of configurations and states cannot be written to, and those of the user stay as they are."""
 
+import copy
+import pickle
+
 import numpy as np
 import pytest
 
@@ -31,6 +34,19 @@ def test_arrays_cannot_be_written_to(n):
     for name in NAMES:
         with pytest.raises(ValueError, match="read-only"):
             getattr(record, name)[:] = 1.0
+
+
+@pytest.mark.parametrize("copied", [lambda one: pickle.loads(pickle.dumps(one)), copy.deepcopy, copy.copy])
+@pytest.mark.parametrize("n", range(5))
+def test_nor_can_those_of_copies_or_lengths(n, copied):
+    record = list(records())[n]
+    for one in (record, copied(record)):
+        for name in (*NAMES, "lengths"):
+            with pytest.raises(ValueError, match="read-only"):
+                getattr(one, name)[:] = 1.0
+        for name in ("edges", "cell", "stiffness", "positions"):
+            with pytest.raises(ValueError, match="read-only"):
+                getattr(one.network, name)[:] = 1.0
 
 
 def test_arrays_of_the_user_stay_writeable():

@@ -31,6 +31,10 @@ from critflow import (
     voronoi_network,
 )
 from critflow.critical.backbone import backbone
+from critflow.critical.transition import dilation, pure_shear
+from critflow.linalg.saddle import CondensedSaddle, Saddle
+from critflow.response.third_order import ThirdOrderEnergy
+from critflow.springs.laws import HOOKEAN
 from workflows.benchmarks import reference
 
 A = np.array([[0.3, 0.8], [-0.2, 0.5]])
@@ -191,3 +195,22 @@ def test_stiffening_corrects_inaccurate_coordinates():
     bounds_over_errors(
         astuple(solution.value)[:5], astuple(solution.stats.error_bound)[:5], exact_stiffening(network, critical.sigma)
     )
+
+
+@pytest.mark.parametrize("n_vertices", [40, 400])
+def test_elastic_responses_balance_to_rounding(n_vertices):
+    """The second solve corrects displacements and multipliers of the first."""
+    network = voronoi_network(n_vertices, seed=1)
+    critical = CriticalManifold(network).configuration(
+        np.exp(np.random.default_rng(1).standard_normal(network.n_edges))
+    )
+    L, sigma = critical.bond_vectors, critical.sigma
+    for system in (Saddle(network), CondensedSaddle(network)):
+        energy = ThirdOrderEnergy(network, sigma, L, system, HOOKEAN, [dilation(2), pure_shear(2)])
+        for response in energy.responses:
+            s = sigma / np.linalg.norm(sigma)
+            pulls = s[:, None] * response.rate + response.multipliers[:, None] * L
+            size = np.abs(pulls).max()
+            assert np.abs(network.divergence @ pulls).max() < 5e-15 * size
+            slip = np.sum(L * response.rate, axis=1) - response.amplitude * s * critical.lengths**2
+            assert np.abs(slip).max() < 5e-15 * np.abs(response.rate).max()

@@ -1,5 +1,7 @@
 """Cost of studies: the selected variables are computed with the same bits, and nothing else is computed."""
 
+from itertools import groupby
+
 import pytest
 from problems import Factorisations
 
@@ -20,9 +22,10 @@ def stored(name, words, path):
     folder, parameters = Folder(path), selection.parameters
     for part in (folder.shards, folder.failed):
         part.mkdir(parents=True, exist_ok=True)
-    job = Job(str(loaded.path), loaded.digest, str(path), parameters, selection.study.selected, command=(name,))
-    run_cases(job, [case.values for case in selection.cases()])
-    write_dataset(Assembly(selection, folder.shards), folder.dataset(name), {"history": name})
+    job = Job(str(loaded.path), loaded.digest, str(path), parameters, selection.study.selected, (name,), "this code")
+    for _, cases in groupby(selection.cases(), lambda case: case.values["seed"]):
+        run_cases(job, [case.values for case in cases])
+    write_dataset(Assembly(selection, folder.shards, folder.states(selection)), folder.dataset(name), {"history": name})
     with opened_dataset(folder.dataset(name)) as dataset:
         return dataset.load()
 

@@ -75,7 +75,7 @@ class Multigrid:
         A = _scaled(A, self._scale, self._scale)
         self._off_diagonal = off_diagonal = _off_diagonal(A)
         # Damping, −damping × off-diagonal entries and restriction of every level; prolongation is its transpose.
-        self._levels: list[tuple[float, sp.csr_array, sp.csr_array, sp.csc_array]] = []
+        self._levels: list[tuple[float, sp.csr_array, sp.csr_array, sp.csr_array]] = []
         with np.errstate(all="ignore"):
             while A.shape[0] > _COARSEST:
                 damping = _COARSE_DAMPING / _largest_eigenvalue(A) if self._levels else _DAMPING
@@ -83,7 +83,7 @@ class Multigrid:
                 smoothing = sp.csr_array((data, off_diagonal.indices, off_diagonal.indptr), A.shape)
                 R, A, smooth = _coarser(A, smooth, _COARSE_STRONG if self._levels else _STRONG)
                 R = R.astype(np.float32)
-                self._levels.append((damping, smoothing, R, R.T))
+                self._levels.append((damping, smoothing, R, R.T.tocsr()))
                 off_diagonal = _off_diagonal(A)
             self._inverse = np.linalg.pinv(A.toarray(), hermitian=True).astype(np.float32)
 

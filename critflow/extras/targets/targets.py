@@ -226,7 +226,7 @@ def best_value(variables: Variables, quantity: Quantity, name: str, sign: float)
 
 def nearness(stresses: Stresses, coordinates: Array) -> Preference:
     """½Σ|x + c − x̂|² over the number of vertices, with the translation c of periodic networks."""
-    size = stresses.network.spacing**-2
+    size = 1 / (stresses.network.spacing * stresses.network.spacing)
 
     def at(state: Balance, z: Array) -> tuple[float, Array]:
         network = state.network

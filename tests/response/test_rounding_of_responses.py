@@ -1,0 +1,20 @@
+"""Rounding errors of relaxed moduli."""
+
+import numpy as np
+import pytest
+from problems import NETWORKS, strained
+
+from critflow import equilibrium
+from critflow.response.linear_response import _rounding, accumulated_rounding
+
+
+@pytest.mark.parametrize("name", ["voronoi", "pinned grid", "voronoi 3D"])
+def test_the_parts_of_the_first_error_are_those_of_its_sum(name):
+    """Terms |T||dL| twice and k EPS|L̇|² of each edge, added in quadrature, are the error of V C_11 within √2."""
+    state = equilibrium(strained(NETWORKS[name](), 0.1)).value
+    rng, d, n = np.random.default_rng(1), state.network.dimension, state.network.n_edges
+    speed, tension = rng.random((2, n)), rng.standard_normal((2, n))
+    for size in (1e-6, 1.0, 1e6):  # velocities of vertices that do not matter, and that decide
+        u = size * rng.standard_normal((2, d, len(state.network.free)))
+        noise, first = _rounding(state, speed, u, tension)
+        assert 0.7 * noise[0, 0] <= accumulated_rounding(first) <= 1.0001 * noise[0, 0]
