@@ -461,10 +461,6 @@ COMMANDS = {
             *(2, "strains must be finite, positive and increasing", "0.001:0.010:0.001"),
         ),
         "threshold of zero": (["run", "ensemble", "--set", "threshold=0.0"], 2, "threshold=0.0 must be positive"),
-        "protocol misspelt": (
-            ["run", "ensemble", "--set", "protocol=quick"],
-            *(2, "protocol=quick must be conic (exact) or strain", "paper's steps"),
-        ),
         "deformation misspelt": (
             ["run", "ensemble", "--set", "deformation=shear"],
             *(2, "deformation=shear must be one of dilation, simple_shear, pure_shear"),

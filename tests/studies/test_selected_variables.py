@@ -45,7 +45,7 @@ SELECTIONS = {
     "C_B alone": ("C_B,B_0", {"P", "saddle"}),
     "closed forms": ("B_0,G_0,stressed_fraction,V_L", {"P"}),
     "the configuration": ("sigma,position,edges,offsets,cell", {"P"}),
-    "the path": ("C_B,energy", {"P", "Hessian"}),
+    "the path": ("C_B_fit,energy", {"P", "Hessian"}),
     "scalars": ("scalars", {"P", "saddle", "Hessian"}),
 }
 

@@ -1,5 +1,6 @@
 """The code of a case: what counts, and what a run does with stored cases of other code."""
 
+import sys
 from pathlib import Path
 
 import pytest
@@ -194,7 +195,10 @@ def test_kept_cases_of_other_code_are_told_apart(tmp_path, run, source, capsys, 
     assert run(out, *more, study=path) == 4
 
 
-def test_an_extra_that_a_case_uses_without_a_name_must_be_declared(tmp_path, run, source):
+def test_an_extra_that_a_case_uses_without_a_name_must_be_declared(tmp_path, run, source, monkeypatch):
+    # As in a process that has not imported it for another test.
+    for module in [name for name in sys.modules if name.startswith("critflow.extras.tensegrity")]:
+        monkeypatch.delitem(sys.modules, module)
     hidden = "import_module('critflow.extras.' + 'tens' + 'egrity')"
     change = ("import numpy as np", "from importlib import import_module\nimport numpy as np")
     change += ("    sleep(parameters", f"    {hidden}\n    sleep(parameters")
