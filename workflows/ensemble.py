@@ -18,6 +18,7 @@ from critflow.figures.plot import draw_network, unit_pressure_tensions
 from critflow.generators.random_networks import check_voronoi
 from critflow.paths.strain_path import check_strains
 from critflow.workflow import Axis, Coordinate, Study, decimals
+from critflow.workflow.study import plural
 
 from .paper.committed import committed_run
 from .paper.verdicts import claims_of
@@ -118,7 +119,8 @@ def response_figure(ds):
 
 def _panels(ds, names, title, note):
     """Panels two by two: distributions of each quantity on the left of one, networks as examples on its right."""
-    lines = textwrap.wrap(f"{note} {_random_note(ds)}", _NOTE_WIDTH)
+    sample = f"{plural(ds.sizes['seed'], 'network')} of {ds.sizes['vertex']:,} vertices."
+    lines = textwrap.wrap(f"{sample} {note} {_random_note(ds)}", _NOTE_WIDTH)
     low = 0.15 + 0.17 * len(lines)
     size = (12.5, 4.3 * 2 + 0.45 + low)
     figure = Figure(figsize=size, dpi=150)
