@@ -175,8 +175,9 @@ def compression_figure(ds):
         (number, "compressed_edges", "compressed edges"),
         (length, "compressed_length", "total length of compressed edges"),
     ):
-        _draw_compressed(axes, ds, name)
+        # The scale first: limits of a linear axis may be negative.
         axes.set(xscale="log", yscale="log", xlabel="number of vertices $N_v$", ylabel=label)
+        _draw_compressed(axes, ds, name)
         sizes = ds.n_vertices.values
         axes.set_xticks(sizes, [f"{size:,}" for size in sizes])
         axes.set_xticks([], minor=True)
