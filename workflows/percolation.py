@@ -208,7 +208,7 @@ def percolation_figure(ds):
         axes.axvline(PRINTED_SPREAD, color="0.3", linestyle=":", linewidth=1)
         axes.text(PRINTED_SPREAD + 0.005, 1.04, "paper", fontsize=8.5, va="top")
         axes.set(xlabel="spread of rest lengths $s$", ylim=(-0.03, 1.07), title=f"{name} ({plural(n, 'network')})")
-        axes.legend(fontsize=8.5, frameon=False, loc="upper right", bbox_to_anchor=(1, 0.95))
+        axes.legend(fontsize=8.5, frameon=False, loc="best")
     figure.axes[0].set_ylabel("networks with every edge stressed")
     lettered(*figure.axes)
     figure.suptitle("Every edge is stressed up to a spread that falls with the size, in both boxes", fontsize=11)
@@ -261,6 +261,8 @@ def spread_figure(ds):
         axes.set_ylabel(label)
     for axes in (panels[2], panels[5]):
         axes.set_yscale("log")
+    # C_B grows without end as edges shrink.
+    panels[3].set_yscale("symlog", linthresh=1.0)
     lettered(*panels)
     legend_below(figure, panels[0], ncols=3)
     figure.suptitle(_finding(ds), fontsize=11)

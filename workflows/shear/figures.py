@@ -106,7 +106,7 @@ def animation(ds):
     one = recorded(ds).isel(seed=0)
     steps, moduli = one.step.values, one.G_0_ascent.values
     for place in range(len(steps)):
-        figure = Figure(figsize=(WIDTH, 3.5), dpi=110, layout="constrained")
+        figure = Figure(figsize=(WIDTH, 3.5), dpi=76, layout="constrained")
         network, curve = figure.subplots(1, 2, width_ratios=(1.15, 1))
         _draw(network, one.isel(step=place), width=0.8)
         curve.axhline(float(one.bound), color="0.25", linewidth=1.0, linestyle="--")
@@ -169,15 +169,14 @@ def compression_figure(ds):
         2,
         "Few but long edges are compressed: their length grows as $N_v$, their number slower\n"
         f"({counted(ds)} a size; medians, bars hold two thirds; dotted: slopes of the paper)",
-        height=3.6,
+        height=4.2,
     )
     for axes, name, label in (
         (number, "compressed_edges", "compressed edges"),
         (length, "compressed_length", "total length of compressed edges"),
     ):
-        # The scale first: limits of a linear axis may be negative.
-        axes.set(xscale="log", yscale="log", xlabel="number of vertices $N_v$", ylabel=label)
         _draw_compressed(axes, ds, name)
+        axes.set(xscale="log", yscale="log", xlabel="number of vertices $N_v$", ylabel=label)
         sizes = ds.n_vertices.values
         axes.set_xticks(sizes, [f"{size:,}" for size in sizes])
         axes.set_xticks([], minor=True)
@@ -185,8 +184,8 @@ def compression_figure(ds):
         axes.yaxis.set_major_formatter("{x:,.0f}")
         axes.yaxis.set_minor_formatter(NullFormatter())
         axes.legend(
-            fontsize=9, frameon=False, loc="upper left", title="exponent of $N_v$ [95 %]", title_fontsize=9,
-            alignment="left", labelspacing=0.25, handletextpad=0.4,
+            fontsize=8.5, frameon=False, loc="upper center", bbox_to_anchor=(0.45, -0.2),
+            title="exponent of $N_v$ [95 %]", title_fontsize=8.5, alignment="left", labelspacing=0.25,
         )  # fmt: skip
     lettered(number, length)
     return figure
@@ -214,8 +213,6 @@ def _draw_compressed(axes, ds, name):
         axes.plot(
             sizes, np.nanmean(least, 1), "k--", lw=1.1, label=f"needed at the bound: {exponent(sizes, least)[0]:.2f}"
         )
-    low, high = axes.get_ylim()
-    axes.set_ylim(low, high * (high / low) ** 0.55)
 
 
 def scaling_figure(ds):
