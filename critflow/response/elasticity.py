@@ -145,7 +145,7 @@ def _of_state(state: SpringState, volume: float, options: Options) -> Solution[E
 def under_stress(state: SpringState, tolerance: float) -> bool:
     """Whether springs in equilibrium are under stress.  Raises `InputError` when the forces do not balance."""
     scale = state.stiffness_scale * state.length_scale
-    if state.max_force > tolerance * scale:
+    if not state.max_force <= tolerance * scale:
         raise InputError(
             f"the springs are not in equilibrium, a force of {state.max_force:.2g} is left: call equilibrium() first"
         )

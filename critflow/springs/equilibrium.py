@@ -18,7 +18,7 @@ from critflow.precision.double_double import two_sum
 from critflow.precision.residual import Displacement, inverse_norm
 from critflow.result import InputError, Solution, Stats, Status
 from critflow.springs.minimum import compressed_edges, minimum_factor, stability_of
-from critflow.springs.newton import FLOPPY_SHIFT, newton
+from critflow.springs.newton import FLOPPY_SHIFT, newton, unbalanced_force
 from critflow.springs.state import SpringState, State
 
 # Newton's method never stops at a larger force: corrections by one factor then converge to the exact equilibrium, and
@@ -120,7 +120,7 @@ def relaxed(
     """
     if not tolerance > 0:
         raise InputError(f"the tolerance must be positive, not {tolerance}: {FINEST_TOLERANCE:g} is rounding")
-    if not np.isfinite(state.energy):
+    if not np.isfinite(unbalanced_force(state)):
         note = "an edge is longer than its law allows: take smaller strain steps"
         return Equilibrium(state, Status.stalled, Stats(method), note), None
     if method == "newton":
@@ -270,8 +270,7 @@ class Relaxation(Function, Generic[State]):
 
     def at(self, x: Array) -> Point:
         state = self._state.moved(x.reshape(self._state.forces.shape))
-        energy = state.energy
-        if not np.isfinite(energy):
+        force = unbalanced_force(state)
+        if not np.isfinite(force):
             return Point(x, np.inf, np.zeros_like(x), np.inf)
-        gradient = -state.forces.ravel()
-        return Point(x, energy, gradient, float(np.abs(gradient).max()))
+        return Point(x, state.energy, -state.forces.ravel(), force)

@@ -10,6 +10,7 @@ matrix that it selects itself, and states keep bond vectors with a relative roun
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Generic, Protocol, Self, TypeVar
 
@@ -92,7 +93,7 @@ def newton(state: State, tolerance: float, max_steps: int, pattern: FixedPattern
     The last state may be a saddle.  `Status.stalled` where no shift yields an accepted step.
     """
     damping, step, status = _Damping(pattern), 0, Status.ok
-    while (force := _force(state)) > tolerance * (unit := state.stiffness_scale * state.length_scale):
+    while (force := unbalanced_force(state)) > tolerance * (unit := state.stiffness_scale * state.length_scale):
         if step == max_steps:
             status = Status.step_limit
             break
@@ -114,9 +115,9 @@ def newton(state: State, tolerance: float, max_steps: int, pattern: FixedPattern
     return NewtonEnd(state, status, step, damping.indefinite, factor)
 
 
-def _force(state: Elastic) -> float:
-    """The largest force; infinite where the energy is, since none is defined beyond the reach of a law."""
-    return state.max_force if np.isfinite(state.energy) else np.inf
+def unbalanced_force(state: Elastic) -> float:
+    """The largest force; infinite beyond the reach of a law, where its energy or a tension is no number."""
+    return state.max_force if math.isfinite(state.energy) and math.isfinite(state.max_force) else math.inf
 
 
 def _line_search(here: State, displacement: Array, factor_is_old: bool) -> State | None:
@@ -124,12 +125,12 @@ def _line_search(here: State, displacement: Array, factor_is_old: bool) -> State
     longest = _LONGEST_STEP * float(here.lengths.mean()) / max(float(np.abs(displacement).max()), 1e-300)
     for length in _STEP_LENGTHS[:1] if factor_is_old else _STEP_LENGTHS:
         trial = here.moved(min(length, longest) * displacement)
-        force = _force(trial)
+        force = unbalanced_force(trial)
         if factor_is_old:
-            accepted = force < _REUSE_DECREASE * _force(here)
+            accepted = force < _REUSE_DECREASE * unbalanced_force(here)
         else:
-            decreased = trial.energy < here.energy * (1 - _ENERGY_ROUNDING)
-            accepted = decreased or force < _FORCE_DECREASE * _force(here)
+            decreased = force < math.inf and trial.energy < here.energy * (1 - _ENERGY_ROUNDING)
+            accepted = decreased or force < _FORCE_DECREASE * unbalanced_force(here)
         if accepted:
             return trial
     return None
@@ -164,10 +165,10 @@ class _Damping:
         return self.factor.solve(here.forces.ravel()).reshape(here.forces.shape)
 
     def _factorize(self, here: Elastic, step: int) -> None:
-        convex = _force(here) >= self._convex_above and step < self._convex_until
+        convex = unbalanced_force(here) >= self._convex_above and step < self._convex_until
         if not convex and not self._factorize_hessian(here):
             convex = True
-            self._convex_above, self._convex_until = _RETRY_FORCE * _force(here), step + _RETRY_STEPS
+            self._convex_above, self._convex_until = _RETRY_FORCE * unbalanced_force(here), step + _RETRY_STEPS
             self._floppy_shift = 0.0
         if convex:
             self.shift = max(self.shift, _FIRST_SHIFT * here.stiffness_scale)
@@ -187,7 +188,7 @@ class _Damping:
 
     def accept(self, before: Elastic, after: Elastic) -> None:
         """Reduce the damping after an accepted step."""
-        self.reuses_factor = _force(after) < _REUSE_AFTER * _force(before)
+        self.reuses_factor = unbalanced_force(after) < _REUSE_AFTER * unbalanced_force(before)
         smallest = _FIRST_SHIFT * before.stiffness_scale
         self.shift = _DECAY * self.shift if self.shift > smallest else 0.0
 

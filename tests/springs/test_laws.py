@@ -12,9 +12,13 @@ from critflow import (
     CriticalManifold,
     Hookean,
     InputError,
+    Network,
     PowerLaw,
     SpringLaw,
+    Status,
     WormLike,
+    elasticity,
+    equilibrium,
     spring_state,
     stiffening,
     strain_path,
@@ -121,6 +125,35 @@ class Blind(Quartic):
 @dataclass(frozen=True)
 class Tight(WormLike):
     """A law of the user's own that reaches hardly anywhere."""
+
+
+class Ended(Quartic):
+    """The tension is no number beyond an extension of 3 %, which no check at small extensions sees."""
+
+    def tension(self, e, rest, k):
+        return np.where(e > 0.03 * rest, np.nan, super().tension(e, rest, k))
+
+
+@pytest.mark.parametrize("method", ["newton", "fire"])
+def test_no_equilibrium_where_a_tension_is_no_number(method):
+    critical = CriticalManifold(voronoi_network(20, seed=1)).configuration(np.linspace(0.2, 1, 30))
+    rest = spring_state(critical.network, critical.lengths, critical.coordinates, Ended())
+    state = rest.deformed(1.035 * np.eye(2))
+    assert np.isnan(state.max_force) and np.isfinite(state.energy)
+    found = equilibrium(state, method, throw=False)
+    assert found.status is Status.stalled and "longer than its law allows" in found.note
+    with pytest.raises(InputError, match="not in equilibrium"):
+        elasticity(found.value)
+    # A step that would pass the end of the law is shortened.
+    assert equilibrium(rest.deformed(1.005 * np.eye(2)), method, throw=False).ok
+
+
+def test_no_step_ends_where_a_tension_is_no_number():
+    # The long spring pulls the short one past the end of its law, where its energy alone is a number.
+    network = Network([[0, 1], [1, 2]], pins={0: [0.0, 0.0], 2: [21.5, 0.0]})
+    state = spring_state(network, [1.0, 20.0], [[0.0, 0.0], [1.0, 0.0], [21.5, 0.0]], Ended(q=0.0))
+    found = equilibrium(state, throw=False)
+    assert found.status is Status.stalled and np.isfinite(found.value.max_force)
 
 
 def test_valid_laws_pass():
