@@ -29,7 +29,7 @@ class Optimum(Solution[CriticalConfiguration]):
     bound             largest value over all stresses in closed form (moduli without a penalty)
     collapsed_edges   edges whose length is zero at an optimum that is attained, or tends to zero
                       (`Status.edge_collapse`)
-    slack_edges       edges whose tension tends to zero (`Status.slack_edges`)
+    slack_edges       all edges whose tension tends to zero (`Status.slack_edges`)
     saddles           saddle points left on the descent; None where the end was not tested
     start             number of the start that led here
     starts            values of the objective from all starts, (n_starts,)

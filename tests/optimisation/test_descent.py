@@ -5,7 +5,18 @@ import pytest
 from problems import dense_bond_vectors, modulus_by_formula, random_start, square_octagon
 from scipy.optimize import minimize
 
-from critflow import CriticalManifold, Network, Quantity, SolveError, Status, optimize, voronoi_network
+from critflow import (
+    CriticalManifold,
+    Network,
+    Quantity,
+    SolveError,
+    Status,
+    foam_network,
+    lattice,
+    optimize,
+    quantity,
+    voronoi_network,
+)
 from critflow.critical.quantity import evaluate
 from critflow.critical.transition import pure_shear, transition_modulus
 from critflow.optimisation.descent import StressObjective, _improves
@@ -30,6 +41,35 @@ def test_vertices_that_coincide_at_equal_stresses_part():
     solution = optimize(TWINS, "length_variance", throw=False)
     assert solution.status is Status.slack_edges
     assert solution.objective == pytest.approx(best, abs=1e-9)
+
+
+@pytest.mark.parametrize("method", ["auto", "newton"])
+def test_all_edges_that_fall_slack_are_listed(method):
+    # Two edges of this foam fall slack, the second far more slowly.
+    network = foam_network(60, seed=0)
+    manifold, variance = CriticalManifold(network), quantity(network, "V_L")
+
+    def scaled(sigma):
+        there = evaluate(manifold, variance, sigma)
+        return 1e5 * there.value, 1e5 * there.gradient
+
+    # The reference has stresses of zero, which their logarithms exclude.
+    options = {"maxiter": 3000, "maxfun": 9000, "ftol": 1e-15, "gtol": 1e-12, "maxcor": 30}
+    ones, limits = np.ones(network.n_edges), [(0, None)] * network.n_edges
+    best = minimize(scaled, ones, jac=True, method="L-BFGS-B", bounds=limits, options=options)
+    found = optimize(network, "V_L", method, throw=False)
+    assert found.status is Status.slack_edges
+    assert found.slack_edges.tolist() == np.flatnonzero(best.x == 0).tolist() and len(found.slack_edges) == 2
+    assert abs(found.objective - best.fun / 1e5) <= found.uncertainty
+
+
+def test_a_value_that_tends_to_zero_stands_where_its_stresses_are_too_different():
+    # C_xxyy = S_xx S_yy/(V D) tends to zero as the stress becomes uniaxial; chains then hang on vanishing stresses.
+    network = lattice("honeycomb", 2, 2)
+    assert quantity(network, "C_xxyy").extreme(CriticalManifold(network))[0] == 0
+    found = optimize(network, "C_xxyy", throw=False)
+    assert found.status is Status.stalled and "too different to resolve" in found.note
+    assert 0 <= found.objective < 1e-15 and np.isfinite(found.value.coordinates).all()
 
 
 def contracted(network: Network, collapsed: np.ndarray, centre: int) -> tuple[Network, np.ndarray]:
