@@ -6,12 +6,15 @@ from collections.abc import Callable
 
 from critflow.extras.explore.model import OPTIMA, POPULATIONS, SPREAD
 from critflow.extras.explore.session import Session
+from critflow.response.stiffening import stiffening
+from critflow.result import InputError
 
 _IMPORTED = (
     *("CriticalManifold", "critical_from_lengths", "nearest_critical", "network_from", "optimize"),
     *("pruned", "stiffening", "strain_path", "elasticity", "voronoi_network"),
 )
 _AT_TRANSITION = "print(elasticity(critical).value, stiffening(critical).value)"
+_MODULI = "print(elasticity(critical).value)"
 _AT_REST = "print(elasticity(network, imported.positions).value)  # springs at rest, as in the file"
 
 
@@ -20,7 +23,7 @@ def script(session: Session) -> str:
     body = session.source.lines(session.start.critical)
     for name, *values in session.recipe():
         body += _LINES[name](session.start.model.seed, *values)
-    body.append(_AT_REST if session.state.given is not None else _AT_TRANSITION)
+    body.append(_measured(session))
     text = "\n".join(body)
     heads = ["import numpy as np"] * ("np." in text) + ["import xarray as xr"] * ("xr." in text)
     heads += [""] * bool(heads)
@@ -28,6 +31,17 @@ def script(session: Session) -> str:
     heads += ["from critflow.critical.isogonal import face_modes"] * ("face_modes(" in text)
     heads += ["from critflow.workflow import stable_rng"] * ("stable_rng(" in text)
     return "\n".join([*heads, "", text, ""])
+
+
+def _measured(session: Session) -> str:
+    """The call that prints the numbers of the state: coefficients only where they exist, else why they do not."""
+    if session.state.given is not None:
+        return _AT_REST
+    try:
+        found = stiffening(session.state.critical, throw=False)
+    except InputError as error:
+        return f"{_MODULI}  # without C_B and C_G: {error}"
+    return _AT_TRANSITION if found.ok else f"{_MODULI}  # without C_B and C_G: {found.reason}"
 
 
 def _stress(seed: int, name: str) -> str:

@@ -1,5 +1,7 @@
 """The state of the page without a browser: changes, undo, recipes, and numbers equal to those of the library."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
@@ -47,6 +49,16 @@ def test_the_script_repeats_the_state_to_the_last_digit(session, changes):
     exec(script(session), scope)
     assert np.array_equal(scope["critical"].coordinates, session.state.critical.coordinates)
     assert np.array_equal(scope["critical"].sigma, session.state.critical.sigma)
+
+
+def test_the_script_asks_for_coefficients_only_where_they_exist(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    network = critflow.lattice("triangular", 3, 3)
+    critflow.write_network(network, "several.csv", network.positions, force_densities=np.ones(network.n_edges))
+    lines = script(Session(File(Path("several.csv"))))
+    exec(lines, {})
+    assert "one self-stress" in lines
+    assert "stiffening" not in lines and "bulk" in capsys.readouterr().out
 
 
 def test_script_repeats_a_strain(session, capsys):
