@@ -7,11 +7,12 @@ import numpy as np
 from problems import NETWORKS, critical_of, partly_compressed, slack_lattice, stiff_lattice, voronoi_3d
 from units import same_in_units
 
-from critflow import Cable, CriticalManifold, WormLike, lattice, spring_state, strain_path
+from critflow import Cable, CriticalManifold, WormLike, equilibrium, lattice, spring_state, strain_path
 from critflow.critical.manifold import critical_configuration
 from critflow.networks.deformation import deformation_of
 from critflow.paths.continuation import keeps_lengths, weakly_stressed
 from critflow.paths.start import balanced
+from critflow.paths.tangent import tangent_of_springs
 from critflow.paths.unknowns import loosened
 
 
@@ -100,4 +101,18 @@ test_paths_in_other_units = same_in_units(
         "taut part": (of_a_taut_part, lambda: slack_lattice()[0]),
         "space": (from_transition, voronoi_3d),
     }
+)
+
+
+def tangent_beside_slack_cables(network, units):
+    critical, path = slack_lattice()[2], deformation_of("dilation", 2)
+    rest, x = 0.999 * units.length * critical.rest_lengths, units.length * critical.coordinates
+    state = equilibrium(spring_state(network, rest, x, Cable())).value
+    rates, second = np.array([path.rate(0.0)]), np.array([path.second_rate(0.0)])
+    found = tangent_of_springs(state, rates, second, state.pattern(), None)
+    return {"length": (found.relaxation,), "energy": (found.second, found.second_error)}
+
+
+test_tangents_in_other_units = same_in_units(
+    {"slack cables": (tangent_beside_slack_cables, lambda: slack_lattice()[0])}
 )

@@ -5,7 +5,7 @@ from functools import partial
 
 import numpy as np
 from problems import NETWORKS, critical_of, slack_lattice, stiff_lattice, strained, voronoi_3d, with_random_stiffness
-from units import same_in_units
+from units import Units, same_in_units
 
 from critflow import Cable, PowerLaw, WormLike, elasticity, equilibrium, lattice, spring_state, stiffening
 from critflow.critical.manifold import critical_configuration
@@ -90,4 +90,9 @@ test_responses_in_other_units = same_in_units(
         "stiffening of worms": (partial(growth, law=WormLike(0.2)), lambda: lattice("honeycomb", 3, 3)),
         "stiffening of a taut part": (growth_of_a_taut_part, lambda: slack_lattice()[0]),
     },
+)
+# Displacements by rounding alone, in units in which they are far above 1 and far below it.
+test_affine_responses_in_units_of_any_size = same_in_units(
+    {"affine": (partial(under_stress, gamma=0.1), lambda: lattice("honeycomb", 3, 3))},
+    others=[Units(length=2.0**60), Units(length=2.0**-60)],
 )

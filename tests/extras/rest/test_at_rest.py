@@ -11,6 +11,7 @@ from critflow import CriticalManifold, InputError, Network, Status, delaunay_net
 from critflow.certificates import spectrum
 from critflow.extras.rest import at_rest
 from critflow.extras.rest.at_rest import response_at_rest
+from critflow.extras.rest.stiffness_contrast import hierarchical_response
 from workflows.benchmarks import reference
 
 
@@ -248,3 +249,13 @@ def test_moduli_off_the_manifold_are_exactly_zero(name):
     solution = elasticity(network, x)
     assert solution.status is Status.floppy and not solution.value.tensor.any()
     assert (solution.value.bulk, solution.value.shear, solution.value.shear_stress_corrected) == (0.0, 0.0, 0.0)
+
+
+@pytest.mark.parametrize(("part", "resisted"), [(0.7, False), (1.5, True)])
+def test_a_strain_is_resisted_if_the_mean_square_of_elongations_exceeds_their_rounding(part, resisted):
+    # Four fixed edges of equal elongation by one strain: their root mean square is that of each.
+    errors = np.full(4, 1e-10)
+    zero = spectrum.ROUNDING_MARGIN * float(np.linalg.norm(errors))
+    found = hierarchical_response(np.zeros((4, 0)), np.full((4, 1), part * zero), np.ones(4), errors)
+    expected = 4 * (part * zero) ** 2 if resisted else 0.0
+    np.testing.assert_allclose(found.form, [[expected]], rtol=1e-12, atol=0)

@@ -1,10 +1,12 @@
 """Constrained minima: closed forms, dependent limits, infeasible targets, the step limit."""
 
+from dataclasses import dataclass
+
 import numpy as np
 import pytest
 from scipy.optimize import minimize_scalar
 
-from critflow.extras.targets.constrained import Point, minimise_constrained
+from critflow.extras.targets.constrained import Point, _Metric, _Search, minimise_constrained
 from critflow.result import Status
 
 N = 6
@@ -68,3 +70,47 @@ def test_few_steps_are_reported():
     assert solved(Sphere(1e4, 1e4, steep=3.0), max_steps=2).status is Status.step_limit
     found = solved(Sphere(1e2, 1e2, steep=3.0))
     assert found.status is Status.ok and found.point.constraints[0] == pytest.approx(100, rel=1e-12)
+
+
+class Line:
+    """A function of one unknown with a constraint c = 0, by a table: z to value and violation; gradients at z = 0."""
+
+    low = high = np.zeros(1)
+
+    def __init__(self, table, gradient):
+        self.table, self.gradient = table, gradient
+
+    def at(self, z):
+        value, violation = self.table[round(float(z[0]), 3)]
+        return Point(z, value, np.array([self.gradient]), np.array([violation]), lambda indices: np.ones((1, 1)))
+
+
+@dataclass
+class Step:
+    d: np.ndarray
+    multipliers: np.ndarray
+
+
+def first_accepted(table, gradient, multiplier, monkeypatch):
+    """The first of the points 1 and 0.3 that a step from 0 accepts."""
+    problem = Line(table, gradient)
+    search = _Search(problem, longest=1.0)
+    monkeypatch.setattr(search, "restored", lambda point, *_: point)
+    step = Step(np.array([1.0]), np.array([multiplier]))
+    return float(search.along(problem.at(np.zeros(1)), step, _Metric(None, 1, 1.0)).z[0])
+
+
+STEPS = {
+    # The value grows by half of what a decrease must be at least: too long.
+    "a small increase": ({0: (0.0, 0.0), 1: (5e-5, 0.0), 0.3: (-0.2, 0.0)}, -1.0, 0.0, 0.3),
+    # The rate is 0.2 − 1.2, so that a decrease of 1.2e-4 is enough; a rate of 1.4 would demand more.
+    "the violation in the rate": ({0: (0.0, 1.0), 1: (1.2 - 1.2e-4, 0.0), 0.3: (-1.0, 0.0)}, 0.2, 1.0, 1.0),
+    # A gain of the violation by 1 at a cost of 2 is none with a penalty of 1.2.
+    "the size of the penalty": ({0: (0.0, 1.0), 1: (2.0, 0.0), 0.3: (-1.0, 0.0)}, 0.2, 1.0, 0.3),
+}
+
+
+@pytest.mark.parametrize("name", STEPS)
+def test_a_step_is_accepted_by_value_and_penalty(name, monkeypatch):
+    table, gradient, multiplier, accepted = STEPS[name]
+    assert first_accepted(table, gradient, multiplier, monkeypatch) == pytest.approx(accepted)
