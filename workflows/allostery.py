@@ -312,7 +312,7 @@ def response_figure(ds):
     left.set(xlabel="distance [$\\sqrt{V/N_v}$]", ylabel="median |η|", title="untrained")
     low, high = left.get_ylim()
     left.set_ylim(low * (low / high) ** 0.8, high)  # room for the names
-    left.legend(frameon=False, fontsize=8, ncols=2, loc="lower center", columnspacing=0.8, handlelength=1.4)
+    left.legend(frameon=False, fontsize=8, ncols=2, loc="lower center", columnspacing=0.6, handlelength=1)
     loads = parameters(ds)["loads"]
     for s, style in enumerate(STYLES):
         for n in sorted({len(loads) // 3, len(loads) - 1}):
@@ -335,7 +335,7 @@ def response_figure(ds):
 
 def network_figure(ds):
     """One network before and after training: widths by tension, displacements, source and targets."""
-    figure, axes = panels(2, "Eight targets of one source before and after training", height=5.0)
+    figure, axes = panels(2, "Eight targets of one source before and after training", height=4.2)
     one = ds.isel(seed=0)
     for n, (ax, title) in enumerate(zip(axes, ("stiffest network", "trained"), strict=True)):
         draw_stage(ax, one, n)
