@@ -18,11 +18,12 @@ from numpy.typing import ArrayLike
 from critflow.arguments import of_kind
 from critflow.calls import running
 from critflow.certificates.prestress import stable_margin
-from critflow.certificates.spectrum import ITERATION_ERROR, Spectrum, edge_without_length, rounding_note
+from critflow.certificates.spectrum import ITERATION_ERROR, Spectrum, edge_without_length
 from critflow.critical.backbone import Mask, backbone, taut_edges, taut_networks
 from critflow.critical.manifold import CriticalConfiguration
 from critflow.linalg.saddle import Saddle, positive
 from critflow.linalg.tolerances import LARGEST_DENSE
+from critflow.networks.digits import rounding_note
 from critflow.networks.network import Array, IntArray, Network, validated_coordinates
 from critflow.result import InputError, Record, Solution, Stats, Status
 
@@ -111,7 +112,7 @@ def rigidity(
         return Solution(nothing, Status.singular, Stats("counts"), note)
     spectrum = Spectrum(network, x, tolerance)
     length = spectrum.lengths
-    n_stresses = spectrum.n_motions + network.n_edges - spectrum.n_coordinates
+    n_stresses = spectrum.n_self_stresses
     stresses, gap = np.zeros((0, network.n_edges)), spectrum.gap
     if vectors:
         check_size(n_stresses, network.n_edges, "self-stresses", "vectors=False counts them")
