@@ -34,10 +34,10 @@ from .extras.weak.weak_energies import SoftSprings as SoftSprings
 from .extras.weak.weak_energies import Temperature as Temperature
 from .extras.weak.weak_forces import weak_forces as weak_forces
 from .figures.drawing import draw as draw
+from .generators.delaunay import delaunay_network as delaunay_network
+from .generators.foams import foam_network as foam_network
 from .generators.lattices import lattice as lattice
-from .generators.random_networks import delaunay_network as delaunay_network
-from .generators.random_networks import foam_network as foam_network
-from .generators.random_networks import three_bar_linkage as three_bar_linkage
+from .generators.linkages import three_bar_linkage as three_bar_linkage
 from .generators.random_networks import voronoi_network as voronoi_network
 from .lengths.from_lengths import critical_from_lengths as critical_from_lengths
 from .networks.deformation import Deformation as Deformation
