@@ -3,13 +3,13 @@
 from .certificates.counts import certify as certify
 from .certificates.counts import rigidity as rigidity
 from .certificates.spaces import self_stresses as self_stresses
+from .critical.bounds import upper_bound as upper_bound
 from .critical.isogonal import isogonal_modes as isogonal_modes
 from .critical.manifold import CriticalConfiguration as CriticalConfiguration
 from .critical.manifold import CriticalManifold as CriticalManifold
 from .critical.properties import properties as properties
 from .critical.quantity import Quantity as Quantity
 from .critical.vocabulary import quantity as quantity
-from .critical.vocabulary import upper_bound as upper_bound
 from .extras.cables.critical_strain import critical_strain as critical_strain
 from .extras.cables.rigidity_surface import rigidity_surface as rigidity_surface
 from .extras.examine.examine import examine as examine
