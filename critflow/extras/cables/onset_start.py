@@ -13,7 +13,8 @@ from critflow.extras.cables.onset_end import CriticalStrain
 from critflow.networks.network import Array
 from critflow.paths.start import Beginning, start_of
 from critflow.result import InputError
-from critflow.springs.laws import Cable, SpringLaw, checked_law
+from critflow.springs.laws import SpringLaw, checked_law
+from critflow.springs.nonlinear_laws import Cable
 from critflow.springs.state import SpringState
 
 CONSISTENT_LENGTHS = 1e-6  # relative deviation of taut edges from their rest lengths; solutions have 1e-9
