@@ -9,10 +9,9 @@ In units in which Σσ² = N_b, the mean length ⟨|L|⟩ is 1 and the quantity 
     step_limit     the steps are used up, or an observer has ended it           the last configuration; O
     stalled        rounding hides every decrease, also of a step off a saddle,  the last configuration; O
                    or σ < UNRESOLVED_STRESS, or |L| < COLLAPSED
-    stalled        one of these where an edge |L| < SOUND²                      the last sound one; the last O
+    stalled        one of these where |L| < SOUND², or σ leaves no digit of L   the last sound one; the last O
     stalled        one of these where σ < FADED                                 the last configuration; O
-    stalled        one of these where stresses differ too much for lengths      the last sound one; the last O
-    slack_edges    σ < FADED with ∂f/∂θ > 0: edges of σ < SLACKENING fall slack the last sound one; limit of O
+    slack_edges    σ < FADED with ∂f/∂θ > 0: edges of σ < 10⁶ FADED fall slack the last sound one; limit of O
     edge_collapse  |L| < COLLAPSING under tension with ∂f/∂θ < 0: they vanish   the last sound one; limit of O
     singular       P singular, or nearly so for TRAPPED steps (stresses of      the last regular one; the last O
                    any sign)
@@ -42,7 +41,6 @@ from critflow.optimisation.optimum import Optimum
 from critflow.result import Status
 
 FADED = 1e-12  # σ that tends to zero: far below the stresses of any optimum (1e-3)
-SLACKENING = 1e-6  # σ of all edges that fall slack, once the first has faded and the value has converged
 UNRESOLVED_STRESS = 1e-20  # least σ at which a descent ends without an optimum: far below FADED
 TENSE = 0.01  # tension of an edge that does not fall slack, in units of the mean
 GAINING = 0.1  # gain of an edge that collapses, relative to the largest gain: isogonal modes shorten others without
@@ -54,7 +52,6 @@ NEARLY_SINGULAR = 1e-9
 TRAPPED = 20  # number of successive steps at nearly singular matrices that show a limit at a singular one
 
 NOT_ATTAINED = (Status.edge_collapse, Status.slack_edges)
-_RETRY = "try another start"
 _LOCAL = "the value is local, and other starts may have a better one: give starts and rng"
 
 Observer = Callable[[int, float, Array, Array], Any]
@@ -92,7 +89,7 @@ class DescentMonitor:
         return Status.step_limit if self.ended else status
 
     def _status(self, point: Point) -> Status | None:
-        sigma, L = point.state.balance.sigma, point.state.balance.bond_vectors
+        sigma, L, gradient = point.state.balance.sigma, point.state.balance.bond_vectors, point.gradient
         length = np.sqrt(dot(L, L))
         if length.min() * len(length) > SOUND * length.sum() and sigma.min() > SOUND**2:
             # Far from all limits below.
@@ -100,7 +97,6 @@ class DescentMonitor:
             return None
         tension = sigma * length
         # An edge tends to its limit if the value decreases in that direction; a bad start may lie there without reason.
-        gradient = point.gradient
         fading = (sigma < FADED) & (gradient > 0)
         vanishing = (length < COLLAPSING * length.mean()) & (tension > TENSE * tension.mean()) & (gradient < 0)
         for limit, some in ((Status.slack_edges, fading), (Status.edge_collapse, vanishing)):
@@ -168,17 +164,18 @@ def optimum_at(end: Minimum, saddles: int | None, monitor: DescentMonitor, metho
     if monitor.diverges(end):
         limit = f"the value tends to {optimum.objective:.8g} as the prestress matrix becomes singular and lengths grow"
         return _at_last_sound(monitor, replace(optimum, status=Status.singular, note=f"{limit} without end"))
-    if not last.ok:
-        if end.status is Status.stalled and end.steps and np.isfinite(monitor.last_sound).all():
-            note = f"stresses become too different to resolve as the value tends to {optimum.objective:.6g}: {_RETRY}"
-            return _at_last_sound(monitor, replace(optimum, note=note))
-        return replace(optimum, status=last.status, objective=np.nan)
-    if end.status is Status.stalled and last.value.lengths.min() < SOUND**2 * last.value.lengths.mean():
-        note = f"edges become too short to resolve as the value falls to {optimum.objective:.6g}: {_RETRY}"
+    L = last.value.lengths
+    short = L.min() < SOUND**2 * L.mean() if last.ok else end.steps and np.isfinite(monitor.last_sound).all()
+    if end.status is Status.stalled and short:
+        change = "edges become too short" if last.ok else "stresses become too different"
+        note = f"{change} to resolve as the value falls to {optimum.objective:.6g}: try another start"
         return _at_last_sound(monitor, replace(optimum, note=note))
+    if not last.ok:
+        return replace(optimum, status=last.status, objective=np.nan)
     if end.status is Status.stalled and last.value.sigma.min() < FADED:
-        edge = int(last.value.sigma.argmin())
-        note = f"stresses fade, that of edge {edge} first, before the others have converged: {_LOCAL}"
+        note = (
+            f"stresses fade, that of edge {last.value.sigma.argmin()} first, before the others have converged: {_LOCAL}"
+        )
         return replace(optimum, note=note)
     return optimum
 
@@ -190,23 +187,20 @@ def _infimum(optimum: Optimum, end: Minimum, monitor: DescentMonitor) -> Optimum
     gradient in log σ.  Error bound (estimate) of the limit: this gain and all other components of the gradient.
     """
     gradient, collapse = end.point.gradient, end.status is Status.edge_collapse
-    sigma = optimum.value.sigma
-    edges = _leaving(end.status, sigma, optimum.value.lengths, gradient)
+    edges = _leaving(end.status, optimum.value.sigma, optimum.value.lengths, gradient)
     change = "shrink to zero length" if collapse else "lose their tension"
     left = float(np.abs(gradient[edges]).sum())
     limit = monitor.unit * (end.point.value - left)
-    uncertainty = abs(monitor.unit) * (left + float(np.abs(np.delete(gradient, edges)).sum()))
-    if not collapse:
-        # Edges that fall slack as a group, such as all those of one vertex, have gradients of either sign.
-        edges = np.flatnonzero(sigma < SLACKENING)
-    listed = ", ".join(map(str, edges))
+    # Edges that fall slack together, such as all those of a vertex, have gradients of either sign.
+    reached = edges if collapse else np.flatnonzero(optimum.value.sigma < 1e6 * FADED)
+    listed = ", ".join(map(str, reached))
     optimum = replace(
         optimum,
         note=f"edges {listed} {change} towards the infimum {limit:.8g}, which is not attained: {_LOCAL}",
         objective=limit,
-        uncertainty=uncertainty,
+        uncertainty=abs(monitor.unit) * (left + float(np.abs(np.delete(gradient, edges)).sum())),
         collapsed_edges=edges if collapse else edges[:0],
-        slack_edges=edges[:0] if collapse else edges,
+        slack_edges=edges[:0] if collapse else reached,
         saddles=None,
     )
     return _at_last_sound(monitor, optimum)

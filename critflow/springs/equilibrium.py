@@ -153,10 +153,9 @@ def _by_newton(
 
 def _by_fire(state: State, pattern: FixedPattern, tolerance: float, max_steps: int | None) -> Equilibrium[State]:
     # No squared frequency exceeds twice the sum of the stiffnesses at a vertex.
-    time_step = _TIME_STEP * 2 / np.sqrt(state.largest_stiffness)
     end = minimise(
         Relaxation(state),
-        Fire(time_step, _LONGEST_MOVE * float(state.lengths.mean())),
+        Fire(_TIME_STEP * 2 / np.sqrt(state.largest_stiffness), _LONGEST_MOVE * float(state.lengths.mean())),
         np.zeros(state.forces.size),
         tolerance * state.stiffness_scale * state.length_scale,
         _FIRE_STEPS if max_steps is None else max_steps,
@@ -270,7 +269,6 @@ class Relaxation(Function, Generic[State]):
 
     def at(self, x: Array) -> Point:
         state = self._state.moved(x.reshape(self._state.forces.shape))
-        force = unbalanced_force(state)
-        if not np.isfinite(force):
+        if not np.isfinite(unbalanced_force(state)):
             return Point(x, np.inf, np.zeros_like(x), np.inf)
-        return Point(x, state.energy, -state.forces.ravel(), force)
+        return Point(x, state.energy, -state.forces.ravel(), state.max_force)

@@ -10,7 +10,6 @@ matrix that it selects itself, and states keep bond vectors with a relative roun
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from typing import Generic, Protocol, Self, TypeVar
 
@@ -105,8 +104,7 @@ def newton(state: State, tolerance: float, max_steps: int, pattern: FixedPattern
             damping.accept(state, trial)
             state, step = trial, step + 1
         elif not damping.reuses_factor and force < ROUNDING_FORCE * unit:
-            converged = force <= _ROUNDING_MARGIN * (tolerance * unit)
-            status = Status.ok if converged else Status.stalled
+            status = Status.ok if force <= _ROUNDING_MARGIN * (tolerance * unit) else Status.stalled
             break
         else:
             damping.reject(state)
@@ -117,7 +115,7 @@ def newton(state: State, tolerance: float, max_steps: int, pattern: FixedPattern
 
 def unbalanced_force(state: Elastic) -> float:
     """The largest force; infinite beyond the reach of a law, where its energy or a tension is no number."""
-    return state.max_force if math.isfinite(state.energy) and math.isfinite(state.max_force) else math.inf
+    return state.max_force if np.isfinite(state.energy) and np.isfinite(state.max_force) else np.inf
 
 
 def _line_search(here: State, displacement: Array, factor_is_old: bool) -> State | None:
@@ -129,7 +127,7 @@ def _line_search(here: State, displacement: Array, factor_is_old: bool) -> State
         if factor_is_old:
             accepted = force < _REUSE_DECREASE * unbalanced_force(here)
         else:
-            decreased = force < math.inf and trial.energy < here.energy * (1 - _ENERGY_ROUNDING)
+            decreased = force < np.inf and trial.energy < here.energy * (1 - _ENERGY_ROUNDING)
             accepted = decreased or force < _FORCE_DECREASE * unbalanced_force(here)
         if accepted:
             return trial
@@ -189,8 +187,7 @@ class _Damping:
     def accept(self, before: Elastic, after: Elastic) -> None:
         """Reduce the damping after an accepted step."""
         self.reuses_factor = unbalanced_force(after) < _REUSE_AFTER * unbalanced_force(before)
-        smallest = _FIRST_SHIFT * before.stiffness_scale
-        self.shift = _DECAY * self.shift if self.shift > smallest else 0.0
+        self.shift = _DECAY * self.shift if self.shift > _FIRST_SHIFT * before.stiffness_scale else 0.0
 
     def reject(self, here: Elastic) -> None:
         """Increase the damping, or only discard a factor of an earlier state."""
