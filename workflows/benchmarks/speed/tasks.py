@@ -1,8 +1,8 @@
 """All tasks of the benchmark, by word, and their methods."""
 
-from . import coefficients, configuration, lengths, moduli, optimum, stages, strain
+from . import configuration, moduli, optimum, stages, strain
 
-MODULES = configuration, optimum, lengths, strain, moduli, coefficients
+MODULES = configuration, optimum, strain, moduli
 
 TASKS = {task.word: task for module in MODULES for task in module.TASKS}
 
