@@ -82,7 +82,7 @@ def _draw_times(axes, stages):
         )  # fmt: skip
     axes.set(xscale="log", yscale="log", xlabel="number of vertices $N_v$", ylabel="wall time  [s]")
     low, high = axes.get_ylim()
-    axes.set_ylim(low, high * 60)
+    axes.set_ylim(low, high * 400)
     axes.legend(
         fontsize=TEXT, frameon=False, loc="upper left", ncols=2, columnspacing=1.0, handletextpad=0.4,
         title_fontsize=TEXT,
