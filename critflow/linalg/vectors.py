@@ -86,14 +86,8 @@ _KERNELS = {"csr": (csr_matvec, csr_matvecs), "csc": (csc_matvec, csc_matvecs)}
 
 def product(matrix: sp.csr_array | sp.csc_matrix, x: Array) -> Array:
     """A x for x (n,) or (n, d) of floats: the bits of `matrix @ x`."""
-    n_rows, n_columns = matrix.shape
-    # The kernels make a contiguous copy of an x that is not.
-    if x.ndim == 1:
-        y = np.zeros(n_rows)
-        _KERNELS[matrix.format][0](n_rows, n_columns, matrix.indptr, matrix.indices, matrix.data, x, y)
-        return y
-    y = np.zeros((n_rows, x.shape[1]))
-    _KERNELS[matrix.format][1](n_rows, *x.shape, matrix.indptr, matrix.indices, matrix.data, x, y)
+    y = np.zeros((matrix.shape[0], *x.shape[1:]))
+    _KERNELS[matrix.format][x.ndim - 1](len(y), *x.shape, matrix.indptr, matrix.indices, matrix.data, x, y)
     return y
 
 

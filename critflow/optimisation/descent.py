@@ -109,9 +109,7 @@ class StressObjective(Function):
             evaluation = evaluate(self.manifold, self.quantity, sigma)
         residual = float(np.maximum.reduce(np.abs(evaluation.gradient))) / abs(self.unit)
         gradient = self.rate(x, sigma)[0] * evaluation.gradient / self.unit
-        return Point(
-            x, evaluation.value / self.unit, gradient, residual if residual < np.inf else np.inf, evaluation
-        )
+        return Point(x, evaluation.value / self.unit, gradient, residual if residual < np.inf else np.inf, evaluation)
 
     def preconditioner(self, point: Point) -> Array | float:
         return self.quantity.preconditioner(point.state.balance) / abs(self.unit)
