@@ -73,7 +73,7 @@ RunSetOption = Annotated[
         "--set",
         metavar="KEY=VALUE",
         help="Change a setting; may be repeated. variables=NAME,NAME computes and stores only these, "
-        "variables=scalars no arrays.",
+        "status and valid; variables=scalars no arrays.",
     ),
 ]
 
