@@ -12,11 +12,10 @@ import shlex
 import sys
 import traceback
 from collections.abc import Sequence
-from importlib.metadata import version
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING
 
-import typer
+import click
 
 from critflow.command.subcommands import Subcommands
 from critflow.result import CritflowError, EnvironmentFailure, InputError, IntegrityError
@@ -56,34 +55,17 @@ EXIT_CODES = (
 )
 _MOST_FAILURES = 10  # lines
 
-app = typer.Typer(
-    cls=Subcommands,
-    help="Design spring networks at the rigidity transition, and measure ensembles of them.",
-    add_completion=False,
-    pretty_exceptions_enable=False,
-    rich_markup_mode=None,
-)
-
-NameArgument = Annotated[str, typer.Argument(metavar="NAME|FILE", help="A study, by name or by file.")]
-FolderArgument = Annotated[Path, typer.Argument(metavar="DIR", help="A results folder.")]
-SetOption = Annotated[list[str], typer.Option("--set", metavar="KEY=VALUE", help="Change a setting; may be repeated.")]
-RunSetOption = Annotated[
-    list[str],
-    typer.Option(
-        "--set",
-        metavar="KEY=VALUE",
-        help="Change a setting; may be repeated. variables=NAME,NAME computes and stores only these, "
-        "status and valid; variables=scalars no arrays.",
-    ),
-]
+study_argument = click.argument("study", metavar="NAME|FILE", help="A study, by name or by file.")
+folder_argument = click.argument("folder", metavar="DIR", type=Path, help="A results folder.")
 
 
 def main(words: Sequence[str] | None = None) -> int:
     """Run the command and return its exit code; every error is one line on stderr."""
     try:
-        code = app(sys.argv[1:] if words is None else list(words), prog_name="critflow", standalone_mode=False) or 0
-        return _fail("interrupted: run the same command again", code) if code == INTERRUPTED else code
-    except typer.TyperException as error:
+        return app(sys.argv[1:] if words is None else list(words), prog_name="critflow", standalone_mode=False) or 0
+    except click.Abort:
+        return _fail("interrupted: run the same command again", INTERRUPTED)
+    except click.ClickException as error:
         message = error.format_message().rstrip(".")
         forgotten = "extra argument" in message and "=" in message
         return _fail(f"{message}: {'write --set before KEY=VALUE' if forgotten else 'see critflow --help'}", 2)
@@ -107,59 +89,78 @@ def _warn(sentence: str) -> None:
     print("critflow:", " ".join(sentence.split()), file=sys.stderr)
 
 
-def _print_version(requested: bool) -> None:
-    if requested:
-        print(f"critflow {version('critflow')}")
-        raise typer.Exit
-
-
-@app.callback()
-def _options(
-    version: Annotated[
-        bool, typer.Option("--version", callback=_print_version, is_eager=True, help="Print the version.")
-    ] = False,
-) -> None: ...
+@click.group(cls=Subcommands, no_args_is_help=False, epilog="critflow COMMAND --help prints the options of a command.")
+@click.version_option(package_name="critflow", message="%(prog)s %(version)s", help="Print the version.")
+def app() -> None:
+    """Design spring networks at the rigidity transition, and measure ensembles of them."""
 
 
 @app.command()
+@study_argument
+@click.option(
+    "--set",
+    "settings",
+    multiple=True,
+    metavar="KEY=VALUE",
+    help="Change a setting; may be repeated. variables=NAME,NAME computes and stores only these, status and valid; "
+    "variables=scalars no arrays.",
+)
+@click.option("--out", metavar="DIR", help="Results folder; results/NAME by default.")
+@click.option(
+    "--workers",
+    type=int,
+    metavar="N",
+    help="Worker processes, 0 for none; by default one per CPU, or the study's limit.",
+)
+@click.option("--scheduler", default="", metavar="ADDRESS", help="Use the dask scheduler at this address.")
+@click.option(
+    "--cluster",
+    default="",
+    metavar="NAME",
+    help="Use a batch system (slurm, pbs, ...) with its options in dask's configuration.",
+)
+@click.option("--jobs", default=1, metavar="N", show_default=True, help="Batch jobs of --cluster.")
+@click.option("--insecure", is_flag=True, help="Allow a scheduler without encryption.")
+@click.option(
+    "--time-limit",
+    default=HOUR,
+    show_default=True,
+    metavar="SECONDS",
+    help="Time limit of a case, in worker processes.",
+)
+@click.option(
+    "--memory-limit", type=float, metavar="GB", help="Memory limit of a worker process; an equal share by default."
+)
+@click.option(
+    "--part", default="", metavar="I/N", help="Compute one of N parts in one folder; the last writes the dataset."
+)
+@click.option("--retry-failed", is_flag=True, help="Compute failed cases again.")
+@click.option(
+    "--recompute/--keep", default=None, help="Compute stored cases of other code again, or keep and label them."
+)
+@click.option("--dry-run", is_flag=True, help="Print the plan and write nothing.")
 def run(
-    study: NameArgument,
-    settings: RunSetOption = [],  # noqa: B006 (typer reads the default and copies it)
-    out: Annotated[str | None, typer.Option(metavar="DIR", help="Results folder; results/NAME by default.")] = None,
-    workers: Annotated[
-        int | None,
-        typer.Option(help="Worker processes, 0 for none; one per CPU, or the study's limit, by default."),
-    ] = None,
-    scheduler: Annotated[str, typer.Option(metavar="ADDRESS", help="Use the dask scheduler at this address.")] = "",
-    cluster: Annotated[
-        str,
-        typer.Option(
-            metavar="NAME", help="Use a batch system (slurm, pbs, ...) with its options in dask's configuration."
-        ),
-    ] = "",
-    jobs: Annotated[int, typer.Option(help="Batch jobs of --cluster.")] = 1,
-    insecure: Annotated[bool, typer.Option("--insecure", help="Allow a scheduler without encryption.")] = False,
-    time_limit: Annotated[
-        float, typer.Option(metavar="SECONDS", help="Time limit of a case, in worker processes.")
-    ] = HOUR,
-    memory_limit: Annotated[
-        float | None, typer.Option(metavar="GB", help="Memory limit of a worker process; an equal share by default.")
-    ] = None,
-    part: Annotated[
-        str, typer.Option(metavar="I/N", help="Compute one of N parts in one folder; the last writes the dataset.")
-    ] = "",
-    retry_failed: Annotated[bool, typer.Option("--retry-failed", help="Compute failed cases again.")] = False,
-    recompute: Annotated[
-        bool | None,
-        typer.Option("--recompute/--keep", help="Compute stored cases of other code again, or keep and label them."),
-    ] = None,
-    dry_run: Annotated[bool, typer.Option("--dry-run", help="Print the plan and write nothing.")] = False,
+    study: str,
+    settings: Sequence[str],
+    out: str | None,
+    workers: int | None,
+    scheduler: str,
+    cluster: str,
+    jobs: int,
+    insecure: bool,
+    time_limit: float,
+    memory_limit: float | None,
+    part: str,
+    retry_failed: bool,
+    recompute: bool | None,
+    dry_run: bool,
 ) -> int:
-    """Compute the missing cases of a study, then write its dataset, figures and claims.
+    """Compute a study, and write its dataset, figures and claims.
 
-    `critflow list NAME` prints the settings of a study.
-
-    Its many parameters are the options of the command."""
+    Cases that are stored are not computed again. `critflow list NAME` prints the settings of a study.
+    \f
+    Many parameters: each is an option of the command.
+    """
     from critflow.workflow.run import plan_run, run_study
     from critflow.workflow.workers import Workers
 
@@ -228,9 +229,8 @@ def _print_result(requested: Selection, folder: Folder, result: RunResult) -> in
 
 
 @app.command("list")
-def list_studies(
-    study: Annotated[str, typer.Argument(metavar="[NAME|FILE]", help="Print the settings of this study.")] = "",
-) -> None:
+@click.argument("study", default="", metavar="[NAME|FILE]", help="Print the settings of this study.")
+def list_studies(study: str) -> None:
     """Name the studies that can be run, or print the settings of one."""
     if study:
         known = load_study(study).study
@@ -262,11 +262,10 @@ def list_studies(
 
 
 @app.command()
-def status(
-    folder: FolderArgument,
-    as_json: Annotated[bool, typer.Option("--json", help="Print JSON, with every case that is not done.")] = False,
-) -> None:
-    """Count the cases of a folder that are done, failed and missing, from the names of its files."""
+@folder_argument
+@click.option("--json", "as_json", is_flag=True, help="Print JSON, with every case that is not done.")
+def status(folder: Path, as_json: bool) -> None:
+    """Count the cases of a folder that are done, failed and missing."""
     results = Folder(folder)
     note, (_, selection) = results.read_note(), results.selection()
     states, code = results.states(selection), code_version(selection.study)
@@ -301,11 +300,19 @@ def status(
 
 
 @app.command()
-def verify(
-    folder: FolderArgument,
-    sample: Annotated[int, typer.Option(min=0, metavar="N", help="Cases that are computed again.")] = 3,
-) -> int:
-    """Read every byte of a folder, recompute the physics from the stored arrays, and a sample of the cases."""
+@folder_argument
+@click.option(
+    "--sample",
+    type=click.IntRange(min=0),
+    default=3,
+    show_default=True,
+    metavar="N",
+    help="Cases that are computed again.",
+)
+def verify(folder: Path, sample: int) -> int:
+    """Read every byte of a folder, and recompute its physics.
+
+    The physics of the stored arrays, and a sample of the cases."""
     from critflow.workflow.verify import verify_folder
 
     results = Folder(folder)
@@ -323,11 +330,12 @@ def verify(
 
 
 @app.command()
-def figures(
-    folder: FolderArgument,
-    format: Annotated[str, typer.Option(help="png, pdf or svg.")] = "png",
-) -> None:
-    """Draw the figures and write the claims again from the dataset of a folder, or from what a stopped run stored."""
+@folder_argument
+@click.option("--format", default="png", show_default=True, metavar="png|pdf|svg", help="Format of the figures.")
+def figures(folder: Path, format: str) -> None:
+    """Draw the figures and write the claims of a folder again.
+
+    From its dataset, or from what a stopped run stored."""
     from critflow.workflow.report import write_report
     from critflow.workflow.run import write_partial_dataset
 
@@ -341,14 +349,13 @@ def figures(
 
 
 @app.command()
-def show(
-    file: Annotated[Path, typer.Argument(metavar="FILE", help="A dataset that a study wrote.")],
-    settings: SetOption = [],  # noqa: B006 (as above)
-    out: Annotated[
-        Path | None, typer.Option(metavar="PNG", help="Figure to write; by default named after the case, next to FILE.")
-    ] = None,
-) -> None:
-    """Print what a dataset is, or draw one configuration of it, chosen by --set, and print its certificate."""
+@click.argument("file", metavar="FILE", type=Path, help="A dataset that a study wrote.")
+@click.option("--set", "settings", multiple=True, metavar="AXIS=VALUE", help="Choose a case; may be repeated.")
+@click.option("--out", metavar="PNG", type=Path, help="Figure to write; by default named after the case, next to FILE.")
+def show(file: Path, settings: Sequence[str], out: Path | None) -> None:
+    """Print what a dataset is, or draw one configuration of it.
+
+    The configuration that --set chooses, with its certificate."""
     from critflow.command.show import show_configuration
     from critflow.figures.drawing import require_picture
     from critflow.workflow.dataset import opened_dataset

@@ -306,7 +306,7 @@ class Study:
         return tuple(variable.name for variable in self.variables) if self.left_out else ()
 
     def storing(self, names: Sequence[str]) -> Study:
-        """The study with only these variables and those of `_ALWAYS`, in the order of the table; no name selects all."""
+        """The study with these variables and `_ALWAYS` only, in the order of the table; no name selects all."""
         kept = [variable for variable in self.variables if variable.name in (*names, *_ALWAYS)]
         if not names or len(kept) == len(self.variables):
             return self
