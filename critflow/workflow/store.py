@@ -12,6 +12,7 @@ from __future__ import annotations
 import errno
 import json
 import os
+import sys
 import threading
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
@@ -252,10 +253,12 @@ def _attributes(record: Record) -> dict[str, Any]:
 
 def _records(file: netCDF4.Dataset) -> dict[str, Record]:
     known = json.loads(file.getncattr("cases"))
-    return {
-        name: Record(**{**one, "status": Status(one["status"]), "absent": tuple(one["absent"])})
-        for name, one in known.items()
-    }
+    return {name: _record(**one) for name, one in known.items()}
+
+
+def _record(values: dict[str, Any], status: int, code: str, environment: str, absent: list[str]) -> Record:
+    # Texts that 10⁶ cases share are stored once.
+    return Record(values, Status(status), sys.intern(code), sys.intern(environment), tuple(absent))
 
 
 def _cases(study: Study, file: netCDF4.Dataset) -> dict[str, Stored]:
