@@ -109,7 +109,7 @@ class Selection:
     def sizes(self) -> str:
         """Number of values of each axis, as text."""
         axes = zip(self.study.axes, self.axes.values(), strict=True)
-        return " × ".join(f"{len(values)} {axis.key}" for axis, values in axes)
+        return " × ".join(f"{len(v)} {axis.name if len(v) == 1 else axis.key}" for axis, v in axes)
 
 
 def select(study: Study, words: Sequence[str] = ()) -> Selection:

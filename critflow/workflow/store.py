@@ -203,7 +203,10 @@ def refuse_sizes(case_id: str, sizes: Mapping[str, int], known: Mapping[str, int
     for dim in sizes.keys() & known.keys():
         if sizes[dim] != known[dim]:
             lengths = f"length {sizes[dim]} in {dim!r}, cases before it {known[dim]}"
-            advice = "run each size as a study of its own, or store numbers alone with --set variables=scalars"
+            advice = (
+                "run each size into a folder of its own and join them (docs/howto/dataset.md, Several sizes), or "
+                "store numbers alone with --set variables=scalars"
+            )
             raise IntegrityError(f"case {case_id} has {lengths}: {advice}")
 
 
