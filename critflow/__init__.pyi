@@ -3,13 +3,13 @@
 from .certificates.counts import certify as certify
 from .certificates.counts import rigidity as rigidity
 from .certificates.spaces import self_stresses as self_stresses
+from .critical.bounds import upper_bound as upper_bound
 from .critical.isogonal import isogonal_modes as isogonal_modes
 from .critical.manifold import CriticalConfiguration as CriticalConfiguration
 from .critical.manifold import CriticalManifold as CriticalManifold
 from .critical.properties import properties as properties
 from .critical.quantity import Quantity as Quantity
 from .critical.vocabulary import quantity as quantity
-from .critical.vocabulary import upper_bound as upper_bound
 from .extras.cables.critical_strain import critical_strain as critical_strain
 from .extras.cables.rigidity_surface import rigidity_surface as rigidity_surface
 from .extras.examine.examine import examine as examine
@@ -34,10 +34,10 @@ from .extras.weak.weak_energies import SoftSprings as SoftSprings
 from .extras.weak.weak_energies import Temperature as Temperature
 from .extras.weak.weak_forces import weak_forces as weak_forces
 from .figures.drawing import draw as draw
+from .generators.delaunay import delaunay_network as delaunay_network
+from .generators.foams import foam_network as foam_network
 from .generators.lattices import lattice as lattice
-from .generators.random_networks import delaunay_network as delaunay_network
-from .generators.random_networks import foam_network as foam_network
-from .generators.random_networks import three_bar_linkage as three_bar_linkage
+from .generators.linkages import three_bar_linkage as three_bar_linkage
 from .generators.random_networks import voronoi_network as voronoi_network
 from .lengths.from_lengths import critical_from_lengths as critical_from_lengths
 from .networks.deformation import Deformation as Deformation
@@ -53,11 +53,11 @@ from .result import Solution as Solution
 from .result import SolveError as SolveError
 from .result import Status as Status
 from .springs.equilibrium import equilibrium as equilibrium
-from .springs.laws import Cable as Cable
 from .springs.laws import Hookean as Hookean
-from .springs.laws import PowerLaw as PowerLaw
 from .springs.laws import SpringLaw as SpringLaw
-from .springs.laws import WormLike as WormLike
+from .springs.nonlinear_laws import Cable as Cable
+from .springs.nonlinear_laws import PowerLaw as PowerLaw
+from .springs.nonlinear_laws import WormLike as WormLike
 from .springs.state import spring_state as spring_state
 
 __all__: list[str]

@@ -32,7 +32,7 @@ _KNOWN = Path(__file__).with_name("known_extras.toml")
 
 @dataclass(frozen=True)
 class Command:
-    """A subcommand that an extra adds: where its function is, and its line in `critflow --help`."""
+    """A subcommand: where its function is, and its line in `critflow --help`."""
 
     place: str
     help: str

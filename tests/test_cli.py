@@ -262,12 +262,14 @@ def test_help_imports_no_extra_and_prints_what_the_commands_print(capsys):
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
     assert done.stdout.endswith("\n[]\n"), done.stdout
-    for extra in (extra for name, extra in extensions.extras().items() if not absent([name])):
-        for name, command in extra.commands.items():
-            assert name in done.stdout
-            assert (extra.named(command.place).help or "").splitlines()[0] == command.help
-            assert main([name, "--help"]) == 0
-            assert f"Usage: critflow {name} [OPTIONS]" in capsys.readouterr().out
+    there = [extra for name, extra in extensions.extras().items() if not absent([name])]
+    declared = [(name, one, extra.named) for extra in there for name, one in extra.commands.items()]
+    declared += [(name, one, extensions.named) for name, one in subcommands.COMMANDS.items()]
+    for name, command, imported in declared:
+        assert name in done.stdout
+        assert (imported(command.place).help or "").splitlines()[0] == command.help
+        assert main([name, "--help"]) == 0
+        assert f"Usage: critflow {name} [OPTIONS]" in capsys.readouterr().out
 
 
 def test_help_is_written_for_users(capsys):

@@ -12,7 +12,7 @@ import numpy as np
 
 from critflow import foam_network
 from critflow.figures.plot import COLOURS
-from critflow.generators.random_networks import FOAM_HARD_CORE, check_foam
+from critflow.generators.foams import FOAM_HARD_CORE, check_foam
 from critflow.paths.strain_path import check_strains
 from critflow.workflow import Axis, Claim, Coordinate, Study, decimals
 from critflow.workflow.study import plural

@@ -17,12 +17,12 @@ from numpy.typing import ArrayLike
 
 from critflow.arguments import of_kind
 from critflow.calls import running
-from critflow.certificates.prestress import stable_margin
-from critflow.certificates.spectrum import ITERATION_ERROR, Spectrum, edge_without_length, rounding_note
+from critflow.certificates.spectrum import ITERATION_ERROR, Spectrum, edge_without_length
 from critflow.critical.backbone import Mask, backbone, taut_edges, taut_networks
 from critflow.critical.manifold import CriticalConfiguration
 from critflow.linalg.saddle import Saddle, positive
-from critflow.linalg.tolerances import LARGEST_DENSE
+from critflow.linalg.tolerances import LARGEST_DENSE, REGULARISATION, STABLE_MARGIN
+from critflow.networks.digits import rounding_note
 from critflow.networks.network import Array, IntArray, Network, validated_coordinates
 from critflow.result import InputError, Record, Solution, Stats, Status
 
@@ -111,7 +111,7 @@ def rigidity(
         return Solution(nothing, Status.singular, Stats("counts"), note)
     spectrum = Spectrum(network, x, tolerance)
     length = spectrum.lengths
-    n_stresses = spectrum.n_motions + network.n_edges - spectrum.n_coordinates
+    n_stresses = spectrum.n_self_stresses
     stresses, gap = np.zeros((0, network.n_edges)), spectrum.gap
     if vectors:
         check_size(n_stresses, network.n_edges, "self-stresses", "vectors=False counts them")
@@ -204,6 +204,25 @@ def _stabilises(
             return True, sign * sigma[None]
     open_question = turned > 0 and any(saddle.stable(sign * sigma, L, -margin) for sign in (1.0, -1.0))
     return None if open_question else False, sigma[None]
+
+
+def stiffness_error(network: Network, sigma: Array, turned: float) -> float:
+    """Error of z·P(σ)z on unit zero modes z where σ and z are off by a part `turned` of themselves.
+
+    Singular values up to t that count as zero turn both by t over the smallest other one.
+    """
+    at_vertices = np.bincount(network.edges.ravel(), np.repeat(np.abs(sigma), 2), network.n_vertices)
+    return 3 * turned * 2 * float(at_vertices.max())
+
+
+def stable_margin(network: Network, sigma: Array, turned: float, largest_zero: float) -> float:
+    """Part of the mean |σ| by which P must be positive in `Saddle.stable`, where singular values count as zero.
+
+    The regularisation of that matrix gives a mode of singular value s the stiffness s²/δ.
+    """
+    mean = float(np.mean(np.abs(sigma)))
+    added = network.dimension * largest_zero**2 / REGULARISATION
+    return max(STABLE_MARGIN, stiffness_error(network, sigma, turned) / mean + added)
 
 
 @dataclass(frozen=True, repr=False)

@@ -12,7 +12,7 @@ import scipy.sparse as sp
 
 from critflow.certificates.spectrum import Spectrum, edge_without_length
 from critflow.linalg.saddle import Saddle
-from critflow.linalg.tolerances import LARGEST_DENSE, REGULARISATION, STABLE_MARGIN
+from critflow.linalg.tolerances import LARGEST_DENSE, STABLE_MARGIN
 from critflow.networks.network import Array, Network
 
 LARGEST_FORM = 2000  # most zero modes whose stiffness under one stress is found by all eigenvalues: some seconds
@@ -48,22 +48,3 @@ def forms_on_modes(incidence: sp.csr_array, stresses: Array, modes: Array) -> Ar
     """
     stretch = np.concatenate([np.asarray(incidence @ component.T) for component in np.moveaxis(modes, 2, 0)])
     return np.stack([stretch.T @ (weights[:, None] * stretch) for weights in np.tile(stresses, modes.shape[2])])
-
-
-def stiffness_error(network: Network, sigma: Array, turned: float) -> float:
-    """Error of z·P(σ)z on unit zero modes z where σ and z are off by a part `turned` of themselves.
-
-    Singular values up to t that count as zero turn both by t over the smallest other one.
-    """
-    at_vertices = np.bincount(network.edges.ravel(), np.repeat(np.abs(sigma), 2), network.n_vertices)
-    return 3 * turned * 2 * float(at_vertices.max())
-
-
-def stable_margin(network: Network, sigma: Array, turned: float, largest_zero: float) -> float:
-    """Part of the mean |σ| by which P must be positive in `Saddle.stable`, where singular values count as zero.
-
-    The regularisation of that matrix gives a mode of singular value s the stiffness s²/δ.
-    """
-    mean = float(np.mean(np.abs(sigma)))
-    added = network.dimension * largest_zero**2 / REGULARISATION
-    return max(STABLE_MARGIN, stiffness_error(network, sigma, turned) / mean + added)

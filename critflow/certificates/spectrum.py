@@ -16,7 +16,6 @@ from critflow.critical.edge_lengths import COLLAPSED
 from critflow.linalg.factor import FixedPattern
 from critflow.linalg.matrices import block_laplacian, edge_blocks, spread_columns
 from critflow.linalg.tolerances import EPS
-from critflow.networks.digits import digits_of
 from critflow.networks.network import Array, Network
 from critflow.result import InputError
 
@@ -30,9 +29,6 @@ ROUNDING_MARGIN = 10.0
 ITERATION_ERROR = 1e-12  # s that inverse iteration leaves for an exact zero
 SQUARED_ROUNDING = 1e-7  # s below this is within the rounding of RᵀR, whose eigenvalues are s² with an error of 1e-15
 DENSE_EDGES = 400  # up to this number of edges all s are computed by a dense decomposition
-# s below this number times the estimated effect of rounded coordinates may be due to them: the estimate is 0.7 of the
-# largest in standard networks of 100 vertices.
-FROM_ROUNDING = 6.0
 
 # Inverse iteration: shift in units of the squared tolerance, so that values below it gain a hundredfold in every step;
 # most steps; largest singular value, in units of the tolerance, of a null space that has converged.
@@ -82,6 +78,11 @@ class Spectrum:
         self._null = (left.T[rank:], right[rank:])
         self.n_motions = self.n_coordinates - rank
         self.gap = float(values[rank]) if rank < len(values) else 0.0, float(values[rank - 1]) if rank else np.nan
+
+    @property
+    def n_self_stresses(self) -> int:
+        """N_s, by the number of zero modes."""
+        return self.n_motions + self._network.n_edges - self.n_coordinates
 
     @cached_property
     def pattern(self) -> FixedPattern:
@@ -177,14 +178,3 @@ def edge_without_length(lengths: Array) -> str:
     if lengths.min() > COLLAPSED * lengths.mean():
         return ""
     return f"edge {int(lengths.argmin())} has no length, so no direction: move its ends apart, or remove it"
-
-
-def rounding_note(coordinates: Array, lengths: Array, singular_value: float) -> str:
-    """A sentence where coordinates (N_v, d) have so few digits that a singular value may come from rounding them."""
-    digits = digits_of(coordinates)
-    if not 0 < singular_value < FROM_ROUNDING * digits.effect(lengths):
-        return ""
-    return (
-        f"a singular value of {singular_value:.1e} may come from the coordinates, which have {digits.words}: "
-        "nearest_critical(network, coordinates) restores a critical configuration that was rounded"
-    )

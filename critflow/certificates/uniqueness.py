@@ -4,7 +4,7 @@ A self-stress balances at every vertex.  Where z edges meet whose directions hav
 degrees of freedom: one where three edges of the plane, or four in space, meet in general directions.  There every
 self-stress is a multiple of the known one, by a factor shared by vertices with a common stressed edge, so a connected
 network of such vertices has no other.  The cost is a few sums over the edges, without a matrix; a count by singular
-values (`counts`) would cost a factorisation.
+values (`spectrum`) costs a factorisation.
 """
 
 from __future__ import annotations
@@ -12,11 +12,11 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from critflow.certificates.counts import rigidity
+from critflow.certificates.spectrum import Spectrum, edge_without_length
 from critflow.critical.manifold import CriticalConfiguration
 from critflow.networks.blocks import components
-from critflow.networks.network import Array, Network
-from critflow.result import InputError, Status
+from critflow.networks.network import Array, Network, validated_coordinates
+from critflow.result import InputError
 
 UNKNOWN_ERROR = 1e-8  # relative error assumed for bond vectors without error bounds
 # Two directions differ if they do by this number times their errors, plus the rounding of products.
@@ -43,8 +43,11 @@ def count_self_stresses(critical: CriticalConfiguration) -> int | None:
         return certain
     if only_self_stress(critical):
         return 1
-    counted = rigidity(network, critical.coordinates, vectors=False)
-    return None if counted.status is Status.singular else counted.value.n_self_stresses
+    x = validated_coordinates(network, critical.coordinates)
+    if edge_without_length(np.linalg.norm(network.bond_vectors(x), axis=1)):
+        return None
+    spectrum = Spectrum(network, x)
+    return None if spectrum.doubt(*spectrum.gap) else spectrum.n_self_stresses
 
 
 def only_self_stress(critical: CriticalConfiguration) -> bool:

@@ -10,7 +10,7 @@ import numpy as np
 import xarray as xr
 
 from critflow.critical.manifold import CriticalConfiguration
-from critflow.figures.plot import network_figure
+from critflow.figures.depth import network_figure
 from critflow.networks.network import Network
 from critflow.response.certificate import certificate_text
 from critflow.result import InputError, Status

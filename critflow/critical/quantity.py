@@ -187,6 +187,13 @@ class Evaluation:
         return (ends[0].gradient - ends[1].gradient) / (2 * step)
 
 
+def only_positive(signs: str) -> bool:
+    """Whether stresses are positive; `InputError` for other words than "positive" and "any"."""
+    if signs not in ("positive", "any"):
+        raise InputError(f"signs must be 'positive' or 'any', not {signs!r}")
+    return signs == "positive"
+
+
 def own(quantity: Quantity) -> bool:
     """Whether the class of a quantity is one of critflow, which has tests of its own."""
     return type(quantity).__module__.partition(".")[0] == __name__.partition(".")[0]

@@ -1,6 +1,6 @@
-"""Moduli at the transition and the stress S/√D that determines them, as quantities.
+"""Moduli at the transition as quantities.
 
-    W = Σ σ L·A L,   D = Σ σ²|L|²/k,   μ_A = W²/(V D),   S:A/√D = W/√D,   C = S⊗S/(V D).
+    W = Σ σ L·A L,   D = Σ σ²|L|²/k,   μ_A = W²/(V D).
 Scalars are squared by products: the power of a number is off by a last bit that depends on its unit.
 All are functions f(W, D), so that ∂O/∂σ = f_W ∂W/∂σ + f_D ∂D/∂σ and likewise for L.
 The configuration does not depend on k, and ∂D/∂k = −σ²|L|²/k².
@@ -22,7 +22,7 @@ from critflow.arguments import of_kind
 from critflow.critical.manifold import CriticalManifold
 from critflow.critical.quantity import Balanced, Partials, SpringResponse
 from critflow.linalg.vectors import dot
-from critflow.networks.deformation import Deformable, deformation_of, strain_basis
+from critflow.networks.deformation import Deformable, deformation_of
 from critflow.networks.network import Array, Network
 from critflow.result import InputError
 
@@ -31,7 +31,7 @@ PENALTY_EXPONENT = 10  # of r/s in the penalty of small stresses, even (`ShearMo
 PENALTY_THRESHOLD = 0.1  # r of that penalty unless another one is given
 
 
-class _WorkAndCost:
+class WorkAndCost:
     """W and D of one strain at a balance, with their derivatives by σ and L."""
 
     def __init__(self, balance: Balanced, A: Array):
@@ -67,13 +67,13 @@ class TransitionModulus(SpringResponse):
     maximise = True
 
     def evaluate(self, balance: Balanced) -> tuple[float, Partials]:
-        terms, volume = _WorkAndCost(balance, self.symmetric), balance.network.volume
+        terms, volume = WorkAndCost(balance, self.symmetric), balance.network.volume
         ratio = terms.work / terms.cost
         by_sigma, by_L = terms.partials(2 * ratio, -ratio * ratio)
         return terms.work * ratio / volume, (by_sigma / volume, by_L / volume)
 
     def by_stiffness(self, balance: Balanced) -> Array:
-        terms = _WorkAndCost(balance, self.symmetric)
+        terms = WorkAndCost(balance, self.symmetric)
         ratio = terms.work / terms.cost
         return terms.by_stiffness * (ratio * ratio) / balance.network.volume
 
@@ -146,68 +146,6 @@ def _power(x: Array, n: int) -> Array:
     return x * half if n % 2 else half
 
 
-@dataclass(frozen=True, eq=False, repr=False)
-class StressComponent(SpringResponse):
-    """Component S:A/√D of the stress, S = Σσ L⊗L, D = Σσ²|L|²/k: all that linear elasticity is at the transition.
-
-    strain  (d, d) A, symmetric
-    name    in tables, targets and messages
-    """
-
-    strain: Array
-    name: str = "S"
-
-    def evaluate(self, balance: Balanced) -> tuple[float, Partials]:
-        terms = _WorkAndCost(balance, self.strain)
-        root = np.sqrt(terms.cost).item()
-        return terms.work / root, terms.partials(1 / root, -0.5 * terms.work / (terms.cost * root))
-
-    def by_stiffness(self, balance: Balanced) -> Array:
-        terms = _WorkAndCost(balance, self.strain)
-        return 0.5 * terms.work / (terms.cost * np.sqrt(terms.cost).item()) * terms.by_stiffness
-
-    def extreme(self, manifold: CriticalManifold, positive: bool = True) -> tuple[float, float]:
-        reach = float(np.sqrt(largest_value(manifold, self.strain) * manifold.network.volume))
-        return (0.0 if positive and np.linalg.eigvalsh(self.strain)[0] >= 0 else -reach), reach
-
-    def unit(self, network: Network) -> float:
-        return float(np.sqrt(network.stiffness.mean())) * network.spacing
-
-
-@dataclass(frozen=True, eq=False, repr=False)
-class TensorComponent(SpringResponse):
-    """Component C_ab of the elasticity tensor; at the transition C_ab = S_a S_b/(V D).
-
-    first, second  `StressComponent`s a and b
-    """
-
-    first: StressComponent
-    second: StressComponent
-
-    @property
-    def name(self) -> str:
-        return f"C_{self.first.name[2:]}{self.second.name[2:]}"
-
-    def evaluate(self, balance: Balanced) -> tuple[float, Partials]:
-        (a, of_a), (b, of_b) = self.first.evaluate(balance), self.second.evaluate(balance)
-        volume = balance.network.volume
-        by_sigma, by_L = ((b * one + a * two) / volume for one, two in zip(of_a, of_b, strict=True))
-        return a * b / volume, (by_sigma, by_L)
-
-    def by_stiffness(self, balance: Balanced) -> Array:
-        a, b = self.first.evaluate(balance)[0], self.second.evaluate(balance)[0]
-        return (b * self.first.by_stiffness(balance) + a * self.second.by_stiffness(balance)) / balance.network.volume
-
-    def extreme(self, manifold: CriticalManifold, positive: bool = True) -> tuple[float, float]:
-        """Extreme values of s_a s_b/V on the ellipsoid of S/√D."""
-        form = modulus_form(manifold, np.array([self.first.strain, self.second.strain]))
-        reach = float(np.sqrt(form[0, 0] * form[1, 1]))
-        low = 0.5 * (float(form[0, 1]) - reach)
-        # S is positive definite under tension: normal components are positive.
-        normal = positive and all(np.linalg.eigvalsh(one.strain)[0] >= 0 for one in (self.first, self.second))
-        return max(low, 0.0) if normal or self.first is self.second else low, 0.5 * (float(form[0, 1]) + reach)
-
-
 def is_dilation(A: Array) -> bool:
     """Whether a strain A (d, d) is a dilation up to rounding."""
     return bool(np.abs(A - A[0, 0] * np.eye(len(A))).max() <= ISOTROPIC * np.abs(A).max())
@@ -226,17 +164,6 @@ def force_map(network: Network, L_star: Array, A: Array) -> tuple[Array, Array]:
         return A, M
     W = scipy.linalg.solve_sylvester(M, M, M @ A - A @ M)
     return A + 0.5 * (W - W.T), M
-
-
-def modulus_form(manifold: CriticalManifold, strains: Array) -> Array:
-    """The largest μ_A as a quadratic form of the strain A in a basis (m, d, d), from sums of two strains: (m, m)."""
-    m = len(strains)
-    form = np.empty((m, m))
-    for a in range(m):
-        for b in range(a + 1):
-            form[a, b] = form[b, a] = largest_value(manifold, strains[a] + strains[b])
-    single = np.diag(form) / 4
-    return np.asarray(0.5 * (form - single[:, None] - single[None]))
 
 
 def vanishes(F: Array, moment: Array, A: Array) -> bool:
@@ -258,22 +185,16 @@ def pure_shear(dimension: int) -> Array:
     return A
 
 
-def tensor_quantity(network: Network, name: str) -> SpringResponse:
-    """The quantity of a name: B_0, G_0, S_xx, ..., C_xxxx, ..."""
-    return _tensor_quantities(network.dimension)[name]
+def named_modulus(network: Network, name: str) -> TransitionModulus:
+    """B_0 or G_0."""
+    return _moduli(network.dimension)[name]
 
 
 @cache
-def _tensor_quantities(d: int) -> dict[str, SpringResponse]:
-    """Moduli, and components of the stress and of the elasticity tensor, by name."""
-    stress = [StressComponent(strain, f"S_{axes}") for axes, strain in zip(*strain_basis(d), strict=True)]
-    every: list[SpringResponse] = [
-        TransitionModulus(dilation(d), "B_0"),
-        *([TransitionModulus(pure_shear(d), "G_0")] if d > 1 else []),
-        *stress,
-        *(TensorComponent(first, second) for a, first in enumerate(stress) for second in stress[a:]),
-    ]
-    return {one.name: one for one in every}
+def _moduli(d: int) -> dict[str, TransitionModulus]:
+    """The same objects at every call: those of one name are equal."""
+    bulk = {"B_0": TransitionModulus(dilation(d), "B_0")}
+    return bulk | ({"G_0": TransitionModulus(pure_shear(d), "G_0")} if d > 1 else {})
 
 
 def transition_modulus(network: Network, strain: Deformable) -> TransitionModulus:

@@ -19,31 +19,30 @@ import re
 from difflib import get_close_matches
 
 from critflow.arguments import of_kind
-from critflow.calls import running
-from critflow.critical.manifold import CriticalManifold
 from critflow.critical.quantity import Quantity
 from critflow.extensions import missing, named, quantities
 from critflow.networks.deformation import DEFORMATIONS, strain_basis
 from critflow.networks.network import Network
 from critflow.result import InputError
 
-_TENSORS = "critflow.critical.transition:tensor_quantity"
+_MODULI = "critflow.critical.transition"
+_COMPONENTS = "critflow.critical.components:tensor_component"
 _VARIANCES = "critflow.critical.variances"
 _LENGTHS = "critflow.critical.lengths_and_areas"
 _STIFFENING = "critflow.response.stiffening_quantity"
 
 FACTORIES = {
-    "B_0": _TENSORS,
-    "G_0": _TENSORS,
+    "B_0": f"{_MODULI}:named_modulus",
+    "G_0": f"{_MODULI}:named_modulus",
     "C_B": f"{_STIFFENING}:volumetric_stiffening",
     "C_G": f"{_STIFFENING}:volumetric_stiffening",
     "V_L": f"{_VARIANCES}:variance",
     "V_tau": f"{_VARIANCES}:variance",
-    "S_AXES": _TENSORS,
-    "C_AXES": _TENSORS,
+    "S_AXES": _COMPONENTS,
+    "C_AXES": _COMPONENTS,
     "length[EDGE]": f"{_LENGTHS}:edge_length",
     "area[FACE]": f"{_LENGTHS}:face_area",
-    "modulus[D]": "critflow.critical.transition:transition_modulus",
+    "modulus[D]": f"{_MODULI}:transition_modulus",
     "stiffening[D]": f"{_STIFFENING}:stiffening_along",
 }
 """Factories by name, "module:function", of which a module is imported when one of its names is used.
@@ -133,33 +132,6 @@ def _unknown(network: Network, name: str) -> str:
         f"no quantity is called {name!r:.40}: {hint}choose from {plainest}, S_xx, C_xxyy, {indexed}, "
         f"and {', '.join(deformed)} or {last} of a deformation D: {', '.join(DEFORMATIONS)}"
     )
-
-
-@running("upper_bound")
-def upper_bound(network: Network | CriticalManifold, name: str | Quantity, signs: str = "positive") -> float:
-    """The largest possible value of a quantity over all stresses of a network in closed form; infinite without one.
-
-    Error bound (proof, up to rounding).  B_0 ≤ (1/d²V) Σ k|L*|² with L* the configuration at σ = k; every other modulus
-    at the transition likewise.  `quantity(network, name).extreme` has the smallest possible value too.
-
-    signs  "positive", or "any" for stresses of both signs
-
-    >>> import critflow as cf
-    >>> round(cf.upper_bound(cf.lattice("honeycomb", 2, 2), 'B_0'), 6)
-    0.288675
-    """
-    network = of_kind(Network, CriticalManifold, network=network)
-    name = of_kind(str, Quantity, name=name)
-    of_kind(str, signs=signs)
-    manifold = CriticalManifold.of(network)
-    return quantity(manifold.network, name).extreme(manifold, only_positive(signs))[1]
-
-
-def only_positive(signs: str) -> bool:
-    """Whether stresses are positive; `InputError` for other words than "positive" and "any"."""
-    if signs not in ("positive", "any"):
-        raise InputError(f"signs must be 'positive' or 'any', not {signs!r}")
-    return signs == "positive"
 
 
 def names(network: Network) -> list[str]:

@@ -12,25 +12,23 @@ from matplotlib.axes import Axes
 from matplotlib.backend_bases import FigureCanvasBase
 from matplotlib.cm import ScalarMappable
 from matplotlib.collections import LineCollection
-from matplotlib.colors import Colormap, Normalize
+from matplotlib.colors import Colormap, LogNorm, Normalize
 from matplotlib.figure import Figure, SubFigure
 from numpy.typing import ArrayLike
 
 from critflow.arguments import of_kind
 from critflow.calls import running
+from critflow.figures.depth import draw_in_depth
 from critflow.figures.plot import (
     COLOURS,
     TENSION_MAP,
     add_cell,
     add_edges,
     colour_limits,
-    draw_in_depth,
-    face_polygons,
     periodic_segments,
-    shade_faces,
-    stiffness_scale,
 )
-from critflow.figures.shades import varied
+from critflow.figures.polygons import face_polygons, shade_faces
+from critflow.figures.shades import varied, widely
 from critflow.networks.network import Array, Network
 from critflow.result import InputError, Solution
 from critflow.workflow.output import require_folder
@@ -135,6 +133,12 @@ def _at_rest(network: Network, x: Array, tensions: Array | None) -> bool:
     """Whether no edge carries tension but that of rounding."""
     scale = network.stiffness * np.linalg.norm(network.bond_vectors(x), axis=1)
     return tensions is None or bool(np.abs(tensions).max() <= _NO_TENSION * scale.mean())
+
+
+def stiffness_scale(stiffness: Array) -> Normalize:
+    """The scale of the colours of stiffnesses (N_b,): from zero, or logarithmic where they differ widely."""
+    low, high = float(stiffness.min()), float(stiffness.max())
+    return LogNorm(low, high, clip=True) if widely(stiffness) else Normalize(0.0, high, clip=True)
 
 
 def _draw_plane(

@@ -1,10 +1,8 @@
-"""Periodic Voronoi and Delaunay tessellations of points in a cell of any shape, in two and three dimensions."""
+"""Periodic Voronoi tessellations of points in a cell of any shape, in two and three dimensions, by their simplices."""
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterable
-from itertools import combinations
 
 import numpy as np
 import scipy
@@ -24,9 +22,9 @@ def voronoi_tessellation(points: ArrayLike, cell: ArrayLike | None = None) -> Ne
     Vertices are the circumcentres of the Delaunay simplices of the points, edges join simplices that share a facet.
     Raises `InputError` when the points are too few or too regular to have one Delaunay tessellation.
     """
-    tiling = _Tiling(points, cell)
+    tiling = Tiling(points, cell)
     n_points, dimension = tiling.points.shape
-    corners, centres = _periodic_delaunay(tiling.points, tiling.shape)
+    corners, centres = periodic_delaunay(tiling.points, tiling.shape)
     n_vertices = len(corners)
     # A facet seen from its two simplices differs by a lattice shift, which is the image offset of the edge.
     keep = np.array([[k for k in range(dimension + 1) if k != left_out] for left_out in range(dimension + 1)])
@@ -57,29 +55,7 @@ def voronoi_tessellation(points: ArrayLike, cell: ArrayLike | None = None) -> Ne
     return tiling.network(np.stack([tail, head], axis=1), offsets, centres - wrap)
 
 
-def delaunay_tessellation(points: ArrayLike, cell: ArrayLike | None = None) -> Network:
-    """The periodic Delaunay network of points (n, d) in units of the cell vectors: N_b = 3 N_v in the plane.
-
-    The vertices are the points, in their order, and the cell is that of `voronoi_tessellation`.
-    Raises `InputError` when the points are too few or too regular to have one Delaunay tessellation.
-    """
-    tiling = _Tiling(points, cell)
-    n_points, dimension = tiling.points.shape
-    corners, _ = _periodic_delaunay(tiling.points, tiling.shape)
-    first, second = np.array(list(combinations(range(dimension + 1), 2))).T
-    tail, head = (corners[:, ends].reshape(-1, 1 + dimension) for ends in (first, second))
-    # Corners are sorted by point and image, so that an edge is seen from the same end in all its simplices.
-    rows = np.column_stack([tail[:, 0], head[:, 0], head[:, 1:] - tail[:, 1:]])
-    rows = rows[_distinct(rows.T)]
-    if dimension == 2 and len(rows) != 3 * n_points:
-        raise InputError(
-            f"{n_points} points have no unique periodic Delaunay tessellation: "
-            "they are too few or lie on a regular lattice; use more points, or another seed"
-        )
-    return tiling.network(rows[:, :2], rows[:, 2:], tiling.points)
-
-
-class _Tiling:
+class Tiling:
     """Points in units of short vectors of their lattice, and the return to the cell in which they were given.
 
     points  (n, d) in units of the short vectors, in their cell
@@ -114,26 +90,11 @@ class _Tiling:
         return periodic_network(edges, offsets @ self._rows, cell, positions @ (self._rows @ cell))
 
 
-def count_simplices(points: Array) -> int:
-    """Number of Delaunay simplices of points (n, d) in the periodic unit cube, each a vertex of the Voronoi network."""
-    dimension = points.shape[1]
-    for layers in (_FEW_LAYERS, _LAYERS):
-        corners, _ = _periodic_delaunay(points, np.eye(dimension), layers)
-        places = points[corners[:, :, 0]] + corners[:, :, 1:]
-        volume = np.abs(np.linalg.det(places[:, 1:] - places[:, :1])).sum() / math.factorial(dimension)
-        # A hole wider than the layers would leave a part of the cell without simplices.
-        if abs(volume - 1) < _WHOLE_CELL:
-            break
-    return len(corners)
+# Layers of images around the cell in units of the spacing of points: enough for any.
+LAYERS = 4.0
 
 
-# Layers of images around the cell in units of the spacing of points: enough for any; and for points of a hard core, in
-# which spheres without a point have radii up to 0.95, a sixth of the points in space.
-_LAYERS, _FEW_LAYERS = 4.0, 1.0
-_WHOLE_CELL = 1e-9  # rounding of the volume of all simplices
-
-
-def _periodic_delaunay(points: Array, cell: Array, layers: float = _LAYERS) -> tuple[NDArray[np.int64], Array]:
+def periodic_delaunay(points: Array, cell: Array, layers: float = LAYERS) -> tuple[NDArray[np.int64], Array]:
     """Delaunay simplices of periodic points, once each: corners (n, d+1, 1+d) as point and image, centres (n, d).
 
     Points and centres are in units of the cell, which has volume 1 and short vectors.  Corners are sorted and shifted
@@ -167,11 +128,11 @@ def _periodic_delaunay(points: Array, cell: Array, layers: float = _LAYERS) -> t
     corners = np.take_along_axis(corners, np.argsort(code, axis=1)[:, :, None], axis=1)
     base = corners[:, 0, 1:].copy()
     corners[:, :, 1:] -= base[:, None]
-    chosen = _distinct(corners.reshape(len(corners), -1).T)
+    chosen = distinct(corners.reshape(len(corners), -1).T)
     return corners[chosen], (centres - base)[chosen]
 
 
-def _distinct(columns: Iterable[NDArray[np.int64]]) -> IntArray:
+def distinct(columns: Iterable[NDArray[np.int64]]) -> IntArray:
     """Index of the first of all equal rows of columns of whole numbers, in lexicographic order of the rows."""
     keys = _packed(columns)
     order = np.lexsort(keys[::-1])

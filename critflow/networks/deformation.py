@@ -38,8 +38,6 @@ AXES = "xyz"
 _ORDERS = ("gradient", "rate", "second rate")
 # Step of the difference quotients for paths without given derivatives; errors of F' are 1e-12, of F'' 1e-9.
 _STEP = 2e-3
-# Distance of two gradients, relative to their size, below which they are the same, and the most steps to its strain.
-_SAME_GRADIENT, _MOST_STEPS = 1e-10, 50
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,7 +64,7 @@ class Deformation:
 
     def gradient(self, strain: float) -> Array:
         """F(γ), (d, d)."""
-        F = self._matrix(strain, 0)
+        F = self.matrix(strain, 0)
         if not np.linalg.det(F) > 0:
             raise InputError(
                 f"at strain {strain:g} the deformation {self.name} inverts or flattens the cell, det F = "
@@ -76,11 +74,11 @@ class Deformation:
 
     def rate(self, strain: float) -> Array:
         """F'(γ), (d, d)."""
-        return self._matrix(strain, 1)
+        return self.matrix(strain, 1)
 
     def second_rate(self, strain: float) -> Array:
         """F''(γ), (d, d)."""
-        return self._matrix(strain, 2)
+        return self.matrix(strain, 2)
 
     def velocity(self, strain: float) -> Array:
         """Velocity gradient F' F⁻¹ relative to the current cell, (d, d)."""
@@ -89,28 +87,6 @@ class Deformation:
     def acceleration(self, strain: float) -> Array:
         """F'' F⁻¹ relative to the current cell, (d, d)."""
         return np.asarray(self.second_rate(strain) @ np.linalg.inv(self.gradient(strain)))
-
-    def strain_of(self, gradient: Array, near: float) -> float:
-        """The strain γ at which the path has a gradient G (d, d), but for free components; NaN if it has it nowhere.
-
-        near  a strain from which Newton's method starts
-
-        G F(γ)⁻¹ − 1 is zero, or a sum Σ q E of free components.
-        """
-        strain, E = near, self.free_strains.reshape(len(self.free), self.dimension**2)
-        across = np.eye(self.dimension**2) - np.linalg.pinv(E) @ E
-        for _ in range(_MOST_STEPS):
-            F = self._matrix(strain, 0)
-            if not np.linalg.det(F) > 0:
-                return np.nan
-            quotient = gradient @ np.linalg.inv(F)
-            left = across @ (quotient - np.eye(self.dimension)).ravel()
-            along = across @ (quotient @ self.rate(strain) @ np.linalg.inv(F)).ravel()
-            step = float(left @ along) / (float(along @ along) or 1.0)
-            if abs(step) <= 1e-15 * (1 + abs(strain)):
-                break
-            strain += step
-        return strain if np.abs(left).max() <= _SAME_GRADIENT else np.nan
 
     @property
     def free_strains(self) -> Array:
@@ -127,7 +103,8 @@ class Deformation:
         names = tuple(dict.fromkeys("".join(sorted(name)) for name in components))
         return replace(self, free=names)
 
-    def _matrix(self, strain: float, order: int) -> Array:
+    def matrix(self, strain: float, order: int) -> Array:
+        """The derivative of F(γ) of an order, (d, d); `InputError` for other shapes and numbers that are not finite."""
         F = np.asarray(self.derivative(float(strain), order), dtype=float)
         if F.shape != (self.dimension,) * 2 or not np.isfinite(F).all():
             raise InputError(

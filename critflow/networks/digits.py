@@ -22,6 +22,9 @@ _MARGIN = 10.0
 _SHORT = 0.01
 # Errors that would change singular values by more than this are those of grids, whose coordinates are exact.
 _COARSE = 0.01
+# A singular value below this number times the estimated effect of rounded coordinates may be due to them: the estimate
+# is 0.7 of the largest in standard networks of 100 vertices.
+FROM_ROUNDING = 6.0
 
 
 class Digits(NamedTuple):
@@ -101,3 +104,14 @@ def _decimals(values: Array, decade: int) -> int | None:
 def single_precision(size: float) -> float:
     """Largest rounding error of coordinates up to a size in single precision."""
     return 2.0**-24 * size
+
+
+def rounding_note(coordinates: Array, lengths: Array, singular_value: float) -> str:
+    """A sentence where coordinates (N_v, d) have so few digits that a singular value may come from rounding them."""
+    digits = digits_of(coordinates)
+    if not 0 < singular_value < FROM_ROUNDING * digits.effect(lengths):
+        return ""
+    return (
+        f"a singular value of {singular_value:.1e} may come from the coordinates, which have {digits.words}: "
+        "nearest_critical(network, coordinates) restores a critical configuration that was rounded"
+    )

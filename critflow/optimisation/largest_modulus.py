@@ -13,26 +13,23 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-import scipy
-import scipy.sparse as sp
 
 from critflow.critical.edge_lengths import NO_LENGTH
 from critflow.critical.manifold import CriticalConfiguration, CriticalManifold
 from critflow.critical.transition import TransitionModulus, force_map, is_dilation, transition_modulus, vanishes
 from critflow.lengths.taut_edges import unknown_configuration
-from critflow.linalg.matrices import spread_columns
 from critflow.linalg.tolerances import EPS
-from critflow.linalg.vectors import dot, power_of_two
+from critflow.linalg.vectors import dot
 from critflow.networks.deformation import Deformable
 from critflow.networks.network import Array, Network
 from critflow.optimisation.optimum import Optimum
-from critflow.result import InputError, Solution, SolveError, Status
+from critflow.result import InputError, Solution, Status
 
 BALANCED = 1e-8  # relative force balance, and relative distance from the bound, of a modulus that attains its bound
 # Determinant of the map F of forces, over |F|², below which all forces count as parallel: lengths grow as its inverse.
 PARALLEL_FORCES = 1e-9
 
-_QUARTER_TURN = np.array([[0.0, -1.0], [1.0, 0.0]])
+QUARTER_TURN = np.array([[0.0, -1.0], [1.0, 0.0]])
 
 
 def largest_modulus(network: Network | CriticalManifold, strain: Deformable) -> Optimum:
@@ -81,13 +78,13 @@ def _closed(
 ) -> tuple[Solution[CriticalConfiguration], float]:
     """The configuration with forces T = kFL*, and its shortest length over the mean."""
     k, parallel = manifold.network.stiffness, abs(float(np.linalg.det(F))) <= PARALLEL_FORCES * float(np.sum(F**2))
-    B = F.T @ _QUARTER_TURN.T
+    B = F.T @ QUARTER_TURN.T
     for stretched in (False, True):
         if stretched:
             # Others with these forces: of L̃ = BL with B = FᵀJᵀ and n·L = L*·L̃ the constraints are not nearly dependent.
             L = np.linalg.solve(B, _across(manifold, L_star @ B.T, L_star).T).T
         else:
-            L = _across(manifold, L_star, L_star @ F.T @ _QUARTER_TURN.T)
+            L = _across(manifold, L_star, L_star @ F.T @ QUARTER_TURN.T)
         square = dot(L, L)
         solution = manifold.solve(k * dot(L_star @ F.T, L) / np.maximum(square, np.finfo(float).tiny))
         if parallel or abs(TransitionModulus(A).evaluate(solution.value)[0] / bound - 1) < BALANCED:
@@ -104,34 +101,3 @@ def _across(manifold: CriticalManifold, start: Array, normals: Array) -> Array:
     factor = manifold.saddle.factorize(network.stiffness, normals)
     u, _, _ = factor.solve(np.zeros((len(network.free), 2)), -dot(normals, start))
     return np.asarray(start + network.free_incidence @ u)
-
-
-def least_compressed_length(network: Network | CriticalManifold, strain: Deformable) -> float:
-    """The least total length of compressed edges of a planar configuration with the largest modulus.
-
-    All these configurations have the forces T = kFL* and differ by isogonal modes.  With t = T/|T| and n ⊥ t:
-        least Σ p,  p ≥ 0,  p ≥ −t·(g x + b),  n·(g x + b) = 0.
-    """
-    manifold = CriticalManifold.of(network)
-    network = manifold.network
-    if network.dimension != 2:
-        raise InputError("configurations of one force network are found in two dimensions only")
-    L_star = manifold.balance(network.stiffness).bond_vectors
-    F, _ = force_map(network, L_star, transition_modulus(network, strain).symmetric)
-    T = network.stiffness[:, None] * (L_star @ F.T)
-    unit = T / np.linalg.norm(T, axis=1)[:, None]
-    normal = unit @ _QUARTER_TURN.T
-    # The program has an absolute tolerance, 1e-7: lengths are in a unit of their own.
-    length = power_of_two(network.spacing)
-    n_edges, n_coordinates, b = network.n_edges, 2 * len(network.free), network.boundary_vectors / length
-    program = scipy.optimize.linprog(
-        np.repeat([0.0, 1.0], [n_coordinates, n_edges]),
-        A_ub=sp.hstack([-spread_columns(network, unit), -sp.eye_array(n_edges)]),
-        b_ub=dot(unit, b),
-        A_eq=sp.hstack([spread_columns(network, normal), sp.csr_array((n_edges, n_edges))]),
-        b_eq=-dot(normal, b),
-        bounds=[(None, None)] * n_coordinates + [(0, None)] * n_edges,
-    )
-    if program.status != 0:
-        raise SolveError(f"no configuration has the largest modulus for this strain: {program.message}")
-    return length * float(program.fun)

@@ -19,9 +19,9 @@ from numpy.typing import ArrayLike
 from critflow.arguments import of_kind
 from critflow.calls import running
 from critflow.critical.manifold import CriticalManifold, require_one_self_stress
-from critflow.critical.quantity import Quantity, own, require_exact_hessian, require_valid
+from critflow.critical.quantity import Quantity, only_positive, own, require_exact_hessian, require_valid
 from critflow.critical.transition import PENALTY_THRESHOLD, PenalisedModulus, TransitionModulus
-from critflow.critical.vocabulary import only_positive, quantity
+from critflow.critical.vocabulary import quantity
 from critflow.networks.checks import edge_values
 from critflow.networks.network import Array, Network
 from critflow.optimisation.descent import DESCENTS, SignedStressObjective, StressObjective, descend

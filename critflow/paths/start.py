@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -14,6 +15,7 @@ from critflow.critical.edge_lengths import COLLAPSED
 from critflow.critical.manifold import CriticalConfiguration
 from critflow.extensions import extensible, provided
 from critflow.linalg.factor import FixedPattern
+from critflow.networks.deformation import Deformation
 from critflow.networks.network import Array
 from critflow.result import InputError, Solution, Status
 from critflow.springs.laws import HOOKEAN, SpringLaw, checked_law
@@ -37,8 +39,7 @@ class Beginning:
     stress   tension over length of each spring at a transition, σ (N_b,) or T/p (N_f,); None for a state of springs
     part     whether they are a part of the network, whose slack edges were left out
     pattern  of the Hessian, where the manifold of the start has it
-    onset    F (d, d) at an onset of rigidity, which deformed the network as given to that of the springs
-    strain   γ of the path to that onset
+    total_strains  strains (n,) of the network as given, of strains (n,) along a path from here; None: the same
     """
 
     springs: SpringState
@@ -46,8 +47,7 @@ class Beginning:
     part: bool = False
     note: str = ""
     pattern: FixedPattern | None = None
-    onset: Array | None = None
-    strain: float = 0.0
+    total_strains: Callable[[Deformation, Array], Array] | None = None
 
 
 @extensible

@@ -202,13 +202,6 @@ def _solution(
     return Solution(path, last.end.status, stats, note)
 
 
-def _total_strains(path: Deformation, gamma: Array, first: Beginning) -> Array:
-    """Strains (n,) of the network as given, before an onset from which the strains γ count."""
-    if first.onset is None:
-        return gamma
-    return np.array([path.strain_of(path.gradient(one) @ first.onset, first.strain + one) for one in gamma.tolist()])
-
-
 def _assembled(problem: PathProblem, gamma: Array, reached: list[Interval], first: Beginning) -> StrainPath:
     """The path of all strains, of which only the last one tried may have failed."""
     n, d, m = len(gamma), problem.deformation.dimension, len(problem.deformation.free)
@@ -230,7 +223,7 @@ def _assembled(problem: PathProblem, gamma: Array, reached: list[Interval], firs
         inserted=inserted,
         states=tuple(end.state for end in ends),
         deformation=problem.deformation,
-        total_strains=_total_strains(problem.deformation, gamma, first),
+        total_strains=gamma if first.total_strains is None else first.total_strains(problem.deformation, gamma),
         elasticity=tuple(end.moduli for end in ends if end.moduli and problem.measure == "tensors"),
         **measured,
     )

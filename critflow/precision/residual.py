@@ -14,7 +14,6 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-import scipy.sparse as sp
 
 from critflow.linalg.factor import Factor
 from critflow.linalg.tolerances import EPS
@@ -121,28 +120,13 @@ def exact_forces(network: Network, sigma: Array, bond_vectors: Extended) -> Arra
     # One stress for each component: NumPy is several times slower where it repeats them in every product.
     stress = np.repeat(sigma, bond_vectors.high.shape[1]).reshape(bond_vectors.high.shape)
     pull = two_product(stress, bond_vectors.high)
-    leading = _leading(pull.high)
+    leading = leading_half(pull.high)
     # The incidence is of ones, on any grid.
     small = product(network.divergence, (pull.high - leading) + (pull.low + stress * bond_vectors.low))
     return -(product(network.divergence, leading) + small)
 
 
-def exact_sums(matrix: sp.csr_array, vectors: Extended, less: Array | float = 0.0) -> Array:
-    """A v − w for a sparse A, its terms cancelling without loss.
-
-    The leading halves of A and v lie on grids on which their products and sums are exact; the remainder is
-    smaller by 2⁻²⁵, and so is its rounding.
-    """
-    leading = _leading(vectors.high)
-    small = product(matrix, (vectors.high - leading) + vectors.low)
-    coarse = _leading(matrix.data)
-    if not np.array_equal(coarse, matrix.data):
-        small = small + sp.csr_array((matrix.data - coarse, matrix.indices, matrix.indptr), matrix.shape) @ leading
-        matrix = sp.csr_array((coarse, matrix.indices, matrix.indptr), matrix.shape)
-    return np.asarray((product(matrix, leading) - less) + small)
-
-
-def _leading(values: Array) -> Array:
+def leading_half(values: Array) -> Array:
     """Values rounded to a grid common to all, 2⁻²⁶ of the largest."""
     size = largest(values)
     if not size:

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from critflow.certificates.counts import certify
+from critflow.critical.bounds import upper_bound
 from critflow.critical.manifold import CriticalConfiguration
-from critflow.critical.vocabulary import upper_bound
 from critflow.response.elasticity import elasticity
 from critflow.result import CritflowError, Status
 

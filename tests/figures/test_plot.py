@@ -6,23 +6,14 @@ import matplotlib
 import numpy as np
 import pytest
 from matplotlib.collections import PathCollection
-from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
 from problems import critical_of, oblique, pinned_grid, random_stress, sheared, slack_lattice
 from scipy.spatial import cKDTree
 
 from critflow import CriticalManifold, draw, foam_network, lattice, spring_state, voronoi_network
-from critflow.figures.plot import (
-    TENSION_MAP,
-    draw_in_depth,
-    draw_network,
-    face_polygons,
-    network_figure,
-    periodic_segments,
-    shade_faces,
-    unit_pressure_tensions,
-)
-from critflow.figures.shades import hexadecimal
+from critflow.figures.depth import draw_in_depth, network_figure
+from critflow.figures.plot import draw_network, periodic_segments, unit_pressure_tensions
+from critflow.figures.polygons import face_polygons, shade_faces
 
 matplotlib.use("Agg")
 
@@ -87,11 +78,6 @@ def test_springs_at_rest_show_their_stiffness_and_springs_in_tension_their_tensi
     critical = CriticalManifold(network).configuration(random_stress(network.n_edges, 1))
     assert len(draw(critical).figure.axes) == 1
     assert len(draw(network, color=k).figure.axes) == 1
-
-
-def test_colours_without_matplotlib_are_those_of_figures():
-    for place in np.linspace(0, 1, 7):
-        assert np.abs(np.subtract(to_rgb(hexadecimal(place)), TENSION_MAP(float(place))[:3])).max() < 0.01
 
 
 @pytest.mark.parametrize("moved", [0.0, 13.37], ids=["as it is", "far from the origin"])

@@ -3,9 +3,10 @@
 import numpy as np
 import pytest
 
-from critflow.generators import tessellations
+from critflow.generators import foams
+from critflow.generators.foams import count_simplices
 from critflow.generators.random_points import random_sequential_addition
-from critflow.generators.tessellations import count_simplices, voronoi_tessellation
+from critflow.generators.tessellations import voronoi_tessellation
 
 
 def with_a_hole(seed):
@@ -23,5 +24,5 @@ def test_holes_are_counted_with_more_images(seed):
 def test_points_of_a_hard_core_need_few_images(monkeypatch):
     points = random_sequential_addition(100, 0.87 / 100 ** (1 / 3), np.random.default_rng(0), dimension=3)
     expected = voronoi_tessellation(points).n_vertices
-    monkeypatch.setattr(tessellations, "_LAYERS", None)
+    monkeypatch.setattr(foams, "LAYERS", None)
     assert count_simplices(points) == expected

@@ -16,7 +16,8 @@ from critflow import (
     voronoi_network,
 )
 from critflow.critical.transition import dilation, pure_shear, transition_modulus
-from critflow.optimisation.largest_modulus import largest_modulus, least_compressed_length
+from critflow.optimisation.compressed_length import least_compressed_length
+from critflow.optimisation.largest_modulus import largest_modulus
 
 
 def bound_of(network, strain):

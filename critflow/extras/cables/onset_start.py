@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
@@ -10,10 +11,12 @@ from critflow.critical.backbone import backbone
 from critflow.critical.edge_lengths import COLLAPSED
 from critflow.critical.manifold import CriticalConfiguration
 from critflow.extras.cables.onset_end import CriticalStrain
+from critflow.extras.cables.total_strain import total_strains
 from critflow.networks.network import Array
 from critflow.paths.start import Beginning, start_of
 from critflow.result import InputError
-from critflow.springs.laws import Cable, SpringLaw, checked_law
+from critflow.springs.laws import SpringLaw, checked_law
+from critflow.springs.nonlinear_laws import Cable
 from critflow.springs.state import SpringState
 
 CONSISTENT_LENGTHS = 1e-6  # relative deviation of taut edges from their rest lengths; solutions have 1e-9
@@ -26,7 +29,7 @@ def _(onset: CriticalStrain, law: SpringLaw | None, taut_only: bool) -> Beginnin
     first = start_of(onset.configuration, law, taut_only)
     counted = f"strains count from the onset at strain {onset.strain:.6g}: total_strains are those of the network given"
     note = f"{first.note}; {counted}" if first.note else counted
-    return replace(first, note=note, onset=onset.deformation_gradient, strain=onset.strain)
+    return replace(first, note=note, total_strains=partial(total_strains, onset))
 
 
 def cables_at_onset(critical: CriticalConfiguration, rest: Array, law: SpringLaw | None) -> Beginning:

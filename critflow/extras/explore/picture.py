@@ -9,15 +9,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from critflow.figures.plot import (
-    COMPRESSED,
-    DARK_TENSION_MAP,
-    SLACK,
-    TENSION_MAP,
-    face_polygon,
-    periodic_segments,
-    polygon_images,
-)
+from critflow.figures.plot import COMPRESSED, DARK_TENSION_MAP, SLACK, TENSION_MAP, periodic_segments
+from critflow.figures.polygons import face_polygon, polygon_images
 from critflow.networks.faces import Faces
 from critflow.networks.network import Array, IntArray, Network
 

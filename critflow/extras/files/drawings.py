@@ -12,7 +12,7 @@ import numpy as np
 import scipy
 
 from critflow.extras.files.data import Array, IntArray, NetworkData, bond_vectors_of, optional
-from critflow.figures.shades import hexadecimal, strengths, varied, widely
+from critflow.figures.shades import TENSION_COLOURS, varied, widely
 from critflow.networks.periodic_cell import BORDER, images_in_cell
 from critflow.result import InputError
 
@@ -167,3 +167,19 @@ def clipped_segments(data: NetworkData) -> tuple[Array, IntArray]:
     pieces = np.stack([tail + enter[:, None] * step, tail + leave[:, None] * step], axis=1) @ data.cell
     inside = leave > enter + 1e-12
     return pieces[inside], edges[inside]
+
+
+def strengths(values: Array) -> Array:
+    """The place of positive values (n,) between the light and the dark end of the colours, from 0 to 1."""
+    if not widely(values):
+        return np.asarray(values / values.max())
+    low, high = np.log([values.min(), values.max()])
+    return np.asarray((np.log(values) - low) / (high - low))
+
+
+def hexadecimal(strength: float) -> str:
+    """The colour of a place from 0 to 1, interpolated between `TENSION_COLOURS`."""
+    ends = np.array([[int(colour[n : n + 2], 16) for n in (1, 3, 5)] for colour in TENSION_COLOURS])
+    place = np.linspace(0, 1, len(ends))
+    red, green, blue = (round(float(np.interp(strength, place, channel))) for channel in ends.T)
+    return f"#{red:02x}{green:02x}{blue:02x}"

@@ -156,6 +156,10 @@ class Compliances:
         by_L = -other.multipliers[:, None] * one.rates - one.multipliers[:, None] * other.rates
         return -dot(one.rates, other.rates), by_L
 
+    def by_stiffness(self, target: Pair, source: Pair) -> Array:
+        """∂G_ts/∂k (N_b,): zero, since no edge yields."""
+        return np.zeros(self.network.n_edges)
+
     def growth(self, target: Pair, source: Pair) -> float:
         """dG_ts/dt for a stress tσ, t → 0."""
         yielding = dot(self.bond_vectors, self.bond_vectors) / self.network.stiffness

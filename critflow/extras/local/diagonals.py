@@ -45,8 +45,10 @@ def _across(network: Network, first: int, last: int) -> tuple[int, int, tuple[in
     return start, end, tuple(int(n) for n in np.sum(signs[:, None] * network.offsets[edges], axis=0))
 
 
-def response_name(source: Any, target: Any) -> str:
+def response_name(source: Any, target: Any, stress: float = 0.0) -> str:
     """local[i-j:n:m,k-l:n:m], the name of the response of a target (k, l, image) to a source (i, j, image).
+
+    stress  t of the stress tσ, in units of k; in the limit of no stress the name has none
 
     Raises `InputError` for pairs without an image or with numbers that are not whole.
 
@@ -54,4 +56,5 @@ def response_name(source: Any, target: Any) -> str:
     >>> response_name((3, 50, (1, 0)), (20, 77, (0, 0)))
     'local[3-50:1:0,20-77:0:0]'
     """
-    return f"local[{spelled_pair(source, 'source')},{spelled_pair(target, 'target')}]"
+    under = f",{float(stress)!r}" if stress else ""
+    return f"local[{spelled_pair(source, 'source')},{spelled_pair(target, 'target')}{under}]"

@@ -19,11 +19,12 @@ from typing import NamedTuple
 import numpy as np
 import scipy.sparse as sp
 
-from critflow.certificates.spectrum import CLEAR_GAP, ZERO_MODE, Spectrum, edge_without_length, rounding_note
+from critflow.certificates.spectrum import CLEAR_GAP, ZERO_MODE, Spectrum, edge_without_length
 from critflow.extras.rest.stiffness_contrast import FormAtRest, hierarchical_response
 from critflow.linalg.matrices import edge_blocks, spread_columns
 from critflow.linalg.tolerances import EPS
 from critflow.networks.deformation import strain_basis
+from critflow.networks.digits import rounding_note
 from critflow.networks.network import Array, Network
 from critflow.response.elasticity import ElasticResponse
 from critflow.response.linear_response import accumulated_rounding

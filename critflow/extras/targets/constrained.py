@@ -111,6 +111,8 @@ class _Working:
         """μ of least ½μᵀ gram μ − right·μ, where μ ≥ 0 for limits."""
         if not len(right):
             return right
+        if not np.isfinite(gram).all() or not np.isfinite(right).all():
+            return np.full(len(right), np.nan)
         if self.equal.all():
             return np.asarray(np.linalg.lstsq(gram, right, rcond=DEPENDENT)[0])
         values, vectors = np.linalg.eigh(gram)
@@ -190,14 +192,14 @@ def minimise_constrained(
     restoring  steps in which the constraints must be satisfied first, all by default
     growth     of each step while the function curves downwards from the start on
 
-    `Status.not_reached` where the violation cannot be reduced to first order, `Status.step_limit` and `Status.stalled`
+    `Status.not_reached` where the violation cannot be reduced to first order or is NaN at the start, `Status.step_limit` and `Status.stalled`
     for the objective: the constraints are then satisfied.
     """
     metric, search = _Metric(first, len(start), growth), _Search(problem, longest)
     point = feasible = search.restored(
         problem.at(start), metric, max_steps if restoring is None else min(max_steps, restoring)
     )
-    if violation(problem, point) > RESTORED:
+    if not violation(problem, point) <= RESTORED:
         status = Status.step_limit if search.steps >= max_steps else Status.not_reached
         return search.end(point, status)
     while True:

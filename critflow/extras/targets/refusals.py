@@ -16,8 +16,9 @@ from itertools import product
 
 import numpy as np
 
+from critflow.critical.components import modulus_form
 from critflow.critical.manifold import CriticalManifold
-from critflow.critical.transition import dilation, largest_value, modulus_form, pure_shear
+from critflow.critical.transition import dilation, largest_value, pure_shear
 from critflow.extras.targets.problem import Target
 from critflow.extras.targets.stress_form import StressForm, stress_form
 from critflow.linalg.vectors import norms

@@ -7,8 +7,9 @@ from typing import NamedTuple
 
 import numpy as np
 
+from critflow.critical.components import StressComponent, TensorComponent
 from critflow.critical.quantity import Quantity
-from critflow.critical.transition import StressComponent, TensorComponent, TransitionModulus
+from critflow.critical.transition import TransitionModulus
 from critflow.networks.deformation import strain_basis, strain_components
 from critflow.networks.network import Array
 from critflow.result import InputError

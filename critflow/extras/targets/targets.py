@@ -273,6 +273,9 @@ def _note(problem: TargetProblem, end: Minimum) -> str:
         return f"the targets are reached, and {problem.preference.name} is not yet at its minimum: raise max_steps"
     c, n = end.point.constraints, len(problem.targets)
     excess = np.abs(c - np.clip(c, problem.low, problem.high))
+    if not np.isfinite(excess[:n]).all():
+        name = problem.targets[int(np.argmin(np.isfinite(excess[:n])))].name
+        return f"{name} has no value at the start of the search: change this target, or give another start"
     worst = int(np.argmax(excess))
     if worst >= n:
         return "no start reached the targets inside the limits of the edges: widen the limits, or relax a target"

@@ -21,8 +21,8 @@ from numpy.typing import ArrayLike
 
 from critflow.arguments import of_kind
 from critflow.calls import running
-from critflow.certificates.counts import Rigidity, rigidity
-from critflow.certificates.prestress import forms_on_modes, stable_margin, stiffness_error
+from critflow.certificates.counts import Rigidity, rigidity, stable_margin, stiffness_error
+from critflow.certificates.prestress import forms_on_modes
 from critflow.certificates.spaces import zero_modes
 from critflow.certificates.spectrum import ITERATION_ERROR
 from critflow.extras.tensegrity.semidefinite import fourth_order_bound, second_order_relaxation

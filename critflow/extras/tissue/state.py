@@ -11,13 +11,13 @@ from dataclasses import dataclass, field
 import numpy as np
 import scipy.sparse as sp
 
+from critflow.extras.tissue.exact_sums import exact_sums
 from critflow.extras.tissue.face_springs import FaceSprings
 from critflow.extras.tissue.pair_laplacian import pair_laplacian
 from critflow.linalg.factor import FixedPattern
 from critflow.linalg.tolerances import EPS
 from critflow.networks.network import Array
 from critflow.precision.double_double import Extended, lengths
-from critflow.precision.residual import exact_sums
 from critflow.springs.state import TAUT, SpringState
 
 COLLAPSING_LENGTH = 1e-3  # in a failed relaxation an edge below this part of the mean length is reported as collapsing

@@ -8,6 +8,7 @@ from refusals import refused
 
 from critflow import (
     CriticalManifold,
+    Status,
     design,
     edge_leverage,
     lattice,
@@ -16,6 +17,7 @@ from critflow import (
     pareto,
     properties,
     quantity,
+    spring_state,
     voronoi_network,
     write_network,
 )
@@ -35,6 +37,10 @@ CASES = {
     "pins": (hung_ring(), "local[0-3,1-6]"),
     "pin of a pair": (hung_ring(), "local[0-3,4-17]"),
     "space": (voronoi_3d(4), "local[0-9,4-15]"),
+    "under stress": (NETWORK, "local[0-9,4-15,0.01]"),
+    "image under stress": (NETWORK, "local[0-9:1:0,3-17:1:-1,0.2]"),
+    "pins under stress": (hung_ring(), "local[0-3,4-17,0.1]"),
+    "space under stress": (voronoi_3d(4), "local[0-9,4-15,0.1]"),
 }
 
 
@@ -60,6 +66,39 @@ def test_properties_agree_with_the_response():
     assert not found.by_stiffness[NAME].any()
     by_differences = Quantity.by_stiffness(quantity(NETWORK, NAME), CRITICAL)
     assert np.abs(by_differences).max() < 1e-9
+
+
+@pytest.mark.parametrize("stress", [1e-4, 0.01, 0.3])
+@pytest.mark.parametrize("k", [1.0, 2.0**-18])
+def test_under_stress(stress, k):
+    """The value is that of springs with this stress, in any unit of k."""
+    network = voronoi_network(20, seed=1).with_stiffness(k * np.linspace(0.5, 2, 30))
+    critical, t = CriticalManifold(network).configuration(random_stress(30, 1)), stress * k
+    goal = quantity(network, f"local[0-9,4-15,{t!r}]")
+    lengths = critical.lengths * (1 - t * critical.sigma / network.stiffness)
+    answer = local_response(spring_state(network, lengths, critical.coordinates), (0, 9), (4, 15)).value
+    value, _ = goal.evaluate(critical)
+    assert abs(value - answer.strains[0]) < answer.errors[0] + goal.error(critical)
+    exact, differences = goal.by_stiffness(critical), Quantity.by_stiffness(goal, critical)
+    assert np.abs(exact - differences).max() < 1e-3 * np.abs(exact).max() and np.abs(exact * k).max() > 1e-5
+
+
+def test_stress_that_no_springs_have():
+    """k must exceed tσ: NaN, and a design that says so."""
+    goal = quantity(NETWORK, "local[0-9,4-15,1.0]")
+    value, (by_sigma, by_L) = goal.evaluate(CRITICAL)
+    assert np.isnan(value) and np.isnan(by_sigma).all() and np.isnan(by_L).all()
+    failed = design(NETWORK, {"local[0-9,4-15,1.0]": 0.3}, throw=False)
+    assert failed.status is Status.not_reached and "has no value at the start" in failed.note
+    assert np.isnan(goal.error(CRITICAL)) and np.isnan(goal.by_stiffness(CRITICAL)).all()
+
+
+def test_design_that_holds_under_stress():
+    network, t = voronoi_network(100, seed=1), 1e-3
+    critical = design(network, {"local[3-50,20-77,1e-3]": -1.0}).value
+    state = spring_state(network, critical.lengths * (1 - t * critical.sigma), critical.coordinates)
+    assert local_response(state, (3, 50), (20, 77)).value.strains == pytest.approx([-1.0], abs=1e-9)
+    assert abs(local_response(critical, (3, 50), (20, 77)).value.strains[0] + 1) > 1e-3
 
 
 def test_names_are_read_as_they_are_written():
@@ -134,6 +173,8 @@ def test_balances_without_coordinates():
 UNKNOWN = {
     "local[3-50]": "needs a source and a target",
     "local[3-5,4-1,2-6]": "needs a source and a target",
+    "local[0-9,4-15,0]": "needs a positive stress t",
+    "local[0-9,4-15,-1e-3]": "needs a positive stress t",
     "local[a-b,1-2]": "no pair of vertices is called 'a-b'",
     "local[3-3,1-7]": "names vertex 3 twice",
     "local[0-9,9-0]": "are the same pair",

@@ -1,0 +1,167 @@
+"""The commands that read studies and their results: `list`, `status`, `verify`, `figures` and `show`.
+
+They import inside a function the modules that compute, and those that need xarray or matplotlib, as `run` does.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from pathlib import Path
+
+import click
+
+from critflow.command.messages import INTEGRITY, fail, print_report, print_verdicts, warn
+from critflow.result import CritflowError, InputError
+from critflow.workflow.code import code_version
+from critflow.workflow.folder import CHANGED, DAMAGED, DONE, FAILED, MISSING, OTHER, Folder, reason_lines
+from critflow.workflow.load import load_study, named_studies
+from critflow.workflow.plan import spelled
+from critflow.workflow.study import plural
+
+folder_argument = click.argument("folder", metavar="DIR", type=Path, help="A results folder.")
+
+
+@click.command()
+@click.argument("study", default="", metavar="[NAME|FILE]", help="Print the settings of this study.")
+def list_studies(study: str) -> None:
+    """Name the studies that can be run, or print the settings of one."""
+    if study:
+        known = load_study(study).study
+        print(f"{known.name}: {known.title}")
+        for axis in known.axes:
+            print(f"  --set {axis.key}={spelled(axis.values)}: {axis.long_name}")
+        for key, value in known.parameters.items():
+            print(f"  --set {key}={spelled(value)}")
+        print("  --set variables=all (or scalars, or names): computed and stored")
+        return
+    unavailable = []
+    # The study of the README comes first, benchmarks come last.
+    named = named_studies()
+    for name in sorted(named, key=lambda name: (name != "ensemble", "benchmarks" in named[name].parts)):
+        try:
+            known = load_study(name).study
+        except CritflowError as error:
+            inner = error.__cause__ if isinstance(error.__cause__, CritflowError) else error
+            if isinstance(missing := inner.__cause__, ModuleNotFoundError):
+                unavailable.append(f"{name} needs {missing.name}: pip install '.[peers]' in a copy of the repository")
+            else:
+                unavailable.append(f"{name} is not available: {inner}")
+            continue
+        sizes = " × ".join(f"{len(axis.values)} {axis.key}" for axis in known.axes)
+        print(f"{name}: {known.title} ({sizes})")
+    for sentence in unavailable:
+        warn(sentence)
+    print("critflow list NAME prints the settings of a study")
+
+
+@click.command()
+@folder_argument
+@click.option("--json", "as_json", is_flag=True, help="Print JSON, with every case that is not done.")
+def status(folder: Path, as_json: bool) -> None:
+    """Count the cases of a folder that are done, failed and missing."""
+    results = Folder(folder)
+    note, (_, selection) = results.read_note(), results.selection()
+    states, code = results.states(selection), code_version(selection.study)
+    counts = {name: sum(one.state == name for one in states) for name in (DONE, FAILED, MISSING)}
+    counts |= {name: n for name in (OTHER, CHANGED, DAMAGED) if (n := sum(one.state == name for one in states))}
+    messages = []
+    if note.code != code:
+        messages.append(f"the last run used other code: {note.code}, now {code}: --recompute or --keep its cases")
+    if note.table != selection.study.table_digest:
+        messages.append("the table of variables has changed: the next run computes all cases again")
+    if as_json:
+        record = {
+            "study": selection.study.name,
+            "study_version": selection.study.version,
+            "parameters": dict(selection.parameters),
+            "variables": list(selection.study.selected),
+            "axes": {name: list(values) for name, values in selection.axes.items()},
+            "total": counts,
+            "to_compute": [
+                {"id": one.case.id, **one.case.values, "state": one.state, "reason": one.reason}
+                for one in states
+                if one.state != DONE
+            ],
+            "messages": messages,
+        }
+        print(json.dumps(record, indent=1))
+        return
+    summary = ", ".join(f"{number} {state}" for state, number in counts.items() if number)
+    print(f"{selection.study.name}: {summary} of {len(states)} cases")
+    for line in [*reason_lines(states), *messages]:
+        print(f"  {line}")
+
+
+@click.command()
+@folder_argument
+@click.option(
+    "--sample",
+    type=click.IntRange(min=0),
+    default=3,
+    show_default=True,
+    metavar="N",
+    help="Cases that are computed again.",
+)
+def verify(folder: Path, sample: int) -> int:
+    """Read every byte of a folder, and recompute its physics.
+
+    The physics of the stored arrays, and a sample of the cases."""
+    from critflow.workflow.verify import verify_folder
+
+    results = Folder(folder)
+    found = verify_folder(results, sample)
+    for problem in found.problems:
+        warn(problem)
+    if found.problems:
+        count = plural(len(found.problems), "problem")
+        return fail(f"{count} in {results.path}: run the study again to correct them", INTEGRITY)
+    physics = ", and the physics in it was recomputed" if found.physics else "; the study recomputes no physics in it"
+    print(f"{results.path}: {found.stored} stored cases agree with the dataset to the last byte{physics}")
+    which = "; ".join(", ".join(f"{k} {v}" for k, v in case.values.items()) for case in found.sample)
+    print(f"{results.path}: {plural(len(found.sample), 'case')} computed again with the same result: {which or '-'}")
+    return 0
+
+
+@click.command()
+@folder_argument
+@click.option("--format", default="png", show_default=True, metavar="png|pdf|svg", help="Format of the figures.")
+def figures(folder: Path, format: str) -> None:
+    """Draw the figures and write the claims of a folder again.
+
+    From its dataset, or from what a stopped run stored."""
+    from critflow.workflow.report import write_report
+    from critflow.workflow.run import write_partial_dataset
+
+    results = Folder(folder)
+    _, selection = results.selection()
+    if not results.dataset(selection.study.name).exists():
+        warn(write_partial_dataset(results, {"history": "critflow figures"}))
+    report = write_report(selection.study, results, format)
+    print_report(results, report)
+    print_verdicts(selection.study, results, report)
+
+
+@click.command()
+@click.argument("file", metavar="FILE", type=Path, help="A dataset that a study wrote.")
+@click.option("--set", "settings", multiple=True, metavar="AXIS=VALUE", help="Choose a case; may be repeated.")
+@click.option("--out", metavar="PNG", type=Path, help="Figure to write; by default named after the case, next to FILE.")
+def show(file: Path, settings: Sequence[str], out: Path | None) -> None:
+    """Print what a dataset is, or draw one configuration of it.
+
+    The configuration that --set chooses, with its certificate."""
+    from critflow.command.show import show_configuration
+    from critflow.figures.drawing import require_picture
+    from critflow.workflow.dataset import opened_dataset
+    from critflow.workflow.selected import case_title, choose_case
+
+    if file.is_dir():
+        raise InputError(f"{file} is a folder: give the dataset NAME.nc in it")
+    if out is not None:
+        require_picture(out)
+    with opened_dataset(file) as dataset:
+        if not settings and out is None:
+            print(dataset.attrs["summary"])
+            return
+        case = choose_case(dataset, settings)
+        print(show_configuration(case, out or file.parent / f"{case_title(case)}.png"))

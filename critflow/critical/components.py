@@ -1,0 +1,103 @@
+"""Components of the stress S/√D at the transition, which determines all moduli there, and of the elasticity tensor.
+
+S:A/√D = W/√D,   C = S⊗S/(V D),   with W and D of `critflow.critical.transition`.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cache
+
+import numpy as np
+
+from critflow.critical.manifold import CriticalManifold
+from critflow.critical.quantity import Balanced, Partials, SpringResponse
+from critflow.critical.transition import WorkAndCost, largest_value
+from critflow.networks.deformation import strain_basis
+from critflow.networks.network import Array, Network
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class StressComponent(SpringResponse):
+    """Component S:A/√D of the stress, S = Σσ L⊗L, D = Σσ²|L|²/k: all that linear elasticity is at the transition.
+
+    strain  (d, d) A, symmetric
+    name    in tables, targets and messages
+    """
+
+    strain: Array
+    name: str = "S"
+
+    def evaluate(self, balance: Balanced) -> tuple[float, Partials]:
+        terms = WorkAndCost(balance, self.strain)
+        root = np.sqrt(terms.cost).item()
+        return terms.work / root, terms.partials(1 / root, -0.5 * terms.work / (terms.cost * root))
+
+    def by_stiffness(self, balance: Balanced) -> Array:
+        terms = WorkAndCost(balance, self.strain)
+        return 0.5 * terms.work / (terms.cost * np.sqrt(terms.cost).item()) * terms.by_stiffness
+
+    def extreme(self, manifold: CriticalManifold, positive: bool = True) -> tuple[float, float]:
+        reach = float(np.sqrt(largest_value(manifold, self.strain) * manifold.network.volume))
+        return (0.0 if positive and np.linalg.eigvalsh(self.strain)[0] >= 0 else -reach), reach
+
+    def unit(self, network: Network) -> float:
+        return float(np.sqrt(network.stiffness.mean())) * network.spacing
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class TensorComponent(SpringResponse):
+    """Component C_ab of the elasticity tensor; at the transition C_ab = S_a S_b/(V D).
+
+    first, second  `StressComponent`s a and b
+    """
+
+    first: StressComponent
+    second: StressComponent
+
+    @property
+    def name(self) -> str:
+        return f"C_{self.first.name[2:]}{self.second.name[2:]}"
+
+    def evaluate(self, balance: Balanced) -> tuple[float, Partials]:
+        (a, of_a), (b, of_b) = self.first.evaluate(balance), self.second.evaluate(balance)
+        volume = balance.network.volume
+        by_sigma, by_L = ((b * one + a * two) / volume for one, two in zip(of_a, of_b, strict=True))
+        return a * b / volume, (by_sigma, by_L)
+
+    def by_stiffness(self, balance: Balanced) -> Array:
+        a, b = self.first.evaluate(balance)[0], self.second.evaluate(balance)[0]
+        return (b * self.first.by_stiffness(balance) + a * self.second.by_stiffness(balance)) / balance.network.volume
+
+    def extreme(self, manifold: CriticalManifold, positive: bool = True) -> tuple[float, float]:
+        """Extreme values of s_a s_b/V on the ellipsoid of S/√D."""
+        form = modulus_form(manifold, np.array([self.first.strain, self.second.strain]))
+        reach = float(np.sqrt(form[0, 0] * form[1, 1]))
+        low = 0.5 * (float(form[0, 1]) - reach)
+        # S is positive definite under tension: normal components are positive.
+        normal = positive and all(np.linalg.eigvalsh(one.strain)[0] >= 0 for one in (self.first, self.second))
+        return max(low, 0.0) if normal or self.first is self.second else low, 0.5 * (float(form[0, 1]) + reach)
+
+
+def tensor_component(network: Network, name: str) -> SpringResponse:
+    """The quantity of a name: S_xx, ..., C_xxxx, ..."""
+    return _components(network.dimension)[name]
+
+
+@cache
+def _components(d: int) -> dict[str, SpringResponse]:
+    """Components of the stress and of the elasticity tensor by name: the same objects at every call."""
+    stress = [StressComponent(strain, f"S_{axes}") for axes, strain in zip(*strain_basis(d), strict=True)]
+    tensor = [TensorComponent(first, second) for a, first in enumerate(stress) for second in stress[a:]]
+    return {one.name: one for one in (*stress, *tensor)}
+
+
+def modulus_form(manifold: CriticalManifold, strains: Array) -> Array:
+    """The largest μ_A as a quadratic form of the strain A in a basis (m, d, d), from sums of two strains: (m, m)."""
+    m = len(strains)
+    form = np.empty((m, m))
+    for a in range(m):
+        for b in range(a + 1):
+            form[a, b] = form[b, a] = largest_value(manifold, strains[a] + strains[b])
+    single = np.diag(form) / 4
+    return np.asarray(0.5 * (form - single[:, None] - single[None]))
