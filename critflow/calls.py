@@ -41,6 +41,12 @@ class _Line:
                 sys.stderr.flush()
             self.what, self.written = "", False
 
+    def say(self, sentence: str) -> None:
+        with self._lock:
+            sys.stderr.write(f"{_ERASE if self.written else ''}{sentence}\n")
+            sys.stderr.flush()
+            self.written = False
+
     def _watch(self) -> None:
         while True:
             time.sleep(PERIOD)
@@ -100,6 +106,17 @@ def tell(part: str) -> None:
     """Name the part that is computed, in the line of the call that is shown."""
     if _LINE.what and threading.current_thread() is threading.main_thread():
         _LINE.part = part
+
+
+def rename(what: str) -> None:
+    """Change the name of the call that is shown."""
+    if _LINE.what and threading.current_thread() is threading.main_thread():
+        _LINE.what = what
+
+
+def say(sentence: str) -> None:
+    """Print a line on standard error, above that of the call that is shown."""
+    _LINE.say(sentence)
 
 
 def counted(items: Collection[Item], what: str) -> Iterator[Item]:

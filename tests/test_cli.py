@@ -1,6 +1,7 @@
 """The command: exit codes, one sentence on stderr for every mistake, and a stdout for machines."""
 
 import json
+import re
 import subprocess
 import sys
 from hashlib import sha256
@@ -266,6 +267,20 @@ def test_help_imports_no_extra_and_prints_what_the_commands_print(capsys):
     declared += [(name, one, extensions.named) for name, one in subcommands.COMMANDS.items()]
     for name, command, imported in declared:
         assert name in done.stdout
-        assert (imported(command.place).__doc__ or "").splitlines()[0] == command.help
+        assert (imported(command.place).help or "").splitlines()[0] == command.help
         assert main([name, "--help"]) == 0
         assert f"Usage: critflow {name} [OPTIONS]" in capsys.readouterr().out
+
+
+def test_help_is_written_for_users(capsys):
+    """Neither sentences for developers, nor types of Python, nor lines that are cut short."""
+    assert main(["--help"]) == 0
+    listed = capsys.readouterr().out.partition("Commands:")[2]
+    assert "..." not in listed
+    commands = [line.split()[0] for line in listed.splitlines() if line.startswith("  ")]
+    assert commands[0] == "run"
+    for name in commands[: commands.index("critflow")]:
+        assert main([name, "--help"]) == 0
+        text = capsys.readouterr().out
+        assert not re.search("parameter|function|module|docstring|Path|INTEGER|FLOAT|TEXT|<[a-z]", text), text
+        assert all(len(line) <= 80 for line in text.splitlines())

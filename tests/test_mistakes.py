@@ -396,8 +396,8 @@ COMMANDS = {
         # Words that are no command, option or study
         "no command": ([], 2, "Missing command", "critflow --help"),
         "command misspelt": (["rnu"], 2, "No such command 'rnu'", "Did you mean 'run'?"),
-        "option misspelt": (["run", TINY, "--worker", "2"], 2, "No such option: --worker", "--workers"),
-        "option of no command misspelt": (["--vesrion"], 2, "No such option: --vesrion", "--version"),
+        "option misspelt": (["run", TINY, "--worker", "2"], 2, "option '--worker'", "Did you mean '--workers'?"),
+        "option of no command misspelt": (["--vesrion"], 2, "No such option '--vesrion'", "Did you mean '--version'?"),
         "no study": (["run"], 2, "Missing argument 'NAME|FILE'", "critflow --help"),
         "no folder": (["status"], 2, "Missing argument 'DIR'", "critflow --help"),
         "empty study": (["run", ""], 2, "the study '' is empty", "give the name of a study, or its file NAME.py"),
@@ -583,7 +583,7 @@ COMMANDS = {
         ),
     },
     "explore": {
-        "explore at too large a port": (["explore", "--port", "99999"], 2, "'--port'", "less than or equal to 65535"),
+        "explore at too large a port": (["explore", "--port", "99999"], 2, "'--port'", "0<=x<=65535"),
     },
     "explore files": {
         "explore no file": (["explore", "nowhere.csv"], 2, "no file nowhere_edges.csv", "check its name"),

@@ -4,6 +4,7 @@ import os
 import pty
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 
@@ -48,6 +49,36 @@ def test_a_terminal_shows_the_outermost_call_and_its_part_and_erases_them():
         assert f"\r\x1b[Kouter: step {number} of 3, 0 s" in written
     assert "inner" not in written
     assert written.rstrip().endswith("0 s\r\x1b[Kdone")
+
+
+def test_a_line_that_is_said_stands_above_that_of_the_call_whose_name_may_change():
+    code = """
+with calls.running("cases"):
+    time.sleep(0.1)
+    calls.say("a message")
+    calls.rename("cases: 3 of 4")
+    time.sleep(0.1)
+calls.rename("no call")
+calls.say("done")
+"""
+    written = on_a_terminal(code)
+    assert "\r\x1b[Kcases, 0 s\r\x1b[Ka message\r\n\r\x1b[Kcases: 3 of 4, 0 s" in written
+    assert written.endswith("0 s\r\x1b[Kdone\r\n") and "no call" not in written
+
+
+def test_a_run_counts_its_cases_on_a_terminal():
+    study = Path(__file__).parent / "workflow" / "plain_study.py"
+    code = f"""
+import os, tempfile
+from critflow.command.main import main
+os.environ["CRITFLOW_TEST_PAUSE"] = "0.1"
+sys.stdout = open(os.devnull, "w")
+with tempfile.TemporaryDirectory() as folder:
+    assert main(["run", {str(study)!r}, "--workers", "0", "--out", folder]) == 0
+"""
+    written = on_a_terminal(code)
+    assert "plain: 3/4 cases (about 0 s left), 0 s" in written
+    assert "\x1b[Kplain: writing the dataset of 4 cases\r\n" in written
 
 
 @pytest.mark.parametrize("code", [IN_A_THREAD, IN_A_WORKER, "calls.PATIENCE = 9\nouter(3)"])

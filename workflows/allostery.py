@@ -7,6 +7,8 @@ as the target of another.
 
 In overconstrained networks of springs, trained by cutting, Rocks et al. find that the number of targets that one source
 can command has a sharp limit which grows more slowly than the number of vertices.
+
+Random rest lengths (`random_lengths`) have s = 0.1, not the 0.3 of the paper, so that every edge carries tension.
 """
 
 import numpy as np
@@ -18,6 +20,7 @@ from critflow.extras.local.drawing import add_response, response_legend
 from critflow.figures.plot import periodic_segments
 from critflow.result import StudyError
 from critflow.workflow import Claim, Coordinate, Study, stable_rng
+from critflow.workflow.study import plural
 
 from .shared.checks import check_network, check_voronoi, voronoi_check
 from .shared.figures import counted, legend_below, lettered, panels
@@ -303,7 +306,7 @@ def response_figure(ds):
     figure, (left, middle, right) = panels(
         3,
         "Designs have responses of ±1 at no stress, or at the stress that they are for\n"
-        f"({counted(ds)} of {parameters(ds)['n_vertices']} vertices, medians)",
+        f"({counted(ds)} of {parameters(ds)['n_vertices']} vertices, medians; random ℓ: s = {NETWORK['spread']:g})",
         height=4.4,
     )
     middles = 0.5 * (BINS[1:] + BINS[:-1])
@@ -395,7 +398,7 @@ def _of_training(ds):
     return [
         Claim.tested(
             "allostery-faces", f"one source commands {loads[every]:.0%} of the other faces, +1 or −1 at random", "",
-            f"{int((errors < REACHED).sum())} of {len(errors)} networks, largest error {errors.max():.1e}",
+            f"{int((errors < REACHED).sum())} of {plural(len(errors), 'network')}, largest error {errors.max():.1e}",
             (errors < REACHED).all(), "a search that fails is no proof", criterion="1e-6 in every network",
         ),
         Claim(

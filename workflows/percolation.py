@@ -279,8 +279,8 @@ def _finding(ds):
         f"Random rest lengths of spread $s$ = {PRINTED_SPREAD}: the box of side $\\sqrt{{N_b}}$ stresses "
         f"{printed['stressed']:.1f} % of the edges and leaves a gap of {printed['gap']:.0f} %, the exact transition "
         f"{there['stressed']:.1f} % and {there['gap']:.0f} %\n"
-        f"({printed['networks']} networks of {int(ds.n_vertices.values[-1]):,} vertices; medians, bands of 80 %; "
-        "dashed: what the paper says, dotted: its spread)"
+        f"({plural(printed['networks'], 'network')} of {int(ds.n_vertices.values[-1]):,} vertices; medians, bands of "
+        "80 %; dashed: what the paper says, dotted: its spread)"
     )
 
 

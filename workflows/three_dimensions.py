@@ -5,6 +5,7 @@ paper has on planar populations (`ResponseMetrics`).  Equal lengths often leave 
 least length variance is not attained; the population then contains the configuration of the cone program, with equal
 lengths on all stressed edges.  The least tension variance is not attained either, because edges shrink to zero length:
 the stored configuration is a near one, with edges of a hundredth of the mean length.
+Random rest lengths (`random_lengths`) have s = 0.1, not the 0.3 of the plane, so that few edges are slack.
 """
 
 import numpy as np

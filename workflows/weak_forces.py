@@ -5,6 +5,7 @@ strains are in units of the cubic equation at the transition, T = (κ²F/2D)^{1/
 function is one curve, t³ − g t² = 1, without a free parameter.  Exponents are those that two values of κ, or of the
 strain, would give.  The soft band of strained networks is compared with τ eig P, populations by their modulus at the
 transition, and networks designed for a modulus at the largest κ with the network of the largest B_0.
+Random rest lengths (`random_lengths`) have s = 0.1, not the 0.3 of the paper, so that every edge carries tension.
 """
 
 import numpy as np
@@ -200,7 +201,8 @@ def population_figure(ds):
     made, (axes,) = panels(
         1,
         "As κ → 0 weak bending leaves a third of the modulus at the transition, in every population\n"
-        f"({counted(ds)} of {parameters(ds)['n_vertices']} vertices; means)",
+        f"({counted(ds)} of {parameters(ds)['n_vertices']} vertices; means; random ℓ: "
+        f"s = {NETWORK['spread']:g})",
         height=3.3,
     )
     for n, name in enumerate(PAPER_POPULATIONS):

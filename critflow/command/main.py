@@ -8,10 +8,8 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Sequence
-from importlib.metadata import version
-from typing import Annotated
 
-import typer
+import click
 
 from critflow.command.messages import INTEGRITY, fail
 from critflow.command.subcommands import Subcommands
@@ -28,21 +26,14 @@ EXIT_CODES = (
     (EnvironmentFailure, 6),
 )
 
-app = typer.Typer(
-    cls=Subcommands,
-    help="Design spring networks at the rigidity transition, and measure ensembles of them.",
-    add_completion=False,
-    pretty_exceptions_enable=False,
-    rich_markup_mode=None,
-)
-
 
 def main(words: Sequence[str] | None = None) -> int:
     """Run the command and return its exit code; every error is one line on stderr."""
     try:
-        code = app(sys.argv[1:] if words is None else list(words), prog_name="critflow", standalone_mode=False) or 0
-        return fail("interrupted: run the same command again", code) if code == INTERRUPTED else code
-    except typer.TyperException as error:
+        return app(sys.argv[1:] if words is None else list(words), prog_name="critflow", standalone_mode=False) or 0
+    except click.Abort:
+        return fail("interrupted: run the same command again", INTERRUPTED)
+    except click.ClickException as error:
         message = error.format_message().rstrip(".")
         forgotten = "extra argument" in message and "=" in message
         return fail(f"{message}: {'write --set before KEY=VALUE' if forgotten else 'see critflow --help'}", 2)
@@ -55,15 +46,7 @@ def main(words: Sequence[str] | None = None) -> int:
         return fail(f"unexpected {type(error).__name__}: {error}: {hint}", 1)
 
 
-def _print_version(requested: bool) -> None:
-    if requested:
-        print(f"critflow {version('critflow')}")
-        raise typer.Exit
-
-
-@app.callback()
-def _options(
-    version: Annotated[
-        bool, typer.Option("--version", callback=_print_version, is_eager=True, help="Print the version.")
-    ] = False,
-) -> None: ...
+@click.group(cls=Subcommands, no_args_is_help=False, epilog="critflow COMMAND --help prints the options of a command.")
+@click.version_option(package_name="critflow", message="%(prog)s %(version)s", help="Print the version.")
+def app() -> None:
+    """Design spring networks at the rigidity transition, and measure ensembles of them."""

@@ -6,10 +6,10 @@ They import inside a function the modules that compute, and those that need xarr
 from __future__ import annotations
 
 import json
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated
 
-import typer
+import click
 
 from critflow.command.messages import INTEGRITY, fail, print_report, print_verdicts, warn
 from critflow.result import CritflowError, InputError
@@ -19,13 +19,12 @@ from critflow.workflow.load import load_study, named_studies
 from critflow.workflow.plan import spelled
 from critflow.workflow.study import plural
 
-FolderArgument = Annotated[Path, typer.Argument(metavar="DIR", help="A results folder.")]
-SetOption = Annotated[list[str], typer.Option("--set", metavar="KEY=VALUE", help="Change a setting; may be repeated.")]
+folder_argument = click.argument("folder", metavar="DIR", type=Path, help="A results folder.")
 
 
-def list_studies(
-    study: Annotated[str, typer.Argument(metavar="[NAME|FILE]", help="Print the settings of this study.")] = "",
-) -> None:
+@click.command()
+@click.argument("study", default="", metavar="[NAME|FILE]", help="Print the settings of this study.")
+def list_studies(study: str) -> None:
     """Name the studies that can be run, or print the settings of one."""
     if study:
         known = load_study(study).study
@@ -56,11 +55,11 @@ def list_studies(
     print("critflow list NAME prints the settings of a study")
 
 
-def status(
-    folder: FolderArgument,
-    as_json: Annotated[bool, typer.Option("--json", help="Print JSON, with every case that is not done.")] = False,
-) -> None:
-    """Count the cases of a folder that are done, failed and missing, from the names of its files."""
+@click.command()
+@folder_argument
+@click.option("--json", "as_json", is_flag=True, help="Print JSON, with every case that is not done.")
+def status(folder: Path, as_json: bool) -> None:
+    """Count the cases of a folder that are done, failed and missing."""
     results = Folder(folder)
     note, (_, selection) = results.read_note(), results.selection()
     states, code = results.states(selection), code_version(selection.study)
@@ -94,11 +93,20 @@ def status(
         print(f"  {line}")
 
 
-def verify(
-    folder: FolderArgument,
-    sample: Annotated[int, typer.Option(min=0, metavar="N", help="Cases that are computed again.")] = 3,
-) -> int:
-    """Read every byte of a folder, recompute the physics from the stored arrays, and a sample of the cases."""
+@click.command()
+@folder_argument
+@click.option(
+    "--sample",
+    type=click.IntRange(min=0),
+    default=3,
+    show_default=True,
+    metavar="N",
+    help="Cases that are computed again.",
+)
+def verify(folder: Path, sample: int) -> int:
+    """Read every byte of a folder, and recompute its physics.
+
+    The physics of the stored arrays, and a sample of the cases."""
     from critflow.workflow.verify import verify_folder
 
     results = Folder(folder)
@@ -115,11 +123,13 @@ def verify(
     return 0
 
 
-def figures(
-    folder: FolderArgument,
-    format: Annotated[str, typer.Option(help="png, pdf or svg.")] = "png",
-) -> None:
-    """Draw the figures and write the claims again from the dataset of a folder, or from what a stopped run stored."""
+@click.command()
+@folder_argument
+@click.option("--format", default="png", show_default=True, metavar="png|pdf|svg", help="Format of the figures.")
+def figures(folder: Path, format: str) -> None:
+    """Draw the figures and write the claims of a folder again.
+
+    From its dataset, or from what a stopped run stored."""
     from critflow.workflow.report import write_report
     from critflow.workflow.run import write_partial_dataset
 
@@ -132,14 +142,14 @@ def figures(
     print_verdicts(selection.study, results, report)
 
 
-def show(
-    file: Annotated[Path, typer.Argument(metavar="FILE", help="A dataset that a study wrote.")],
-    settings: SetOption = [],  # noqa: B006 (as above)
-    out: Annotated[
-        Path | None, typer.Option(metavar="PNG", help="Figure to write; by default named after the case, next to FILE.")
-    ] = None,
-) -> None:
-    """Print what a dataset is, or draw one configuration of it, chosen by --set, and print its certificate."""
+@click.command()
+@click.argument("file", metavar="FILE", type=Path, help="A dataset that a study wrote.")
+@click.option("--set", "settings", multiple=True, metavar="AXIS=VALUE", help="Choose a case; may be repeated.")
+@click.option("--out", metavar="PNG", type=Path, help="Figure to write; by default named after the case, next to FILE.")
+def show(file: Path, settings: Sequence[str], out: Path | None) -> None:
+    """Print what a dataset is, or draw one configuration of it.
+
+    The configuration that --set chooses, with its certificate."""
     from critflow.command.show import show_configuration
     from critflow.figures.drawing import require_picture
     from critflow.workflow.dataset import opened_dataset

@@ -9,10 +9,11 @@ from __future__ import annotations
 import os
 import shlex
 import sys
+from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING
 
-import typer
+import click
 
 from critflow.command.messages import fail, print_report, print_verdicts, warn
 from critflow.result import InputError
@@ -29,56 +30,73 @@ if TYPE_CHECKING:
 FAILED_CASES = 3  # exit code
 _MOST_FAILURES = 10  # lines
 
-NameArgument = Annotated[str, typer.Argument(metavar="NAME|FILE", help="A study, by name or by file.")]
-SetOption = Annotated[
-    list[str],
-    typer.Option(
-        "--set",
-        metavar="KEY=VALUE",
-        help="Change a setting; may be repeated. variables=NAME,NAME computes and stores only these, "
-        "variables=scalars no arrays.",
-    ),
-]
 
-
+@click.command()
+@click.argument("study", metavar="NAME|FILE", help="A study, by name or by file.")
+@click.option(
+    "--set",
+    "settings",
+    multiple=True,
+    metavar="KEY=VALUE",
+    help="Change a setting; may be repeated. variables=NAME,NAME computes and stores only these, status and valid; "
+    "variables=scalars no arrays.",
+)
+@click.option("--out", metavar="DIR", help="Results folder; results/NAME by default.")
+@click.option(
+    "--workers",
+    type=int,
+    metavar="N",
+    help="Worker processes, 0 for none; by default one per CPU, or the study's limit.",
+)
+@click.option("--scheduler", default="", metavar="ADDRESS", help="Use the dask scheduler at this address.")
+@click.option(
+    "--cluster",
+    default="",
+    metavar="NAME",
+    help="Use a batch system (slurm, pbs, ...) with its options in dask's configuration.",
+)
+@click.option("--jobs", default=1, metavar="N", show_default=True, help="Batch jobs of --cluster.")
+@click.option("--insecure", is_flag=True, help="Allow a scheduler without encryption.")
+@click.option(
+    "--time-limit",
+    default=HOUR,
+    show_default=True,
+    metavar="SECONDS",
+    help="Time limit of a case, in worker processes.",
+)
+@click.option(
+    "--memory-limit", type=float, metavar="GB", help="Memory limit of a worker process; an equal share by default."
+)
+@click.option(
+    "--part", default="", metavar="I/N", help="Compute one of N parts in one folder; the last writes the dataset."
+)
+@click.option("--retry-failed", is_flag=True, help="Compute failed cases again.")
+@click.option(
+    "--recompute/--keep", default=None, help="Compute stored cases of other code again, or keep and label them."
+)
+@click.option("--dry-run", is_flag=True, help="Print the plan and write nothing.")
 def run(
-    study: NameArgument,
-    settings: SetOption = [],  # noqa: B006 (typer reads the default and copies it)
-    out: Annotated[str | None, typer.Option(metavar="DIR", help="Results folder; results/NAME by default.")] = None,
-    workers: Annotated[
-        int | None,
-        typer.Option(help="Worker processes, 0 for none; one per CPU, or the study's limit, by default."),
-    ] = None,
-    scheduler: Annotated[str, typer.Option(metavar="ADDRESS", help="Use the dask scheduler at this address.")] = "",
-    cluster: Annotated[
-        str,
-        typer.Option(
-            metavar="NAME", help="Use a batch system (slurm, pbs, ...) with its options in dask's configuration."
-        ),
-    ] = "",
-    jobs: Annotated[int, typer.Option(help="Batch jobs of --cluster.")] = 1,
-    insecure: Annotated[bool, typer.Option("--insecure", help="Allow a scheduler without encryption.")] = False,
-    time_limit: Annotated[
-        float, typer.Option(metavar="SECONDS", help="Time limit of a case, in worker processes.")
-    ] = HOUR,
-    memory_limit: Annotated[
-        float | None, typer.Option(metavar="GB", help="Memory limit of a worker process; an equal share by default.")
-    ] = None,
-    part: Annotated[
-        str, typer.Option(metavar="I/N", help="Compute one of N parts in one folder; the last writes the dataset.")
-    ] = "",
-    retry_failed: Annotated[bool, typer.Option("--retry-failed", help="Compute failed cases again.")] = False,
-    recompute: Annotated[
-        bool | None,
-        typer.Option("--recompute/--keep", help="Compute stored cases of other code again, or keep and label them."),
-    ] = None,
-    dry_run: Annotated[bool, typer.Option("--dry-run", help="Print the plan and write nothing.")] = False,
+    study: str,
+    settings: Sequence[str],
+    out: str | None,
+    workers: int | None,
+    scheduler: str,
+    cluster: str,
+    jobs: int,
+    insecure: bool,
+    time_limit: float,
+    memory_limit: float | None,
+    part: str,
+    retry_failed: bool,
+    recompute: bool | None,
+    dry_run: bool,
 ) -> int:
-    """Compute the missing cases of a study, then write its dataset, figures and claims.
+    """Compute a study, and write its dataset, figures and claims.
 
-    `critflow list NAME` prints the settings of a study.
-
-    Its many parameters are the options of the command."""
+    Cases that are stored are not computed again. `critflow list NAME` prints the settings of a study.
+    \f
+    Many parameters: each is an option of the command.
+    """
     from critflow.workflow.run import plan_run, run_study
     from critflow.workflow.workers import Workers
 

@@ -225,12 +225,11 @@ class CriticalManifold:
         self.network, self.backend = network, backend
         self.prestress = laplacian(network, backend)
         self._g, self._b = network.free_incidence, network.boundary_vectors
-        # gᵀ(σ ∘ b) is linear in σ and only few edges carry b, so it is one thin product per direction.
-        self._load = [
-            sp.csr_array(network.divergence @ sp.diags_array(self._b[:, k])) for k in range(network.dimension)
-        ]
-        for load in self._load:
-            load.eliminate_zeros()
+        # −gᵀ(σ ∘ b) is linear in σ and only few edges carry b, so it is one thin product, one direction after another.
+        self._load = sp.csr_array(
+            sp.vstack([network.divergence @ sp.diags_array(-b, dtype=float) for b in self._b.T], format="csr")
+        )
+        self._load.eliminate_zeros()
 
     def __repr__(self) -> str:
         return f"CriticalManifold({self.network!r})"
@@ -357,10 +356,7 @@ class CriticalManifold:
         return Balance(self, sigma, *self._placed(sigma, factor), factor)
 
     def _placed(self, sigma: Array, factor: Factor) -> tuple[Array, Array]:
-        x = np.empty((self._g.shape[1], len(self._load)))
-        for axis, load in enumerate(self._load):
-            x[:, axis] = factor.solve(product(load, sigma))
-        np.negative(x, out=x)
+        x = factor.solve(product(self._load, sigma).reshape(self._b.shape[1], -1).T)
         return x, product(self._g, x) + self._b
 
     def response(self, configuration: CriticalConfiguration) -> LinearOperator:

@@ -34,7 +34,7 @@ from numpy.typing import NDArray
 from critflow.arguments import shown
 from critflow.critical.manifold import Balance, CriticalConfiguration, CriticalManifold
 from critflow.linalg.tolerances import EPS
-from critflow.linalg.vectors import norms, quasi_random
+from critflow.linalg.vectors import mean, norms, quasi_random
 from critflow.networks.network import Array, Network
 from critflow.result import InputError, Record
 
@@ -159,7 +159,7 @@ class SpringResponse(Quantity):
 
     def unit(self, network: Network) -> float:
         d = network.dimension
-        return float(network.stiffness.mean()) * (1.0 if d == 2 else network.spacing ** (2 - d))
+        return mean(network.stiffness) * (1.0 if d == 2 else network.spacing ** (2 - d))
 
 
 @dataclass(frozen=True, eq=False)

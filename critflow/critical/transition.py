@@ -39,18 +39,19 @@ class WorkAndCost:
         self.AL = self.L @ A
         self.hdot = dot(self.L, self.AL)
         self.flexibility = dot(self.L, self.L) / self.k
-        self.work, self.cost = (self.sigma @ self.hdot).item(), (self.sigma**2 @ self.flexibility).item()
+        self.square = self.sigma * self.sigma
+        self.work, self.cost = (self.sigma @ self.hdot).item(), (self.square @ self.flexibility).item()
 
     def partials(self, f_W: float, f_D: float) -> Partials:
         """∂O/∂σ and ∂O/∂L of f(W, D)."""
         by_sigma = f_W * self.hdot + 2 * f_D * self.sigma * self.flexibility
-        by_L = (2 * f_W * self.sigma)[:, None] * self.AL + (2 * f_D * self.sigma**2 / self.k)[:, None] * self.L
+        by_L = (2 * f_W * self.sigma)[:, None] * self.AL + (2 * f_D * self.square / self.k)[:, None] * self.L
         return by_sigma, by_L
 
     @property
     def by_stiffness(self) -> Array:
         """−∂D/∂k, (N_b,)."""
-        return np.asarray(self.sigma**2 * self.flexibility / self.k)
+        return np.asarray(self.square * self.flexibility / self.k)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -115,10 +116,10 @@ class PenalisedModulus(SpringResponse):
         value, (dO_dsigma, dO_dL) = self.modulus.evaluate(balance)
         sigma = balance.sigma
         power, square = self._powers(balance)
-        penalty = power.mean().item()
+        total = np.add.reduce(power)
         # s scales as σ/|σ|, so the derivative in the direction of σ cancels.
-        derivative = PENALTY_EXPONENT * (power / sigma - power.sum() * sigma / square) / len(sigma)
-        return value - penalty, (dO_dsigma + derivative, dO_dL)
+        derivative = PENALTY_EXPONENT * (power / sigma - total * sigma / square) / len(sigma)
+        return value - total.item() / len(sigma), (dO_dsigma + derivative, dO_dL)
 
     def by_stiffness(self, balance: Balanced) -> Array:
         # The unit is proportional to the mean stiffness.

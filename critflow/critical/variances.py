@@ -31,9 +31,11 @@ class _RelativeVariance(OfLengths):
     def evaluate(self, balance: Balanced) -> tuple[float, Partials]:
         L = balance.bond_vectors
         length = norms(L)
-        weight = balance.sigma if self.of_tensions else np.ones_like(length)
-        value, derivative = _relative_variance(weight * length)
-        return value, (self.of_tensions * derivative * length, (derivative * weight / divisors(length))[:, None] * L)
+        if self.of_tensions:
+            value, derivative = _relative_variance(balance.sigma * length)
+            return value, (derivative * length, (derivative * balance.sigma / divisors(length))[:, None] * L)
+        value, derivative = _relative_variance(length)
+        return value, (np.zeros_like(length), (derivative / divisors(length))[:, None] * L)
 
 
 @dataclass(frozen=True, repr=False)
@@ -59,7 +61,7 @@ def variance(network: Network, name: str) -> Quantity:
 
 def divisors(length: Array) -> Array:
     """Lengths (N_b,), NaN for an edge without length: there |L| has no derivative."""
-    return np.where(np.real(length) > 0, length, np.nan)
+    return np.where(length.real > 0, length, np.nan)
 
 
 def _relative_variance(values: Array) -> tuple[float, Array]:
@@ -67,10 +69,10 @@ def _relative_variance(values: Array) -> tuple[float, Array]:
     mean = _mean(values)
     deviation = values - mean
     square = mean * mean  # not a power, whose last bit depends on the units
-    variance = _mean(deviation**2) / square
+    variance = _mean(deviation * deviation) / square
     return variance, 2 / (len(values) * square) * (deviation - variance * mean)
 
 
 def _mean(values: Array) -> float:
     """The bits of `values.mean()`, which takes three times as long for small networks."""
-    return values.sum().item() / len(values)
+    return np.add.reduce(values).item() / len(values)

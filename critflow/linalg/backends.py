@@ -64,6 +64,7 @@ class QDLDL:
 
     def __init__(self, model: sp.csc_matrix):
         self._solver = qdldl.Solver(model, upper=True)
+        self.solve = self._solver.solve
 
     def another(self, model: sp.csc_matrix) -> QDLDL:
         # The library shares no analysis between solvers, but repeats it alike.
@@ -71,9 +72,6 @@ class QDLDL:
 
     def update(self, matrix: sp.csc_matrix) -> None:
         self._solver.update(matrix, upper=True)
-
-    def solve(self, right: Array) -> Array:
-        return self._solver.solve(right)
 
     def pivots(self) -> Array:
         return self._solver.factors()[1].copy()

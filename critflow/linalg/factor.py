@@ -121,7 +121,7 @@ class FixedPattern:
     def factorize(self, values: Array, shift: float | Array = 0.0) -> Factor:
         """L D Lᵀ of A + shift·1, with values (n_sources,) and a shift for all or for each of the rows (n,)."""
         data = product(self._gather, values)
-        if np.ndim(shift) or shift:
+        if isinstance(shift, np.ndarray) or shift:
             data[self._diagonal] += shift
         factor = self._kind(self, data)
         with self._lock:
@@ -248,9 +248,9 @@ class Factor:
         return False
 
     def _solved(self, right_side: Array) -> Array:
-        with self._pattern._lock:
-            solve = self._pattern._solver_of(self).solve
-            return solve(right_side) if right_side.ndim == 1 else by_columns(solve, right_side)
+        pattern = self._pattern
+        with pattern._lock:
+            return by_columns(pattern._solver_of(self).solve, right_side)
 
     def _refined(self, right_side: Array) -> Array:
         """Iterative refinement, which removes the shift."""

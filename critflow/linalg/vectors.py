@@ -86,7 +86,9 @@ _KERNELS = {"csr": (csr_matvec, csr_matvecs), "csc": (csc_matvec, csc_matvecs)}
 
 def product(matrix: sp.csr_array | sp.csc_matrix, x: Array) -> Array:
     """A x for x (n,) or (n, d) of floats: the bits of `matrix @ x`."""
-    return add_product(matrix, x, np.zeros((matrix.shape[0], *x.shape[1:])))
+    y = np.zeros((matrix.shape[0], *x.shape[1:]))
+    _KERNELS[matrix.format][x.ndim - 1](len(y), *x.shape, matrix.indptr, matrix.indices, matrix.data, x, y)
+    return y
 
 
 def add_product(matrix: sp.csr_array | sp.csc_matrix, x: NDArray[Any], y: NDArray[Any]) -> NDArray[Any]:

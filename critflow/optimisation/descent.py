@@ -20,6 +20,7 @@ The scale of σ changes no quantity, so that derivatives by the unknowns are tho
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
@@ -83,8 +84,8 @@ class StressObjective(Function):
 
     def sigma(self, x: Array) -> Array:
         """σ of log-stresses θ, scaled to Σσ² = N_b."""
-        sigma = np.exp(x - x.max())
-        return sigma * np.sqrt(len(x) / (sigma @ sigma))
+        sigma = np.exp(x - np.maximum.reduce(x))
+        return sigma * math.sqrt(len(x) / (sigma @ sigma))
 
     def rate(self, x: Array, sigma: Array) -> tuple[Array | float, Array | float]:
         """First and second derivatives of each σ by its own unknown."""
@@ -106,11 +107,9 @@ class StressObjective(Function):
         with np.errstate(all="ignore"):
             sigma = self.sigma(x)
             evaluation = evaluate(self.manifold, self.quantity, sigma)
-        residual = float(np.abs(evaluation.gradient).max() / abs(self.unit))
+        residual = float(np.maximum.reduce(np.abs(evaluation.gradient))) / abs(self.unit)
         gradient = self.rate(x, sigma)[0] * evaluation.gradient / self.unit
-        return Point(
-            x, evaluation.value / self.unit, gradient, residual if np.isfinite(residual) else np.inf, evaluation
-        )
+        return Point(x, evaluation.value / self.unit, gradient, residual if residual < np.inf else np.inf, evaluation)
 
     def preconditioner(self, point: Point) -> Array | float:
         return self.quantity.preconditioner(point.state.balance) / abs(self.unit)

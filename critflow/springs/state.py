@@ -88,7 +88,7 @@ class SpringState(Record):
         """E', (N_b,)."""
         return self.law.tension(self.extension, self.rest_lengths, self.stiffness)
 
-    @property
+    @cached_property
     def spring_stiffness(self) -> Array:
         """E'', (N_b,)."""
         return self.law.stiffness(self.extension, self.rest_lengths, self.stiffness)

@@ -20,6 +20,7 @@ from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import CancelledError
 from contextlib import contextmanager
+from itertools import islice
 from multiprocessing import resource_tracker
 from pathlib import Path
 from typing import Any
@@ -42,6 +43,7 @@ _WORKERS_START = 60.0  # seconds: local workers that died are back earlier
 _ANSWER = 10.0  # seconds in which a scheduler answers
 _LOOK = 1.0  # seconds between two looks at the workers of a scheduler
 _AGAIN = "run the same command again to resume"
+_SUBMITTED = 1000  # tasks at the scheduler at once, where each takes 20 kB
 _UNEXPLAINED = 20  # deaths in a row without a running case: the workers cannot start
 _NO_DASHBOARD: dict[str, Any] = {"dashboard": False, "dashboard_address": "127.0.0.1:0"}
 
@@ -98,18 +100,21 @@ def _distributed(
         running[future] = task
         completed.add(future)
 
-    for task in tasks:
-        submit(task)
-    cancelled = False
-    while running:
+    waiting, cancelled = iter(tasks), False
+    while True:
+        if not stopped.is_set():
+            for task in islice(waiting, max(0, _SUBMITTED - len(running))):
+                submit(task)
+        if not running:
+            return
         if stopped.is_set() and not cancelled:
             cancelled = True
             # Tasks that no worker has begun; those that ended meanwhile are still to be counted.
             begun = {key for keys in client.processing().values() for key in keys}
             begun |= {key for key, holders in client.who_has().items() if holders}
-            waiting = [future for future in running if future.key not in begun]
-            client.cancel(waiting)
-            for future in waiting:
+            idle = [future for future in running if future.key not in begun]
+            client.cancel(idle)
+            for future in idle:
                 del running[future]
         ended = completed.next_batch(block=False)
         if not ended:

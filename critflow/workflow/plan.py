@@ -91,9 +91,15 @@ class Selection:
     def case(self, **values: int | str) -> Case:
         return Case(self.study.name, self.study.version, self.parameters, values, self.study.selected)
 
-    def cases(self) -> list[Case]:
+    def cases(self) -> Sequence[Case]:
         """All cases; the first axis varies slowest."""
-        return [self.case(**dict(zip(self.axes, v, strict=True))) for v in itertools.product(*self.axes.values())]
+        return self._cases
+
+    @cached_property
+    def _cases(self) -> tuple[Case, ...]:
+        # Once, with their identities: a run needs them before and after the computation, and may have 10⁶.
+        values = itertools.product(*self.axes.values())
+        return tuple(self.case(**dict(zip(self.axes, one, strict=True))) for one in values)
 
     @property
     def count(self) -> int:
@@ -103,7 +109,7 @@ class Selection:
     def sizes(self) -> str:
         """Number of values of each axis, as text."""
         axes = zip(self.study.axes, self.axes.values(), strict=True)
-        return " × ".join(f"{len(values)} {axis.key}" for axis, values in axes)
+        return " × ".join(f"{len(v)} {axis.name if len(v) == 1 else axis.key}" for axis, v in axes)
 
 
 def select(study: Study, words: Sequence[str] = ()) -> Selection:

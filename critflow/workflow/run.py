@@ -8,23 +8,15 @@ replace the dataset; the cases of the former settings stay stored, and a run wit
 from __future__ import annotations
 
 import math
+import sys
+import time
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from contextlib import nullcontext
 from dataclasses import dataclass, field, replace
 from itertools import groupby
 from pathlib import Path
 
-from rich.console import Console
-from rich.progress import (
-    BarColumn,
-    MofNCompleteColumn,
-    Progress,
-    TextColumn,
-    TimeElapsedColumn,
-    TimeRemainingColumn,
-)
-
+from critflow.calls import rename, running, say
 from critflow.result import CritflowError, EnvironmentFailure, IntegrityError, Status, StudyError
 from critflow.workflow.code import code_version
 from critflow.workflow.dataset import Assembly, write_dataset
@@ -127,17 +119,16 @@ def run_study(
         folder.write_note(loaded, plan.selection)
         for case in plan.todo:
             delete_failure(folder.failed, case)
-        progress = _RunProgress(plan.selection.study.name, len(plan.todo))
-        _compute(loaded, plan, folder, workers, progress)
+        _compute(loaded, plan, folder, workers)
         if folder.part is None:
-            return _finish(plan, folder, origin, progress)
+            return _finish(plan, folder, origin)
         states = folder.states(plan.selection)
         if others := sum(one.state == MISSING for one in states):
             message = f"{others} cases of other parts are missing: the last part writes the dataset"
         else:
             with folder.merging() as last:
                 if last:
-                    return _finish(plan, folder, origin, progress)
+                    return _finish(plan, folder, origin)
             message = "another run writes the dataset of all parts"
         own = {state.case.id for state in plan.states}
         failed = {one.case.id: one.reason for one in states if one.state == FAILED and one.case.id in own}
@@ -212,7 +203,7 @@ def _selects(selection: Selection, case: Case) -> bool:
     return all(case.values[name] in values for name, values in selection.axes.items())
 
 
-def _compute(loaded: StudyFile, plan: RunPlan, folder: Folder, workers: Workers, progress: _RunProgress) -> None:
+def _compute(loaded: StudyFile, plan: RunPlan, folder: Folder, workers: Workers) -> None:
     """Compute the planned cases; `Interrupted` if some were not begun or finished."""
     study, first = plan.selection.study, plan.selection.study.axis_names[0]
     word = study.name if loaded.by_name else str(loaded.path)
@@ -225,13 +216,13 @@ def _compute(loaded: StudyFile, plan: RunPlan, folder: Folder, workers: Workers,
     tasks: list[Task] = [[case.values for case in group] for _, group in groups]
     stored, sizes = 0, dict[str, int]()
     cases = f"{plural(len(plan.todo), 'case')} in {workers.place}"
-    bar = nullcontext() if progress.bar.disable else progress.bar  # rich 13 and 14 end one that is off by a line
-    with bar, open(folder.log, "a", encoding="utf-8") as log, interruption(folder.stop) as stopped:
+    progress = _RunProgress(study.name, len(plan.todo))
+    with running(study.name), open(folder.log, "a", encoding="utf-8") as log, interruption(folder.stop) as stopped:
         log.write(f"# {timestamp()} {code}; {environment()}; {cases}\n")
         for line in [*plan.messages, *reason_lines([s for s in plan.states if s.state in (DAMAGED, CHANGED)])]:
-            progress.say(f"critflow: {line}")
+            say(f"critflow: {line}")
         if tasks:
-            progress.say(f"{study.name}: {study.axes[0].counted(len(tasks))}, {cases}")
+            say(f"{study.name}: {study.axes[0].counted(len(tasks))}, {cases}")
         try:
             for outcomes in compute(job, tasks, workers, stopped) if tasks else ():
                 stored += len(outcomes)
@@ -262,11 +253,11 @@ def _complete(plan: RunPlan, folder: Folder) -> str:
     return f"{done} of {len(todo)} cases are complete"
 
 
-def _finish(plan: RunPlan, folder: Folder, origin: Mapping[str, str], progress: _RunProgress) -> RunResult:
+def _finish(plan: RunPlan, folder: Folder, origin: Mapping[str, str]) -> RunResult:
     """Write the dataset of all stored cases, and its report."""
     study, states = plan.selection.study, folder.states(plan.selection)
     path = folder.dataset(study.name)
-    progress.say(f"{study.name}: writing the dataset of {plural(len(states), 'case')}")
+    say(f"{study.name}: writing the dataset of {plural(len(states), 'case')}")
     write_dataset(Assembly(plan.selection, folder.shards, states), path, origin)
     requested = {
         one.case.id: one.reason for one in states if one.state == FAILED and _selects(plan.requested, one.case)
@@ -275,7 +266,7 @@ def _finish(plan: RunPlan, folder: Folder, origin: Mapping[str, str], progress: 
     if others := Counter(one.reason for one in states if one.state == OTHER):
         counts = "; ".join(f"{code}: {count} cases" for code, count in sorted(others.items()))
         messages = [f"cases of other code than {code_version(study)} are kept: {counts}: the variable `code` has them"]
-    progress.say(f"{study.name}: drawing the figures and testing the claims")
+    say(f"{study.name}: drawing the figures and testing the claims")
     try:
         report = write_report(study, folder)
     except ReportError as error:
@@ -287,28 +278,19 @@ def _finish(plan: RunPlan, folder: Folder, origin: Mapping[str, str], progress: 
 
 
 class _RunProgress:
-    """Number of finished cases: a bar on a terminal, ten lines elsewhere."""
+    """Number of finished cases: in the line of the call on a terminal, in ten lines elsewhere."""
 
     def __init__(self, title: str, total: int):
-        self.title, self.total, self.done = title, total, 0
-        self.console = Console(stderr=True, highlight=False, soft_wrap=True)
-        columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TextColumn("cases"))
-        times = (TimeElapsedColumn(), TextColumn("left"), TimeRemainingColumn())
-        off = not (self.console.is_terminal and total)
-        # The time left is that at the mean rate since the start: cases can last longer than the half minute by default.
-        self.bar = Progress(*columns, *times, console=self.console, disable=off, speed_estimate_period=math.inf)
-        self.task = self.bar.add_task(title, total=total)
-
-    def say(self, line: str) -> None:
-        """Print a line on stderr without disturbing the bar."""
-        self.console.print(line, markup=False)
+        self.title, self.total, self.done, self.begun = title, total, 0, time.monotonic()
+        self.on_terminal = sys.stderr.isatty()
 
     def count(self, done: int) -> None:
         """Show the cases of finished tasks."""
-        if self.bar.disable and done * 10 // self.total > self.done * 10 // self.total:
-            elapsed = self.bar.tasks[0].elapsed or 0.0
-            left = elapsed / done * (self.total - done)
-            ending = f"about {left:.0f} s left" if done < self.total else f"in {elapsed:.1f} s"
-            self.say(f"{self.title}: {done}/{self.total} cases, {ending}")
+        seconds = time.monotonic() - self.begun
+        left = seconds / done * (self.total - done) if done else math.nan
+        cases = f"{self.title}: {done}/{self.total} cases"
+        if self.on_terminal:
+            rename(f"{cases} (about {left:.0f} s left)" if done else cases)
+        elif done * 10 // self.total > self.done * 10 // self.total:
+            say(f"{cases}, {f'about {left:.0f} s left' if done < self.total else f'in {seconds:.1f} s'}")
         self.done = done
-        self.bar.update(self.task, completed=done)

@@ -12,6 +12,7 @@ from __future__ import annotations
 import errno
 import json
 import os
+import sys
 import threading
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
@@ -202,7 +203,10 @@ def refuse_sizes(case_id: str, sizes: Mapping[str, int], known: Mapping[str, int
     for dim in sizes.keys() & known.keys():
         if sizes[dim] != known[dim]:
             lengths = f"length {sizes[dim]} in {dim!r}, cases before it {known[dim]}"
-            advice = "run each size as a study of its own, or store numbers alone with --set variables=scalars"
+            advice = (
+                "run each size into a folder of its own and join them (docs/howto/dataset.md, Several sizes), or "
+                "store numbers alone with --set variables=scalars"
+            )
             raise IntegrityError(f"case {case_id} has {lengths}: {advice}")
 
 
@@ -252,10 +256,12 @@ def _attributes(record: Record) -> dict[str, Any]:
 
 def _records(file: netCDF4.Dataset) -> dict[str, Record]:
     known = json.loads(file.getncattr("cases"))
-    return {
-        name: Record(**{**one, "status": Status(one["status"]), "absent": tuple(one["absent"])})
-        for name, one in known.items()
-    }
+    return {name: _record(**one) for name, one in known.items()}
+
+
+def _record(values: dict[str, Any], status: int, code: str, environment: str, absent: list[str]) -> Record:
+    # Texts that 10⁶ cases share are stored once.
+    return Record(values, Status(status), sys.intern(code), sys.intern(environment), tuple(absent))
 
 
 def _cases(study: Study, file: netCDF4.Dataset) -> dict[str, Stored]:

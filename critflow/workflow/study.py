@@ -37,6 +37,7 @@ if TYPE_CHECKING:  # a case function needs neither library
 LONGEST = 1_000_000  # values of one setting, and cases of one run: a larger number is a typing error
 
 _NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*")
+_ALWAYS = ("status", "valid")  # variables that every selection of members needs
 _DTYPES = ("f4", "f8", "i1", "i2", "i4", "i8", "u1", "u2", "u4")
 
 
@@ -305,8 +306,8 @@ class Study:
         return tuple(variable.name for variable in self.variables) if self.left_out else ()
 
     def storing(self, names: Sequence[str]) -> Study:
-        """The study with only these variables and the status, in the order of the table; no name selects all."""
-        kept = [variable for variable in self.variables if variable.name in (*names, "status")]
+        """The study with these variables and `_ALWAYS` only, in the order of the table; no name selects all."""
+        kept = [variable for variable in self.variables if variable.name in (*names, *_ALWAYS)]
         if not names or len(kept) == len(self.variables):
             return self
         left_out = [variable for variable in self.variables if variable not in kept]

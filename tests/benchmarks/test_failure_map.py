@@ -110,7 +110,7 @@ def test_a_floppy_network_must_say_so(pretend):
 def test_a_point_that_is_no_optimum_is_a_violation(pretend):
     problem = problems.DIFFICULTIES["threshold"].problem(0.5, 1, 16)
     pretend("optimize", tolerance=1e-3)
-    found = quantities.finding("shear_modulus_lbfgs", problem)
+    found = quantities.finding("max_G_0_lbfgs", problem)
     assert found.violation is Violation.above_tolerance
     assert found.error < 0.1
 
@@ -123,7 +123,7 @@ def small(tmp_path_factory):
     folder = tmp_path_factory.mktemp("failures")
     settings = (
         "difficulties=near_singular,small_strain,extra_edges,stress_spread", "seeds=0:1", "n_vertices=12",
-        "n_steps=4", "quantities=configuration,transition_moduli,rigidity,equilibrium_newton,shear_modulus_auto",
+        "n_steps=4", "quantities=configuration,transition_moduli,rigidity,equilibrium_newton,max_G_0_auto",
     )  # fmt: skip
     words = [word for setting in settings for word in ("--set", setting)]
     assert main(["run", "failure_map", "--workers", "0", "--out", str(folder), *words]) == 0

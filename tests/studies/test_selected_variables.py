@@ -61,7 +61,7 @@ def test_selected_variables_have_the_same_bits(whole, monkeypatch, tmp_path, sel
 
     assert set(Factorisations(monkeypatch)(NETWORKS[name](60, seed=1), compute)) == matrices
     few = made[0]
-    selected = {*variables.split(","), "status"}
+    selected = {*variables.split(","), "status", "valid"}
     if variables == "scalars":
         selected = {v for v in everything if set(everything[v].dims) == {"population", "seed"}}
     assert set(few.data_vars) == selected

@@ -199,7 +199,7 @@ def test_other_sizes_end_the_run_at_once(tmp_path, run, source, capsys, more, st
     path = source("    sleep(parameters", f"    n_edges += {more}\n    sleep(parameters")
     assert run(tmp_path / "out", "seeds=0:50", study=path) == 4
     err = capsys.readouterr().err
-    assert "study of its own" in err and "'edge'" in err
+    assert "each size into a folder of its own and join them" in err and "'edge'" in err
     assert len(list((tmp_path / "out" / "shards").iterdir())) == stored
 
 

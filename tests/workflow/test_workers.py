@@ -9,6 +9,7 @@ import xarray as xr
 
 from critflow.command.main import main
 from critflow.result import Status
+from critflow.workflow import distribution
 from critflow.workflow.load import load_file
 from critflow.workflow.plan import select
 
@@ -58,7 +59,9 @@ DEADLY = {"kills_itself": "SIGKILL|died|ended", "leaks": "memory", "hangs_in_com
 
 
 @pytest.mark.timeout(300)
-def test_whatever_a_case_does_to_its_worker_the_others_are_computed(tmp_path, run, capsys, forked):
+def test_whatever_a_case_does_to_its_worker_the_others_are_computed(tmp_path, run, capsys, monkeypatch, forked):
+    """Also of tasks that are submitted when others have ended."""
+    monkeypatch.setattr(distribution, "_SUBMITTED", 2)
     limits = ("--time-limit=2", "--memory-limit=0.6")
     assert run(tmp_path, f"kinds={','.join(DEADLY)}", workers=2, more=limits, study="poisoned") == 3
     assert "Traceback" not in capsys.readouterr().err

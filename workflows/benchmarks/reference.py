@@ -322,12 +322,12 @@ def _response(network, L, K, sigma):
 def objective(network, name, critical, threshold=None):
     """Value of a named objective; a shear modulus without threshold has no penalty."""
     L, sigma = critical.bond_vectors, critical.sigma
-    if name in ("length_variance", "tension_variance"):
-        values = lengths(L) if name == "length_variance" else lengths(L) * sigma
+    if name in ("V_L", "V_tau"):
+        values = lengths(L) if name == "V_L" else lengths(L) * sigma
         mean = values.sum() / len(values)
         return ((values - mean) ** 2).sum() / len(values) / mean**2
     bulk, shear = transition_moduli(network, critical)
-    if name == "bulk_modulus":
+    if name == "B_0":
         return bulk
     if threshold is None:
         return shear

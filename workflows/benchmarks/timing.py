@@ -12,6 +12,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from enum import IntEnum
+from functools import partial
 from importlib import import_module
 from importlib.metadata import PackageNotFoundError, version
 from typing import Any
@@ -37,19 +38,21 @@ class Backend(IntEnum):
 
 @dataclass(frozen=True)
 class Answer:
-    """The answer of a method: values for the error function of the method, status, iterations and error bound."""
+    """The answer of a method: values for the error function of the method, and status."""
 
     values: Any
     status: Status = Status.ok
-    iterations: int = 0
-    bound: float = np.nan
+
+
+Run = Callable[[float], Answer]
 
 
 @dataclass(frozen=True)
 class Method:
     """A method for one problem, which its functions contain.
 
-    run      the answer at a level, timed
+    prepare  makes what does not depend on the level from the bare problem, such as matrices and their symbolic
+             analysis, and returns the run: level -> answer
     error    the error of the values of an answer against the reference, not timed
     levels   tolerances or other parameters of the accuracy, from rough to fine
     package  distribution whose version is stored with the time
@@ -57,11 +60,17 @@ class Method:
     """
 
     name: str
-    run: Callable[[float], Answer]
+    prepare: Callable[[], Run]
     error: Callable[[Any], float]
     levels: tuple[float, ...] = (0.0,)
     package: str = "critflow"
     backend: str = ""
+
+    def cold(self) -> Run:
+        """The run after a first use, which begins with nothing prepared."""
+        run = self.prepare()
+        run(self.levels[0])
+        return run
 
 
 @dataclass(frozen=True)
@@ -76,7 +85,6 @@ class Task:
     default  the method of critflow without options
     methods  (n_vertices, seed) -> the methods at this size, with problem and reference in their closures; the
              reference is at least 1,000 times more accurate than the best method
-    useful   largest error that is compared
     """
 
     word: str
@@ -86,22 +94,25 @@ class Task:
     names: tuple[str, ...]
     default: str
     methods: Callable[[int, int], Sequence[Method]]
-    useful: float = 1e-2
+
+
+# The level of the first use of a method.
+COLD = -1
 
 
 @dataclass(frozen=True)
 class Timing:
     """Processor and wall seconds of every repeat at one level of one method, and the answer with its error.
 
+    level   of the method, or `COLD`: its preparation and a run at the roughest level
     memory  peak resident memory in MB, of stages alone
     """
 
     method: Method
     level: int
+    work: Callable[[], Any]
     status: Status = Status.missing
     error: float = np.nan
-    iterations: int = 0
-    bound: float = np.nan
     seconds: tuple[float, ...] = ()
     wall: tuple[float, ...] = ()
     memory: float = np.nan
@@ -156,12 +167,13 @@ def stopwatch(work: Callable[..., Any], *arguments: Any) -> tuple[Any, float, fl
 def benchmark(
     methods: Sequence[Method], repeats: int = 7, patience: float = 2.0, budget: float = np.inf
 ) -> list[Timing]:
-    """Time all levels of all methods in repeated rounds; the first round yields the errors and is not timed.
+    """Time the first use and all levels of all methods in repeated rounds; the first round yields the errors alone.
 
-    Each round has a random order, so that effects of a method on caches and threads are spread over all methods.  A
-    method ends after `repeats` rounds or `patience` seconds; no round begins `budget` seconds after the first one.
-    If the first run of a level exceeds the patience, its time is used and finer levels are left out.  The status of a
-    method that raises is `failed`; that of a method whose package is not installed is `missing`.
+    All levels of a method share one preparation, and a run before any is timed.  Each round has a random order, so that
+    effects of a method on caches and threads are spread over all methods.  A method ends after `repeats` rounds or
+    `patience` seconds; no round begins `budget` seconds after the first one.  If the first run of a level exceeds the
+    patience, its time is used and finer levels are left out.  The status of a method that raises is `failed`; that of a
+    method whose package is not installed is `missing`.
     """
     rng = np.random.default_rng(0)
     with one_core():
@@ -173,21 +185,35 @@ def benchmark(
                 over = sum(known.seconds) > patience or known.status in (Status.failed, Status.missing)
                 late = n_round and time.perf_counter() - begin > budget
                 if not over and not late:
-                    _, *spent = stopwatch(known.method.run, known.method.levels[known.level])
+                    _, *spent = stopwatch(known.work)
                     timings[n] = known.repeated(*spent)
     return timings
 
 
 def _first_round(method: Method, patience: float) -> Iterator[Timing]:
-    """The first round of one method, from rough to fine levels."""
-    missing, busy = not installed(method.package), 0.0
+    """The first round of one method: its first use, then its levels from rough to fine."""
+    first = Timing(method, COLD, method.cold)
+    if not installed(method.package):
+        yield first
+        return
+    try:
+        run, wall, busy = stopwatch(method.cold)
+    except Exception:  # other packages may raise any exception
+        yield from (replace(first, status=Status.failed, level=n) for n in (COLD, 0))
+        return
+    first = replace(first, status=Status.ok)
+    if busy > patience:  # perhaps because it imports a package
+        run, wall, busy = stopwatch(method.cold)
+        first = first.repeated(wall, busy)
+    yield first
+    busy = 0.0
     for n, level in enumerate(method.levels):
-        timing = Timing(method, n)
-        if missing or busy > patience:
+        timing = Timing(method, n, partial(run, level))
+        if busy > patience:
             yield timing
             continue
         try:
-            answer, wall, busy = stopwatch(method.run, level)
+            answer, wall, busy = stopwatch(timing.work)
             timing = _judged(timing, answer)
         except Exception:  # other packages may raise any exception
             yield replace(timing, status=Status.failed)
@@ -197,10 +223,4 @@ def _first_round(method: Method, patience: float) -> Iterator[Timing]:
 
 def _judged(timing: Timing, answer: Answer) -> Timing:
     """The timing with the error and the outcome of an answer."""
-    return replace(
-        timing,
-        status=answer.status,
-        error=timing.method.error(answer.values),
-        iterations=answer.iterations,
-        bound=answer.bound,
-    )
+    return replace(timing, status=answer.status, error=timing.method.error(answer.values))

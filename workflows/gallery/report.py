@@ -8,6 +8,7 @@ from critflow.figures.plot import draw_network, periodic_segments
 from critflow.figures.polygons import face_polygons, shade_faces
 from critflow.networks.faces import planar_faces
 from critflow.result import Status
+from critflow.workflow.study import plural
 
 from ..paper.statements import Measurement
 from ..paper.verdicts import claims_of
@@ -174,7 +175,8 @@ def _equal_tension_variance(ds):
     yield Measurement(
         "V_tau-degenerate", float(apart) if (V_L[0] != V_L[1]).all() else np.inf,
         f"V_τ = {V_tau[0, 0]:.6f} of both, within {_bound(apart)}; V_L = {V_L[0, 0]:.3f} and {V_L[1, 0]:.3f}",
-        note=f"in {lost} of {len(status)} networks edges shrink to zero length towards the least V_τ" if lost else "",
+        note=f"in {lost} of {plural(len(status), 'network')} edges shrink to zero length towards the least V_τ"
+        if lost else "",
     )  # fmt: skip
 
 

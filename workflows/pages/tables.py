@@ -37,17 +37,13 @@ PROGRAMS = ("LAMMPS", "ASE", "matscipy", "jax_fdm")
 REASONS = {
     "configuration": "a sparse solver chosen by size: QDLDL for small matrices, SuperLU or Pardiso for large ones",
     "gradient": "one more solve with the same factor",
-    "length_variance": "an iteration towards equal lengths; for high accuracy Newton's method at its end",
-    "tension_variance": "L-BFGS; Newton's method where gradients alone stop",
-    "bulk_modulus": "closed form: one solve attains the bound",
-    "shear_modulus": "L-BFGS with the known curvature of the penalty; Newton's method where it stops",
-    "length_variance_pinned": "as above, on pinned networks, which other packages support",
-    "tension_variance_pinned": "as above, on pinned networks",
-    "rest_lengths": "the same iteration, or the cone program where many edges are slack, then Newton's method",
+    "min_V_L": "an iteration towards equal lengths; for high accuracy Newton's method at its end",
+    "min_V_tau": "L-BFGS; Newton's method where gradients alone stop",
+    "max_B_0": "closed form: one solve attains the bound",
+    "max_G_0": "L-BFGS with the known curvature of the penalty; Newton's method where it stops",
+    "min_V_L_pinned": "as above, on pinned networks, which other packages support",
     "strain_step": "Newton's method: the softness grows as 1/γ, and no other method reaches these errors",
     "moduli": "linear response with the factor of the last Newton step",
-    "transition_moduli": "sums over edges, without a factorisation",
-    "coefficients": "exact, from the transition alone; fits have a bias and need a strain path",
 }
 
 
@@ -129,51 +125,46 @@ def _claim_rows(statement: str, claims: list[dict]) -> list[str]:
 
 
 def speed(reference: Path) -> str:
-    """One row a task and size: the default method, its time and error, the other methods, the reason."""
-    lines = head(
-        "task", "N_v", "default", "time", "error", "over the fastest", "others at their best accuracy", "reason"
-    )
+    """One row a task and size: the default method, its time and error, the nearest others, the reason."""
+    lines = head("task", "N_v", "default", "time", "once", "error", "nearest of critflow", "nearest package", "reason")
     for word, task in _read(reference, "speed", "summary")["tasks"].items():
-        for size, cells in task["sizes"].items():
-            if "auto" in cells:
-                first = size == next(iter(task["sizes"]))
-                lines.append(_speed_row(word, task, int(size), cells, first))
+        for n, (size, cells) in enumerate(task["sizes"].items()):
+            times = {False: {}, True: {}}
+            for name, ratios in _finest(cells).items():
+                times[name in cells["packages"]][name] = ratios
+            nearest = [min(kind.items(), key=lambda one: one[1][0], default=None) for kind in times.values()]
+            cells = [task["default"], *_best(cells), *(_multiple(*one) if one else "none" for one in nearest)]
+            title, reason = ("", "") if n else (_plain(task["title"]), REASONS[word])
+            lines.append(row(title, f"{int(size):,}", *cells, reason))
     return "\n".join(lines)
 
 
 def programs(reference: Path) -> str:
     """One row a task and size that other programs solve as well: time of critflow, and theirs as multiples of it."""
-    lines = head("task", "N_v", "critflow", "error", "other programs, each at its best accuracy")
+    lines = head("task", "N_v", "critflow", "once", "error", "other programs at the same error, prepared / in all")
     for task in _read(reference, "speed", "summary")["tasks"].values():
         for size, cells in task["sizes"].items():
-            gains = {name: gain for name, gain in cells.get("gain", {}).items() if name.startswith(PROGRAMS)}
-            if gains:
-                seconds, error = min(cells["auto"], key=lambda point: point[1])
-                others = ", ".join(map(_multiple, gains, gains.values()))
-                lines.append(row(_plain(task["title"]), f"{int(size):,}", _time(seconds), _power(error), others))
+            others = [_multiple(*one) for one in _finest(cells).items() if one[0].startswith(PROGRAMS)]
+            if others:
+                lines.append(row(_plain(task["title"]), f"{int(size):,}", *_best(cells), ", ".join(others)))
     return "\n".join(lines)
 
 
-def _speed_row(word: str, task: dict, size: int, cells: dict, first: bool) -> str:
-    seconds, error = min(cells["auto"], key=lambda point: point[1])
-    return row(
-        _plain(task["title"]) if first else "", f"{size:,}", task["auto"], _time(seconds), _power(error),
-        f"{cells['auto_over_front']:.2g} ×", _others(cells["gain"]), REASONS[word] if first else "",
-    )  # fmt: skip
+def _best(cells: dict) -> tuple[str, str, str]:
+    """Time of the default at its least error, of its preparation, and the error."""
+    seconds, error = min(cells["default"], key=lambda point: point[1])
+    return _time(seconds), _time(cells["preparation"]), _power(error)
 
 
-def _others(gains: dict[str, float]) -> str:
-    """The nearest and the farthest other method, in multiples of the time of the default."""
-    if not gains:
-        return "none"
-    order = sorted(gains, key=gains.__getitem__)
-    ends = order if len(order) == 1 else [order[0], order[-1]]
-    return ", ".join(_multiple(name, gains[name]) for name in ends)
+def _finest(cells: dict) -> dict[str, list[float]]:
+    """Times of other methods over that of the default at the finest error that both have."""
+    known = {name: [ratios for ratios in its.values() if ratios[0]] for name, its in cells["others"].items()}
+    return {name: ratios[-1] for name, ratios in known.items() if ratios}
 
 
-def _multiple(name: str, gain: float) -> str:
-    """The time of another method as a multiple of that of the default, which may be less accurate."""
-    return f"{name}: {_number(gain)} ×" if gain else f"{name} is more accurate"
+def _multiple(name: str, ratios: list[float]) -> str:
+    """Prepared / with the preparation."""
+    return f"{name}: {' / '.join(map(_number, ratios))} ×"
 
 
 def _plain(title: str) -> str:

@@ -2,6 +2,8 @@
 
 Responses at the transition with positive stresses and with any (`support`), Poisson's ratios by stiffnesses
 (`poisson`), and the rigidity surfaces of the populations (`surfaces`).
+
+Random rest lengths (`random_lengths`) have s = 0.1, not the 0.3 of the paper, so that every edge carries tension.
 """
 
 from critflow import Status, delaunay_network, voronoi_network

@@ -90,7 +90,8 @@ def percolation_measurements(ds) -> Iterator[Measurement]:
         whole = int(np.sum(fraction == 1.0))
         yield Measurement(
             "full-percolation", whole / len(fraction),
-            f"all edges in {whole} of {len(fraction)} networks, {described(100 * fraction, ' %')} of the edges",
+            f"all edges in {whole} of {plural(len(fraction), 'network')}, "
+            f"{described(100 * fraction, ' %')} of the edges",
             plural(len(fraction), "network"), words, counts=printed,
         )  # fmt: skip
 

@@ -227,7 +227,7 @@ def _starts(ds):
     )
     return Claim(
         "G_0-starts", "how many starts find the best local optimum", "",
-        f"of {ds.sizes['start']} starts (means over {known.sizes['seed']} networks) {text}", "measured",
+        f"of {ds.sizes['start']} starts (means over {plural(known.sizes['seed'], 'network')}) {text}", "measured",
     )  # fmt: skip
 
 

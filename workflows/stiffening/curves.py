@@ -7,6 +7,7 @@ import numpy as np
 
 import critflow as cf
 from critflow.workflow import Claim
+from critflow.workflow.study import plural
 
 from ..shared.figures import counted, lettered, panels, signed
 from ..shared.reports import MISSED, parameters, series
@@ -77,7 +78,8 @@ def claims(ds):
     return [
         Claim.tested(
             "stiffening-curves", "networks of one topology and one B_0 soften, keep and stiffen by design", "all",
-            f"{ordered.sum()} of {len(ordered)} networks at γ = 0.01; B at γ = 1e-4 within {equal:.1e} of {MODULUS}",
+            f"{ordered.sum()} of {plural(len(ordered), 'network')} at γ = 0.01; "
+            f"B at γ = 1e-4 within {equal:.1e} of {MODULUS}",
             ordered.all() and equal < 1e-3 and not np.isin(ds.curve_status.values, MISSED).any(),
             "the growth changes within this strain", criterion="order and sign in every network, B_0 to 1e-3",
         )

@@ -2,6 +2,8 @@
 
 Triples (B_0, C_B, C_G) that other networks attain (`triples`), three designs of one B_0 strained far (`curves`), and
 one force network whose lengths change (`isogonal`).
+
+Random rest lengths (`random_lengths`) have s = 0.1, not the 0.3 of the paper, so that every edge carries tension.
 """
 
 from critflow import Status, voronoi_network

@@ -210,7 +210,7 @@ def claims(ds):
             "cuts of large tension delay the onset more than random ones, cuts of small tension less", "order",
             f"γ_c in dilation after {few} cuts: "
             + ", ".join(f"{LAWS[law]} {spread(strains)}" for law, strains in onsets.items()),
-            ordered == len(rows), f"the order is another in {len(rows) - ordered} networks",
+            ordered == len(rows), f"the order is another in {plural(len(rows) - ordered, 'network')}",
             criterion="this order in every network",
         ),
         Claim.tested(
@@ -219,13 +219,13 @@ def claims(ds):
             f"median cuts until they come apart in shear (at most {cuts + 1} observed): "
             + ", ".join(f"{LAWS[law]} {np.median(n):.3g}" for law, n in lives.items()),
             None if chance >= 0.05 else True, "too few networks come apart",
-            f"sooner in {sooner} networks, later in {later}",
+            f"sooner in {plural(sooner, 'network')}, later in {later}",
             criterion="sign test of the networks, p < 0.05",
         ),
         Claim.tested(
             "topology-alignment", "shear to the onset aligns the taut edges of remodelled networks", "increase",
             f"{spread(first)} before the first cut, {spread(aligned)} after {few} cuts; increases in {n_aligned} of "
-            f"{len(first)} networks", 0 < len(first) == n_aligned, "the alignment decreases in some",
+            f"{plural(len(first), 'network')}", 0 < len(first) == n_aligned, "the alignment decreases in some",
             criterion="every network", sample=plural(len(aligned), "network"),
         ),
     ]  # fmt: skip

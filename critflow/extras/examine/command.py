@@ -3,17 +3,25 @@
 from __future__ import annotations
 
 import shlex
+from collections.abc import Sequence
 from dataclasses import replace
+from pathlib import Path
+
+import click
 
 from critflow.calls import running
 from critflow.extras.examine.examine import examine, read_held
 from critflow.extras.examine.report import report_lines
-from critflow.extras.files.hints import FilesArgument, Hints, in_shell, read, reading
+from critflow.extras.files.hints import Hints, files_argument, in_shell, read, reading
 
 
+@click.command()
+@files_argument
 @reading
-def examine_file(files: FilesArgument, hints: Hints) -> int:
-    """Read a network and print whether and why it is rigid, its critical strains and moduli, and what to do next."""
+def examine_file(files: Sequence[Path], hints: Hints) -> int:
+    """Print whether and why a network is rigid, and what to do next.
+
+    With its critical strains and moduli."""
     names = " and ".join(file.name for file in files)
     with running(f"examining {names}") as tell:
 

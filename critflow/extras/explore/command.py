@@ -4,29 +4,33 @@ from __future__ import annotations
 
 import webbrowser
 from pathlib import Path
-from typing import Annotated
 
-import typer
+import click
 
 from critflow.extras.files.hints import Hints, reading
 from critflow.result import EnvironmentFailure, InputError
 
 
+@click.command()
+@click.argument("file", required=False, type=Path, metavar="[FILE]", help="A network, or a dataset of `critflow run`.")
+@click.argument(
+    "second", required=False, type=Path, metavar="[TABLE]", help="The table of vertices, where FILE is that of edges."
+)
+@click.option(
+    "--n-vertices", default=1000, metavar="N", show_default=True, help="Size of a random network, without FILE."
+)
+@click.option("--seed", default=0, metavar="S", show_default=True, help="Seed of a random network, without FILE.")
+@click.option(
+    "--port", type=click.IntRange(0, 65535), default=0, metavar="N", help="Port on this machine; a free one by default."
+)
+@click.option("--browser/--no-browser", default=True, show_default=True, help="Open the page in a browser.")
 @reading
 def explore(
-    hints: Hints,
-    file: Annotated[
-        Path | None, typer.Argument(metavar="[FILE]", help="A network, or a dataset of `critflow run`.")
-    ] = None,
-    second: Annotated[
-        Path | None, typer.Argument(metavar="[TABLE]", help="The table of vertices, where FILE is that of edges.")
-    ] = None,
-    n_vertices: Annotated[int, typer.Option(help="Vertices of a random network, without FILE.")] = 1000,
-    seed: Annotated[int, typer.Option(help="Seed of a random network, without FILE.")] = 0,
-    port: Annotated[int, typer.Option(min=0, max=65535, help="Port on this machine; a free one by default.")] = 0,
-    browser: Annotated[bool, typer.Option(help="Open the page in a browser.")] = True,
+    hints: Hints, file: Path | None, second: Path | None, n_vertices: int, seed: int, port: int, browser: bool
 ) -> int:
-    """Change critical configurations with the mouse on a page that only this machine can open."""
+    """Change critical configurations with the mouse in a browser.
+
+    Only this machine can open the page."""
     try:
         from critflow.extras.explore.page import Page
         from critflow.extras.explore.server import Explorer, serve

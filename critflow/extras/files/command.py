@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Any
 
-import typer
+import click
 
 from critflow.extras.files.convert import write_network
 from critflow.extras.files.formats import writable_format
@@ -13,30 +14,39 @@ from critflow.extras.files.hints import Hints, in_shell, numbers_of, read, readi
 from critflow.result import InputError
 
 
+@click.command()
+@click.argument(
+    "files",
+    nargs=-1,
+    required=True,
+    type=Path,
+    metavar="FILE [TABLE] OUT",
+    help="A network, or two tables; then the file to write.",
+)
+@click.option("--size", type=float, metavar="MM", help="Largest extent of a drawing or solid; 100 by default.")
+@click.option("--radius", type=float, metavar="MM", help="Radius of the struts of a solid; 1 by default.")
+@click.option(
+    "--by-stiffness/--one-width",
+    default=None,
+    help="Widths of drawn or solid struts by their stiffness; by default where it varies, drawings in colour.",
+)
+@click.option(
+    "--copies",
+    default="1",
+    show_default=True,
+    metavar="NUMBERS",
+    help="Copies of a periodic cell along each cell vector, such as '2 3'.",
+)
 @reading
 def convert(
-    files: Annotated[
-        list[Path], typer.Argument(metavar="FILE OUT", help="A network, or two tables; then the file to write.")
-    ],
+    files: Sequence[Path],
     hints: Hints,
-    size: Annotated[
-        float | None, typer.Option(metavar="MM", help="Largest extent of a drawing or solid; 100 by default.")
-    ] = None,
-    radius: Annotated[
-        float | None, typer.Option(metavar="MM", help="Radius of the struts of a solid; 1 by default.")
-    ] = None,
-    by_stiffness: Annotated[
-        bool | None,
-        typer.Option(
-            "--by-stiffness/--one-width",
-            help="Widths of drawn or solid struts by their stiffness; by default where it varies, drawings in colour.",
-        ),
-    ] = None,
-    copies: Annotated[
-        str, typer.Option(metavar="NUMBERS", help="Copies of a periodic cell along each cell vector, such as '2 3'.")
-    ] = "1",
+    size: float | None,
+    radius: float | None,
+    by_stiffness: bool | None,
+    copies: str,
 ) -> int:
-    """Read a network, report each repair, and write it in another format."""
+    """Write a network in another format, and report each repair."""
     if len(files) < 2:
         raise InputError("convert needs a file to read and one to write: critflow convert FILE OUT")
     *files, out = files

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import inspect
 import math
 import re
 from collections.abc import Callable, Sequence
@@ -10,10 +9,10 @@ from dataclasses import dataclass
 from functools import partial, wraps
 from importlib import import_module
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Any
 
+import click
 import numpy as np
-import typer
 
 from critflow.extras.files.convert import network_from
 from critflow.extras.files.data import number, require_regular
@@ -21,9 +20,14 @@ from critflow.extras.files.repair import ImportedNetwork
 from critflow.result import InputError
 from critflow.workflow.selected import choose_case
 
-FilesArgument = Annotated[
-    list[Path], typer.Argument(metavar="FILE", help="A network, its ending names the format; or two tables.")
-]
+files_argument = click.argument(
+    "files",
+    nargs=-1,
+    required=True,
+    type=Path,
+    metavar="FILE [TABLE]",
+    help="A network, its ending names the format; or two tables.",
+)
 
 
 def value_of(text: str) -> Any:
@@ -79,9 +83,6 @@ _HINTS: dict[str, tuple[str | None, str, Callable[[Any], Any]]] = {
     "strict": (None, "Refuse a file that needs a repair.", bool),
     "contract": (None, "Join the edges of vertices of two edges in series.", bool),
 }
-_Case = Annotated[
-    list[str], typer.Option("--set", metavar="AXIS=VALUE", help="The case of a critflow dataset; may be repeated.")
-]
 
 
 @dataclass(frozen=True)
@@ -89,7 +90,7 @@ class Hints:
     """The options that are given on how a file is read, by name, and the words for the case of a dataset."""
 
     values: dict[str, Any]
-    case: list[str]
+    case: Sequence[str]
 
     @property
     def keywords(self) -> dict[str, Any]:
@@ -110,14 +111,7 @@ def _spelled(name: str) -> str:
 
 
 def reading(command: Callable[..., int]) -> Callable[..., int]:
-    """The command with the options of `Hints` in place of its parameter `hints`; its refusals spell them as options."""
-    signature, keyword = inspect.signature(command, eval_str=True), inspect.Parameter.KEYWORD_ONLY
-    parameters = [p.replace(kind=keyword) for name, p in signature.parameters.items() if name != "hints"]
-    for name, (value, meaning, _) in _HINTS.items():
-        kind = str if value else bool
-        option = Annotated[kind, typer.Option(_spelled(name), metavar=value, help=meaning)]  # type: ignore[valid-type]
-        parameters.append(inspect.Parameter(name, keyword, default=kind(), annotation=option))
-    parameters.append(inspect.Parameter("case", keyword, default=[], annotation=_Case))
+    """The function of a command with the options of `Hints` as its argument `hints`; its refusals spell them so."""
 
     @wraps(command)
     def call(**values: Any) -> int:
@@ -127,8 +121,13 @@ def reading(command: Callable[..., int]) -> Callable[..., int]:
         except InputError as error:
             raise InputError(in_shell(str(error))) from None
 
-    call.__signature__ = signature.replace(parameters=parameters)  # type: ignore[attr-defined]
-    call.__annotations__ = {parameter.name: parameter.annotation for parameter in parameters}
+    case = "The case of a critflow dataset; may be repeated."
+    options = [
+        *(click.option(_spelled(k), is_flag=v is None, metavar=v, help=text) for k, (v, text, _) in _HINTS.items()),
+        click.option("--set", "case", multiple=True, metavar="AXIS=VALUE", help=case),
+    ]
+    for option in reversed(options):
+        call = option(call)
     return call
 
 

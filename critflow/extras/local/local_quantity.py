@@ -91,7 +91,8 @@ def local(network: Network, text: str) -> LocalStrain:
     if len(pairs) == 3 and _NUMBER.fullmatch(pairs[2].strip()):
         stress = float(pairs.pop())
         if not 0 < stress < np.inf:
-            raise InputError(f"local[{text:.40}] needs a positive stress t, as in local[i-j,k-l,1e-3]; without t it is 0")
+            example = "as in local[i-j,k-l,1e-3]; without t it is 0"
+            raise InputError(f"local[{text:.40}] needs a positive stress t, {example}")
     if len(pairs) != 2:
         raise InputError(
             f"local[{text:.40}] needs a source and a target: write local[i-j,k-l] with numbers of vertices"

@@ -4,16 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Any
 
+import click
 import numpy as np
-import typer
 
 from critflow.calls import running
 from critflow.critical.manifold import CriticalConfiguration
 from critflow.extras.files.convert import write_network
 from critflow.extras.files.formats import writable_format
-from critflow.extras.files.hints import FilesArgument, Hints, in_shell, read, reading, value_of
+from critflow.extras.files.hints import Hints, files_argument, in_shell, read, reading, value_of
 from critflow.extras.files.repair import ImportedNetwork
 from critflow.extras.inference.nearest import nearest_critical
 from critflow.extras.targets.targets import Design, change_of, design
@@ -24,32 +24,32 @@ from critflow.result import InputError, Solution
 from critflow.springs.state import SpringState, spring_state
 
 
+@click.command()
+@files_argument
+@click.option("--out", required=True, type=Path, metavar="OUT", help="The file to write; its ending names the format.")
+@click.option(
+    "--objective",
+    metavar="NAME",
+    help="A quantity, such as B_0, G_0 or V_tau, or nearest to the positions; B_0 unless there are targets.",
+)
+@click.option("--picture", type=Path, metavar="PNG", help="Also draw the configuration.")
+@click.option(
+    "--target", multiple=True, metavar="NAME=VALUE", help="A property to reach, a value or LOW:HIGH; may be repeated."
+)
+@click.option("--change", metavar="KIND", help="What reaches the targets: stress, or the stiffness of springs at rest.")
 @reading
 def make(
-    files: FilesArgument,
-    out: Annotated[Path, typer.Option(metavar="OUT", help="The file to write; its ending names the format.")],
+    files: Sequence[Path],
     hints: Hints,
-    objective: Annotated[
-        str | None,
-        typer.Option(
-            metavar="NAME",
-            help="A quantity, such as B_0, G_0 or V_tau, or nearest to the positions; B_0 unless there are targets.",
-        ),
-    ] = None,
-    picture: Annotated[Path | None, typer.Option(metavar="PNG", help="Also draw the configuration.")] = None,
-    target: Annotated[
-        list[str],
-        typer.Option(metavar="NAME=VALUE", help="A property to reach, a value or LOW:HIGH; may be repeated."),
-    ] = [],  # noqa: B006 (typer reads the default and copies it)
-    change: Annotated[
-        str | None,
-        typer.Option(metavar="KIND", help="What reaches the targets: stress, or the stiffness of springs at rest."),
-    ] = None,
+    out: Path,
+    objective: str | None,
+    picture: Path | None,
+    target: Sequence[str],
+    change: str | None,
 ) -> int:
-    """Read a network, find its best critical configuration or one with requested properties, certify it and write it.
+    """Make a network critical, with the best or requested properties.
 
-    Many parameters: each is an option of the command.
-    """
+    The configuration is certified and written."""
     if objective == "":
         raise InputError("--objective needs a name, such as B_0, G_0, V_tau or nearest: give one, or leave it out")
     if objective and target:

@@ -192,8 +192,8 @@ def minimise_constrained(
     restoring  steps in which the constraints must be satisfied first, all by default
     growth     of each step while the function curves downwards from the start on
 
-    `Status.not_reached` where the violation cannot be reduced to first order or is NaN at the start, `Status.step_limit` and `Status.stalled`
-    for the objective: the constraints are then satisfied.
+    `Status.not_reached` where the violation cannot be reduced to first order or is NaN at the start;
+    `Status.step_limit` and `Status.stalled` for the objective: the constraints are then satisfied.
     """
     metric, search = _Metric(first, len(start), growth), _Search(problem, longest)
     point = feasible = search.restored(

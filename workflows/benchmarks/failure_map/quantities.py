@@ -11,11 +11,12 @@ from critflow.critical.quantity import evaluate
 from critflow.critical.transition import pure_shear, transition_modulus
 from critflow.optimisation.optimize import objective_of
 
+from ...shared.populations import OPTIMA
 from ...shared.strain_protocol import critical_by_strain
 from .. import reference
 from ..reference import Unknown
 from .outcomes import Answer, Finding, Unavailable, assessed
-from .problems import METHODS, OBJECTIVES
+from .problems import METHODS
 
 # Beyond this FIRE has failed; the default limit would take a minute a network.
 _FIRE_STEPS = 20_000
@@ -202,10 +203,10 @@ def _strain_error(problem, answer):
 # Optima
 
 
-def _optimum(objective, method):
+def _optimum(name, method):
     def compute(problem):
         limit = _FIRE_STEPS if method == "fire" else None
-        solution = cf.optimize(problem.manifold, _goal(problem, objective), method, max_steps=limit, throw=False)
+        solution = cf.optimize(problem.manifold, _goal(problem, name), method, max_steps=limit, throw=False)
         problem.found = solution
         return Answer(solution.status, solution.objective, solution.objective_error)
 
@@ -213,7 +214,7 @@ def _optimum(objective, method):
 
 
 def _goal(problem, name):
-    if name == "shear_modulus" and problem.threshold is None:
+    if name == "G_0" and problem.threshold is None:
         return transition_modulus(problem.network, pure_shear(2))
     return objective_of(problem.network, name, problem.threshold or 0.1)
 
@@ -224,11 +225,11 @@ def _optimum_error(name):
         sigma = problem.found.value.sigma
         exact = reference.configuration(problem.network, sigma, digits=reference.digits_for(sigma))
         there = reference.objective(problem.network, name, exact, problem.threshold)
-        scale = 1.0 if name.endswith("variance") else abs(float(there))
+        scale = 1.0 if name.startswith("V_") else abs(float(there))
         best = None
-        if name == "bulk_modulus":
+        if name == "B_0":
             best = reference.largest_bulk_modulus(problem.network)
-        elif name == "length_variance" and _equal_lengths(problem):
+        elif name == "V_L" and _equal_lengths(problem):
             best = reference.numbers(0.0)
         if best is not None and np.isfinite(answer.bounds):
             return reference.largest_error(answer.values, best), scale
@@ -275,5 +276,9 @@ QUANTITIES = {
     "linear_response": (_linear_response, _linear_error),
     "lengths_conic": (_lengths(partial(cf.critical_from_lengths, throw=False)), _conic_error),
     "lengths_strain": (_lengths(critical_by_strain), _strain_error),
-    **{f"{name}_{method}": (_optimum(name, method), _optimum_error(name)) for name in OBJECTIVES for method in METHODS},
+    **{
+        f"{optimum}_{method}": (_optimum(name, method), _optimum_error(name))
+        for optimum, name in OPTIMA.items()
+        for method in METHODS
+    },
 }

@@ -11,10 +11,11 @@ from critflow.workflow import Claim
 from critflow.workflow.study import plural
 
 from ...shared.figures import TEXT, counted, lettered, page
+from ...shared.populations import LABELS, OPTIMA
 from ...shared.reports import parameters
 from ..high_precision import DIGITS
 from .outcomes import Outcome, Violation
-from .problems import DIFFICULTIES, METHODS, OBJECTIVES
+from .problems import DIFFICULTIES, METHODS
 
 # One cell of the map: colour and text of the legend.  Of several methods or networks in a cell the last is shown.
 CELLS = {
@@ -74,6 +75,8 @@ def map_figure(ds, name):
 def _rows(ds, name):
     """Names of the rows of one difficulty, and outcomes (row, step): the methods of an objective in one row."""
     outcomes = ds.outcome.sel(difficulty=name).transpose("quantity", "seed", "step").values
+    # A case that failed has no outcomes.
+    outcomes = np.maximum(outcomes, Outcome.absent)
     order = list(CELLS)
     rank = np.array([order.index(outcome) for outcome in Outcome])
     rows, cells = [], []
@@ -89,9 +92,9 @@ def _rows(ds, name):
 
 
 def _group(quantity):
-    objective, _, method = quantity.rpartition("_")
-    if objective in OBJECTIVES and method in METHODS:
-        return f"optimal {objective.replace('_', ' ')}"
+    optimum, _, method = quantity.rpartition("_")
+    if optimum in OPTIMA and method in METHODS:
+        return LABELS[optimum]
     return quantity.replace("_", " ").replace("lengths", "from lengths:").replace("equilibrium", "equilibrium:")
 
 

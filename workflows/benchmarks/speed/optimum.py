@@ -3,22 +3,22 @@
 The start is σ = 1 on every edge; that is the optimum of B_0 already, which starts from a random stress therefore.
 The error of each is measured without a subtraction of nearly equal numbers, so it keeps falling where differences of
 the value would be rounding:
-    V_L         the value itself, whose least is zero
-    B_0         1 − B_0/max B_0, the sin² of the angle between the forces σL and those of the closed form
-    V_τ, G_0    the largest d log O/d log σ of an edge.  G_0 with its penalty has several local optima, in
-                which methods may end.  The network of 10,000 vertices does not attain its infimum of V_τ, where an
-                edge has no length, and so has no such error: that size is left out
+    V_L         √V_L, the relative spread of the lengths, whose least is zero
+    B_0         the sine of the angle between the forces σL and those of the closed form, √(1 − B_0/max B_0)
+    V_τ, G_0    the largest d log O/d log σ of an edge over that of the start.  G_0 with its penalty has several local
+                optima, in which methods may end.  The network of 10,000 vertices does not attain its infimum of V_τ,
+                where an edge has no length, and so has no such error: that size is left out
 Methods of critflow test whether the end is a saddle, at the default tolerance of 1e-12 and less; other packages do not,
 which is part of the times.
 
 jax_fdm knows no periodic cells: it is compared on the part of the network that does not cross the cell, hung on the
-vertices whose edges were removed, where these are when all edges are equally long: V_L = 0 is attained.  Few such
-networks attain the infimum of V_τ, all of them small: the first that does is taken.  The model of jax_fdm gives value
-and gradient of the same function, compiled before any time is taken, to SciPy's L-BFGS-B, as in the
-optimisers of jax_fdm.
+vertices whose edges were removed, where these are when all edges are equally long: V_L = 0 is attained.  The model of
+jax_fdm gives value and gradient of the same function, compiled in its preparation, to SciPy's L-BFGS-B, as in the
+optimisers of jax_fdm.  SciPy takes both from critflow.
 """
 
 from collections.abc import Callable
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -32,7 +32,8 @@ from critflow.optimisation.minimize import Point
 from critflow.optimisation.optimize import objective_of
 from critflow.workflow import stable_rng
 
-from ..timing import Answer, Method, Task, installed, peer
+from ...shared.populations import LABELS, OPTIMA
+from ..timing import Answer, Method, Run, Task, peer
 
 SIZES = (100, 1_000, 10_000)
 # Decades of the tolerances: close ones end where runs become long.
@@ -56,12 +57,12 @@ def tolerances(n_vertices: int, a_decade: int = 4) -> tuple[float, ...]:
 
 
 Gradient = Callable[[np.ndarray], tuple[float, np.ndarray]]
-Run = Callable[[float], Answer]
 
 
-def _for_scipy(objective: StressObjective) -> tuple[Gradient, Callable]:
-    """Value with gradient over θ = log σ, and the product of the Hessian at the last θ with a direction."""
-    latest: list[Point] = []
+def _by_scipy(network: Network, word: str, start: np.ndarray, method: str) -> Run:
+    """Value, gradient and products with the Hessian at the last θ are those of critflow."""
+    manifold, latest = CriticalManifold(replace(network)), list[Point]()
+    objective = StressObjective(manifold, objective_of(manifold.network, word))
 
     def function(theta: np.ndarray) -> tuple[float, np.ndarray]:
         latest[:] = [objective.at(theta.copy())]
@@ -72,12 +73,10 @@ def _for_scipy(objective: StressObjective) -> tuple[Gradient, Callable]:
             function(theta)
         return objective.hessian_product(latest[0], direction)
 
-    return function, curvature
+    return _minimiser(function, start, method, curvature if method == "trust-krylov" else None)
 
 
-def _by_scipy(
-    objective: StressObjective, function: Gradient, start: np.ndarray, method: str, curvature: Callable | None = None
-) -> Run:
+def _minimiser(function: Gradient, start: np.ndarray, method: str, curvature: Callable | None = None) -> Run:
     """Levels are the largest component of the gradient; L-BFGS-B is not to stop by the value."""
     max_steps = SCIPY_STEPS[method]
     own = {"ftol": 0.0, "maxcor": 15, "maxfun": 2 * max_steps} if method == "L-BFGS-B" else {}
@@ -86,88 +85,87 @@ def _by_scipy(
         options = {"gtol": level, "maxiter": max_steps, **own}
         with np.errstate(all="ignore"):
             end = minimize(function, np.log(start), jac=True, hessp=curvature, method=method, options=options)
-        steps = int(end.nit)
-        status = Status.ok if end.success else Status.step_limit if steps >= max_steps else Status.stalled
-        return Answer(objective.sigma(end.x), status, steps)
+        status = Status.ok if end.success else Status.step_limit if end.nit >= max_steps else Status.stalled
+        return Answer(np.exp(end.x - end.x.max()), status)
 
     return run
 
 
-def _by_critflow(manifold: CriticalManifold, word: str, method: str, start: np.ndarray | None, level: float) -> Answer:
-    # Levels of FIRE are step limits: to any tolerance it would take minutes.
-    limits = {"tolerance": 1e-15, "max_steps": int(level)} if method == "fire" else {"tolerance": level}
-    solution = optimize(manifold, word, method, start=start, throw=False, **limits)
-    return Answer(solution.value.sigma, solution.status, solution.stats.steps)
+def _by_critflow(network: Network, word: str, method: str, start: np.ndarray | None) -> Run:
+    manifold = CriticalManifold(replace(network))
+
+    def run(level: float) -> Answer:
+        # Levels of FIRE are step limits: to any tolerance it would take minutes.
+        limits = {"tolerance": 1e-15, "max_steps": int(level)} if method == "fire" else {"tolerance": level}
+        solution = optimize(manifold, word, method, start=start, throw=False, **limits)
+        return Answer(solution.value.sigma, solution.status)
+
+    return run
 
 
-def _by_cone(manifold: CriticalManifold, level: float) -> Answer:
+def _by_cone(network: Network) -> Run:
     """Clarabel's tensions as they are; levels are its tolerances."""
-    network = manifold.network
-    cone = fit_lengths(network.free_incidence, network.boundary_vectors, np.ones(network.n_edges), level)
-    return Answer(cone.sigma, Status.ok if cone.solved else Status.stalled, cone.steps)
+    network = replace(network)
+
+    def run(level: float) -> Answer:
+        cone = fit_lengths(network.free_incidence, network.boundary_vectors, np.ones(network.n_edges), level)
+        return Answer(cone.sigma, Status.ok if cone.solved else Status.stalled)
+
+    return run
 
 
-def _error(manifold: CriticalManifold, word: str) -> Callable[[np.ndarray], float]:
+def _error(manifold: CriticalManifold, word: str, start: np.ndarray) -> Callable[[np.ndarray], float]:
     """The error of a stress, as defined above."""
-    goal = objective_of(manifold.network, word)
     best = manifold.configuration(manifold.network.stiffness).bond_vectors.ravel()
     best = best / np.linalg.norm(best)
+    goal = objective_of(manifold.network, word)
+
+    def slope(sigma: np.ndarray) -> float:
+        evaluation = evaluate(manifold, goal, sigma)
+        return float(np.abs(sigma * evaluation.gradient / evaluation.value).max())
+
+    unit = slope(start)
 
     def error(sigma: np.ndarray) -> float:
         if not (np.isfinite(sigma).all() and (sigma > 0).all()):
             return np.nan
         evaluation = evaluate(manifold, goal, sigma)
-        if word == "length_variance":
-            return float(evaluation.value)
-        if word == "bulk_modulus":
+        if word == "V_L":
+            return float(np.sqrt(evaluation.value))
+        if word == "B_0":
             forces = (sigma[:, None] * evaluation.balance.bond_vectors).ravel()
-            across = forces - (forces @ best) * best
-            return float((across @ across) / (forces @ forces))
-        return float(np.abs(sigma * evaluation.gradient / evaluation.value).max())
+            return float(np.linalg.norm(forces - (forces @ best) * best) / np.linalg.norm(forces))
+        return slope(sigma) / unit
 
     return error
 
 
 def _methods(n_vertices: int, seed: int, word: str, pinned: bool = False) -> list[Method]:
-    manifold = _hanging(n_vertices, seed, word) if pinned else CriticalManifold(voronoi_network(n_vertices, seed))
-    start = np.ones(manifold.network.n_edges)
-    if word == "bulk_modulus":
+    network = voronoi_network(n_vertices, seed)
+    network = hung(network) if pinned else network
+    start = np.ones(network.n_edges)
+    if word == "B_0":
         start = np.exp(0.5 * stable_rng(seed, "contest", "start").standard_normal(len(start)))
-    objective = StressObjective(manifold, objective_of(manifold.network, word))
-    error, (function, curvature) = _error(manifold, word), _for_scipy(objective)
+    error = _error(CriticalManifold(network), word, start)
     fine, curved = tolerances(n_vertices), tolerances(n_vertices, 4 if n_vertices < SHORT else 1)
     # A closed form has one accuracy.
-    levels = {"auto": (1e-12,) if word == "bulk_modulus" else fine, "newton": curved, "lbfgs": fine, "fire": STEPS}
+    levels = {"auto": (1e-12,) if word == "B_0" else fine, "newton": curved, "lbfgs": fine, "fire": STEPS}
     methods = [
-        Method(name, partial(_by_critflow, manifold, word, name, None if name == "auto" else start), error, values)
+        Method(name, partial(_by_critflow, network, word, name, None if name == "auto" else start), error, values)
         for name, values in levels.items()
     ]
-    if word == "length_variance":
-        methods.append(Method("cone", partial(_by_cone, manifold), error, CONE))
-    lbfgs = _by_scipy(objective, function, start, "L-BFGS-B")
-    krylov = _by_scipy(objective, function, start, "trust-krylov", curvature)
-    methods += [
-        Method("SciPy L-BFGS-B", lbfgs, error, fine, "scipy"),
-        Method("SciPy trust-krylov", krylov, error, curved, "scipy"),
-    ]
+    if word == "V_L":
+        methods.append(Method("cone", partial(_by_cone, network), error, CONE))
+    for name, values in (("L-BFGS-B", fine), ("trust-krylov", curved)):
+        methods.append(Method(f"SciPy {name}", partial(_by_scipy, network, word, start, name), error, values, "scipy"))
     if pinned:
-        run = _by_jax(objective, word, start) if installed("jax-fdm") else lbfgs
-        methods.append(Method("jax_fdm", run, error, fine, "jax-fdm"))
+        methods.append(Method("jax_fdm", partial(_by_jax, network, start), error, fine, "jax-fdm"))
     return methods
-
-
-def _hanging(n_vertices: int, seed: int, word: str) -> CriticalManifold:
-    """The first hung network whose infimum is attained."""
-    for other in range(seed, seed + 100):
-        manifold = CriticalManifold(hung(voronoi_network(n_vertices, other)))
-        if optimize(manifold, word, throw=False).ok:
-            return manifold
-    raise ValueError(f"no hung network of {n_vertices} vertices attains its least {word}")
 
 
 def hung(network: Network) -> Network:
     """The part of a periodic network that does not cross the cell, on pins where an edge was cut."""
-    x = optimize(network, "length_variance").value.coordinates
+    x = optimize(network, "V_L").value.coordinates
     inside = (network.offsets == 0).all(axis=1)
     cut = np.zeros(network.n_vertices, bool)
     cut[network.edges[~inside]] = True
@@ -178,9 +176,8 @@ def hung(network: Network) -> Network:
     return Network(edges.reshape(-1, 2), pins=pins, n_vertices=len(vertices), positions=x[vertices])
 
 
-def _by_jax(objective: StressObjective, word: str, start: np.ndarray) -> Run:
-    """Value and gradient by jax_fdm's sparse model in double precision."""
-    network = objective.manifold.network
+def _by_jax(network: Network, start: np.ndarray) -> Run:
+    """Value and gradient of V_L by jax_fdm's sparse model in double precision."""
     fdm, jax, jnp = peer("jax_fdm.equilibrium"), peer("jax"), peer("jax.numpy")
     n, fixed = network.n_vertices, np.array(sorted(network.pins))
     supports = np.zeros(n, int)
@@ -195,9 +192,8 @@ def _by_jax(objective: StressObjective, word: str, start: np.ndarray) -> Run:
         q = jnp.exp(theta - jnp.max(theta))
         free = model.nodes_free_positions(q, jnp.asarray(places), loads, structure)
         x = model.nodes_positions(free, jnp.asarray(places), structure)
-        values = model.edges_lengths(model.edges_vectors(x, structure.connectivity)).ravel()
-        values = values if word == "length_variance" else q * values
-        return jnp.mean((values / jnp.mean(values) - 1) ** 2)
+        lengths = model.edges_lengths(model.edges_vectors(x, structure.connectivity)).ravel()
+        return jnp.mean((lengths / jnp.mean(lengths) - 1) ** 2)
 
     compiled = jax.jit(jax.value_and_grad(variance))
     compiled(jnp.zeros(network.n_edges))
@@ -206,24 +202,37 @@ def _by_jax(objective: StressObjective, word: str, start: np.ndarray) -> Run:
         value, gradient = compiled(theta)
         return float(value), np.asarray(gradient)
 
-    return _by_scipy(objective, function, start, "L-BFGS-B")
+    return _minimiser(function, start, "L-BFGS-B")
 
 
 _NAMES = ("auto", "newton", "lbfgs", "fire", "SciPy L-BFGS-B", "SciPy trust-krylov")
-_SLOPE = "largest d log O/d log σ of an edge"
+_SLOPE = "largest d log O/d log σ of an edge over that of the start"
+_ERRORS = {
+    "min_V_L": "relative spread of the lengths, $\\sqrt{V_L}$",
+    "min_V_tau": _SLOPE,
+    "max_B_0": "$\\sqrt{1 - B_0/\\max B_0}$",
+    "max_G_0": _SLOPE,
+}
 
 
-def _task(word: str, title: str, error: str, sizes: tuple[int, ...], pinned: bool = False) -> Task:
-    names = (*_NAMES, *(["cone"] if word == "length_variance" else []), *(["jax_fdm"] if pinned else []))
-    key, suffix = (f"{word}_pinned", ", pinned") if pinned else (word, "")
-    return Task(key, title + suffix, error, sizes, names, "auto", partial(_methods, word=word, pinned=pinned))
+def _task(word: str, sizes: tuple[int, ...]) -> Task:
+    names = (*_NAMES, "cone") if word == "min_V_L" else _NAMES
+    title = LABELS[word] + (" with its penalty" if word == "max_G_0" else "")
+    return Task(word, title, _ERRORS[word], sizes, names, "auto", partial(_methods, word=OPTIMA[word]))
 
 
+_MIN_V_L = _task("min_V_L", SIZES)
 TASKS = (
-    _task("length_variance", "least $V_L$", "$V_L$", SIZES),
-    _task("tension_variance", "least $V_\\tau$", _SLOPE, SIZES[:2]),
-    _task("bulk_modulus", "largest $B_0$", "$1 - B_0/\\max B_0$", SIZES),
-    _task("shear_modulus", "largest $G_0$ with penalty", _SLOPE, SIZES),
-    _task("length_variance", "least $V_L$", "$V_L$", SIZES[:2], pinned=True),
-    _task("tension_variance", "least $V_\\tau$", _SLOPE, SIZES[:1], pinned=True),
+    _MIN_V_L,
+    _task("min_V_tau", SIZES[:2]),
+    _task("max_B_0", SIZES),
+    _task("max_G_0", SIZES),
+    replace(
+        _MIN_V_L,
+        word="min_V_L_pinned",
+        title=f"{_MIN_V_L.title}, pinned",
+        sizes=SIZES[:2],
+        names=(*_MIN_V_L.names, "jax_fdm"),
+        methods=partial(_methods, word="V_L", pinned=True),
+    ),
 )

@@ -1,6 +1,6 @@
 """References for networks of any size in the plane: double-double arithmetic with sparse factors in working precision.
 
-Each correction of a solution gains about 13 digits; 30 are correct in configurations, 25 in stresses from lengths.
+Each correction of a solution gains about 13 digits; 30 are correct in configurations.
 Dense mpmath (`benchmarks/reference.py`) takes minutes from some hundred vertices; the tests compare the two on small
 networks.
 
@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from critflow import CriticalManifold, Network, critical_from_lengths
+from critflow import CriticalManifold, Network
 from critflow.linalg.factor import Factor, FixedPattern
 from critflow.linalg.matrices import edge_blocks
 from critflow.networks.network import Array
@@ -25,7 +25,6 @@ from critflow.precision.double_double import (
     extended,
     lengths,
     multiply,
-    part,
     scaled,
     square_root,
     subtract,
@@ -35,8 +34,8 @@ from critflow.precision.geometry import ExtendedGeometry
 
 # Relative correction at which an iteration ends, and its most steps.
 _REFINED, _MOST = 1e-28, 30
-# Corrections of the stress of rest lengths, and of responses.
-_LENGTH_STEPS, _RESPONSE_STEPS = 4, 3
+# Corrections of responses.
+_RESPONSE_STEPS = 3
 
 
 @dataclass(frozen=True, eq=False)
@@ -107,42 +106,6 @@ def bulk_modulus_gradient(manifold: CriticalManifold, sigma: Array) -> tuple[Ext
     return L, subtract(by_sigma, dot(L, geometry.bond_vectors(y, none)))
 
 
-def stress_of_lengths(manifold: CriticalManifold, rest_lengths: Array) -> Extended | None:
-    """σ (N_b,) with Σσ² = N_b of the critical configuration with lengths ∝ ℓ, or None with slack edges.
-
-    Newton's method on gᵀ(σ ∘ L) = 0 and |L|² = t ℓ², with these residuals in double-double arithmetic.
-    """
-    solution = critical_from_lengths(manifold, rest_lengths, throw=False)
-    if not solution.ok:
-        return None
-    network, geometry = manifold.network, ExtendedGeometry(manifold.network)
-    x, sigma = extended(solution.value.coordinates[network.free]), extended(solution.value.sigma)
-    target = multiply(extended(rest_lengths), extended(0.5 * rest_lengths))
-    for _ in range(_LENGTH_STEPS):
-        L = geometry.bond_vectors(x, network.boundary_vectors)
-        h = times(dot(L, L), 0.5)
-        ratio = divide(total(multiply(sigma, h)), total(multiply(sigma, target)))
-        force = geometry.divergence(scaled(sigma, L))
-        short = subtract(multiply(ratio, target), h)
-        u, change, _ = manifold.saddle.factorize(sigma.high, L.high).solve(-force.high, short.high)
-        x = add(x, extended(u))
-        sigma = add(sigma, extended(change - (change @ sigma.high) / (sigma.high @ sigma.high) * sigma.high))
-    return multiply(sigma, constant(np.sqrt(len(rest_lengths) / (sigma.high @ sigma.high))))
-
-
-def transition_moduli(manifold: CriticalManifold, sigma: Array) -> list[Extended]:
-    """B_0 and G_0, (Σσḣ)²/(V Σσ²|L|²/k), of the configuration of a stress."""
-    network, stress = manifold.network, extended(sigma)
-    L = configuration(manifold, sigma)[1]
-    square = dot(L, L)
-    cost = total(divide(multiply(multiply(stress, stress), square), extended(network.stiffness)))
-    values = []
-    for hdot in (times(square, 0.5), multiply(part(L, (..., 0)), part(L, (..., 1)))):
-        work = total(multiply(stress, hdot))
-        values.append(divide(multiply(work, work), multiply(cost, constant(network.volume))))
-    return values
-
-
 # Past the transition
 
 
@@ -204,34 +167,3 @@ def moduli(springs: Springs, factor: Factor) -> list[Extended]:
         work = total(add(multiply(stiffness, multiply(hdot, hdot)), multiply(sigma, dot(rate, rate))))
         values.append(divide(add(work, of_boundary), V))
     return values
-
-
-def stiffening(manifold: CriticalManifold, sigma: Array, reach: float = 4e-3, n_strains: int = 12) -> list[Extended]:
-    """C_B and C_G: derivatives at γ = 0 of the polynomial through B and G at 0 and at strains up to `reach`.
-
-    At Chebyshev points the polynomial's error falls as (reach/ρ)ⁿ with the strain ρ of the nearest singularity; the
-    derivative magnifies rounding of 1e-28 by n²/reach.  No formula of the library's coefficients enters.
-    """
-    x, L, _ = configuration(manifold, sigma)
-    rest, start = lengths(L), x.high
-    gamma = 0.5 * reach * (1 - np.cos(np.pi * (np.arange(n_strains) + 0.5) / n_strains))
-    table = [transition_moduli(manifold, sigma)]
-    for strain in gamma:
-        springs, factor = equilibrium(manifold.network, strained_rest_lengths(rest, strain), start, manifold.hessian)
-        table.append(moduli(springs, factor))
-        start = springs.x.high
-    points = np.concatenate([[0.0], gamma])
-    return [initial_derivative(points, list(values)) for values in zip(*table, strict=True)]
-
-
-def initial_derivative(points: Array, values: list[Extended]) -> Extended:
-    """p'(t_0) of the polynomial p through values at points t: Σ_n [t_0 … t_n] Π_{0<m<n} (t_0 − t_m)."""
-    nodes = [constant(t) for t in points]
-    table, derivative, product = list(values), constant(0.0), constant(1.0)
-    for n in range(1, len(points)):
-        table = [
-            divide(subtract(table[m + 1], table[m]), subtract(nodes[m + n], nodes[m])) for m in range(len(table) - 1)
-        ]
-        derivative = add(derivative, multiply(table[0], product))
-        product = multiply(product, subtract(nodes[0], nodes[n]))
-    return derivative

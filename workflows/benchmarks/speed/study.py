@@ -1,9 +1,10 @@
-"""Speed against accuracy of every method of critflow and of other packages, and time and memory against size.
+"""Error against time of every method of critflow and of other packages, and time and memory against size.
 
-Each point of a task has the error against a much more accurate reference, the median of the times with quartiles, the
-status and the iterations.  Other packages are optional, `pip install 'critflow[peers]'`; a missing one is recorded.
-The task `stages` takes one network of up to a million vertices through all that is known in closed form.  Times are on
-one core and depend on the machine: compare ratios within one case.
+Each point of a task has the error against a much more accurate reference, the median of the times with quartiles and
+the status; each method has the time that it needs once, for what it prepares from the bare problem.  Methods are
+compared at equal errors, prepared and with the preparation.  Other packages are optional, `pip install
+'critflow[peers]'`; a missing one is recorded.  The task `stages` takes one network of up to a million vertices through
+all that is known in closed form.  Times are on one core and depend on the machine: compare ratios within one case.
 """
 
 import warnings
@@ -18,7 +19,7 @@ from critflow.result import StudyError
 from critflow.workflow import Axis, Coordinate, Study, Variable
 
 from ...shared.checks import check_network, check_positive
-from ..timing import Backend, Timing, benchmark, installed, one_core
+from ..timing import COLD, Backend, Timing, benchmark, installed, one_core
 from . import stages
 from .charts import overview_figure
 from .report import claims, summary
@@ -37,17 +38,12 @@ class Presence(IntEnum):
 
 # Stored at every level of a method: type, meaning, and its value of a timing.
 POINTS = {
-    "seconds": ("f8", "processor time of a run, median", lambda timing: timing.quartiles[0]),
-    "seconds_low": ("f8", "processor time of a run, lower quartile", lambda timing: timing.quartiles[1]),
-    "seconds_high": ("f8", "processor time of a run, upper quartile", lambda timing: timing.quartiles[2]),
-    "wall_seconds": ("f8", "wall time of a run, median", lambda timing: np.median(timing.wall or np.nan)),
+    "seconds": ("f8", "processor time of a prepared run, median", lambda timing: timing.quartiles[0]),
+    "seconds_low": ("f8", "processor time of a prepared run, lower quartile", lambda timing: timing.quartiles[1]),
+    "seconds_high": ("f8", "processor time of a prepared run, upper quartile", lambda timing: timing.quartiles[2]),
+    "wall_seconds": ("f8", "wall time of a prepared run, median", lambda timing: np.median(timing.wall or np.nan)),
     "error": ("f8", "error against the reference, as defined by the task", lambda timing: timing.error),
-    "claimed_bound": ("f8", "error bound returned by the method", lambda timing: timing.bound),
-    "level_value": (
-        "f8", "tolerance, step limit or other parameter of the level", lambda timing: timing.method.levels[timing.level]
-    ),
     "outcome": ("i1", "status returned by the method", lambda timing: timing.status),
-    "iterations": ("i4", "iterations of the method", lambda timing: timing.iterations),
     "repeats_done": ("i4", "number of timed runs", lambda timing: len(timing.seconds)),
 }  # fmt: skip
 MEASURED = ("seconds", "seconds_low", "seconds_high", "wall_seconds")
@@ -59,26 +55,32 @@ def case(parameters, *, task, n_vertices):
     shape = len(names), len(parameters["levels"])
     arrays = {name: np.full(shape, np.nan if dtype == "f8" else 0) for name, (dtype, *_) in POINTS.items()}
     arrays["outcome"][:] = Status.missing
-    presence, backend, memory = np.zeros(shape[0], int), np.zeros(shape[0], int), np.full(shape[0], np.nan)
-    timings, change = _timings(parameters, task, n_vertices)
-    for timing in timings:
+    presence, backend = np.zeros(shape[0], int), np.zeros(shape[0], int)
+    memory, preparation = np.full((2, shape[0]), np.nan)
+    for timing in _timings(parameters, task, n_vertices):
         method = timing.method
-        if method.name in names:
-            row = names.index(method.name)
+        if method.name not in names:
+            continue
+        row = names.index(method.name)
+        own = Presence.critflow if method.package == "critflow" else Presence.peer
+        presence[row] = own if installed(method.package) else Presence.not_installed
+        backend[row] = Backend.__members__.get(method.backend or "none", Backend.other)
+        memory[row] = timing.memory
+        if timing.level == COLD:
+            preparation[row] = timing.quartiles[0]
+        else:
             for name, (*_, value) in POINTS.items():
                 arrays[name][row, timing.level] = value(timing)
-            own = Presence.critflow if method.package == "critflow" else Presence.peer
-            presence[row] = own if installed(method.package) else Presence.not_installed
-            backend[row] = Backend.__members__.get(method.backend or "none", Backend.other)
-            memory[row] = timing.memory
-    found = {"presence": presence, "backend": backend, "memory": memory, "change_by_refinement": change}
-    return {"status": Status.ok, **arrays, **found}
+    # The first use contains a run at the roughest level.
+    preparation = np.maximum(preparation - arrays["seconds"][:, 0], 0)
+    found = {"presence": presence, "backend": backend, "memory": memory}
+    return {"status": Status.ok, "preparation_seconds": preparation, **arrays, **found}
 
 
-def _timings(parameters, task, n_vertices) -> tuple[list[Timing], float]:
-    """Timings of the requested methods and levels, and the change by refinement of the stages."""
+def _timings(parameters, task, n_vertices) -> list[Timing]:
+    """Timings of the requested methods and levels, or of the stages."""
     if not has_size(task, n_vertices):
-        return [], np.nan
+        return []
     if task == stages.WORD:
         return stages.measured(n_vertices, parameters["seed"], parameters["least_time"])
     # Other packages warn and start threads; only their answers on one core are compared.
@@ -89,7 +91,7 @@ def _timings(parameters, task, n_vertices) -> tuple[list[Timing], float]:
             for m in TASKS[task].methods(n_vertices, parameters["seed"])
             if m.name in parameters["contestants"]
         ]
-        return benchmark(chosen, parameters["repeats"], parameters["patience"], parameters["budget"]), np.nan
+        return benchmark(chosen, parameters["repeats"], parameters["patience"], parameters["budget"])
 
 
 def check(parameters, axes):
@@ -111,7 +113,7 @@ POINT = (*METHOD, "level")
 
 study = Study(
     name="speed",
-    title="Speed against accuracy of every method, and time and memory up to a million vertices",
+    title="Times of every method at equal errors, and time and memory up to a million vertices",
     references="methods and problems of Hain, Santangelo and Manning, arXiv:2407.13939",
     axes=(
         Axis("task", tuple(SIZES), "computed quantity, or the stages of one network"),
@@ -141,10 +143,12 @@ study = Study(
             )
             for name, (dtype, text, _) in POINTS.items()
         ),
+        Variable(
+            "preparation_seconds", METHOD, "f8", long_name="processor time of the preparation", units="s", volatile=True
+        ),
         Variable("presence", METHOD, "i1", long_name="package of the method", flags=Presence),
         Variable("backend", METHOD, "i1", long_name="linear solver", flags=Backend),
         Variable("memory", METHOD, "f8", long_name="peak resident memory in a stage", units="MB", volatile=True),
-        Variable("change_by_refinement", EACH, "f8", long_name="largest difference of bond vectors, plain and checked"),
         Variable("status", EACH, "i1", long_name="whether the case was computed", flags=Status),
     ),
     figures={"speed": overview_figure, "sizes": sizes_figure},

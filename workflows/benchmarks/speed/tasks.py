@@ -1,16 +1,16 @@
 """All tasks of the benchmark, by word, and their methods."""
 
-from . import coefficients, configuration, lengths, moduli, optimum, stages, strain
+from . import configuration, moduli, optimum, stages, strain
 
-MODULES = configuration, optimum, lengths, strain, moduli, coefficients
+MODULES = configuration, optimum, strain, moduli
 
 TASKS = {task.word: task for module in MODULES for task in module.TASKS}
 
 # Names of all methods and stages, in the order of the tasks.
 METHODS = tuple(dict.fromkeys([*(name for task in TASKS.values() for name in task.names), *stages.STAGES]))
 
-# Sizes of every task, and those of a run.
-SIZES = {word: task.sizes for word, task in TASKS.items()} | {stages.WORD: stages.SIZES}
+# Sizes of every task, and those of a run: stages first, so that their memory is not that of other packages.
+SIZES = {stages.WORD: stages.SIZES} | {word: task.sizes for word, task in TASKS.items()}
 ALL_SIZES = tuple(sorted({size for sizes in SIZES.values() for size in sizes}))
 
 
