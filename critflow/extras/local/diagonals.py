@@ -50,11 +50,14 @@ def response_name(source: Any, target: Any, stress: float = 0.0) -> str:
 
     stress  t of the stress tσ, in units of k; in the limit of no stress the name has none
 
-    Raises `InputError` for pairs without an image or with numbers that are not whole.
+    Raises `InputError` for pairs without an image or with numbers that are not whole, and for a negative stress.
 
     >>> from critflow.extras.local.diagonals import response_name
     >>> response_name((3, 50, (1, 0)), (20, 77, (0, 0)))
     'local[3-50:1:0,20-77:0:0]'
     """
+    of_kind(float, stress=stress)
+    if not 0 <= stress < np.inf:
+        raise InputError(f"stress must be zero or a positive number, not {stress:.3g}")
     under = f",{float(stress)!r}" if stress else ""
     return f"local[{spelled_pair(source, 'source')},{spelled_pair(target, 'target')}{under}]"

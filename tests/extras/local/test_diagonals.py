@@ -27,4 +27,16 @@ def test_every_diagonal_is_a_pair():
     assert goal.source == found.source and goal.target == found.targets[3]
 
 
-test_refused = refused({"space": (lambda: face_diagonals(foam_network(60, seed=1)), "no faces")})
+SQUARE = (0, 2, (0, 0)), (1, 3, (0, 0))
+test_refused = refused(
+    {
+        "space": (lambda: face_diagonals(foam_network(60, seed=1)), "no faces"),
+        "negative stress": (lambda: response_name(*SQUARE, stress=-1e-3), "zero or a positive number"),
+        "no number": (lambda: response_name(*SQUARE, stress=np.nan), "zero or a positive number"),
+    }
+)
+
+
+def test_a_stress_is_part_of_the_name():
+    assert response_name(*SQUARE, stress=1e-3) == "local[0-2:0:0,1-3:0:0,0.001]"
+    assert response_name(*SQUARE, stress=0) == "local[0-2:0:0,1-3:0:0]"
