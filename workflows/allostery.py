@@ -280,20 +280,25 @@ def thresholds(ds):
 
 def capacity_figure(ds):
     """Success against the number of conditions, and the threshold against size."""
-    figure, (left, right) = panels(2, f"Conditions that designs of {N_SOURCES} sources meet ({counted(ds)} a size)")
+    figure, (left, right) = panels(
+        2,
+        f"Conditions of {N_SOURCES} sources that designs meet: responses ±1 (signs), or of any size between\n"
+        f"({counted(ds)} a size)",
+        height=4.2,
+    )
     fractions, sizes = np.array(parameters(ds)["fractions"]), np.array(parameters(ds)["sizes"])
     part, threshold = success(ds), thresholds(ds)
     for s, size in enumerate(sizes):
         for k, kind in enumerate(KINDS):
-            style = {**series(s), "ls": ("-", ":")[k], "label": f"$N_v$ = {size}, random {kind}"}
+            style = {**series(s), "ls": ("-", ":")[k], "label": f"$N_v$ = {size}, {kind}"}
             left.plot(fractions, part[s, :, k], ms=4, **style)
-    left.set(xlabel="conditions over $N_b - 1$", ylabel="part of the networks with all goals", ylim=(-0.03, 1.05))
+    left.set(xlabel="conditions over $N_b - 1$", ylabel="networks with all goals [part]", ylim=(-0.03, 1.05))
     for k, kind in enumerate(KINDS):
         right.plot(sizes, threshold[:, k] * (1.5 * sizes - 1), ms=5, **series(k), label=f"half succeed, {kind}")
     right.plot(sizes, 1.5 * sizes - 1, "k--", lw=0.8)
     right.text(sizes[-1], 1.5 * sizes[-1], "$N_b - 1$", ha="right", va="bottom", fontsize=9)
     right.plot(sizes, 0.5 * sizes - 1, "k:", lw=0.8)
-    right.text(sizes[-1], 0.5 * sizes[-1], "all faces, one source", ha="right", va="top", fontsize=9)
+    right.text(sizes[-1], 0.25 * sizes[-1], "all faces, one source", ha="right", va="top", fontsize=9)
     right.set(xlabel="$N_v$", ylabel="number of conditions", xlim=(0, None), ylim=(0, None))
     right.legend(frameon=False, fontsize=9)
     legend_below(figure, left, ncols=3)
@@ -499,13 +504,13 @@ study = Study(
     name="allostery",
     title="Local responses on the critical manifold",
     references=SOURCES,
-    axes=(networks(10),),
+    axes=(networks(6),),
     parameters={
         "n_vertices": 100,
         "loads": (0.02, 0.1, 0.3, 1.0),
         "sizes": (50, 100, 200),
-        "fractions": (0.3, 0.5, 0.6, 0.7, 0.8),
-        "starts": 3,
+        "fractions": (0.4, 0.5, 0.6, 0.7, 0.8),
+        "starts": 1,
         "steps": 600,
     },
     coordinates=(
