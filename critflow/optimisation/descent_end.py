@@ -11,7 +11,7 @@ In units in which Σσ² = N_b, the mean length ⟨|L|⟩ is 1 and the quantity 
                    or σ < UNRESOLVED_STRESS, or |L| < COLLAPSED
     stalled        one of these where |L| < SOUND², or σ leaves no digit of L   the last sound one; the last O
     stalled        one of these where σ < FADED                                 the last configuration; O
-    slack_edges    σ < FADED with ∂f/∂θ > 0: edges of σ < 10⁶ FADED fall slack the last sound one; limit of O
+    slack_edges    σ < FADED with ∂f/∂θ > 0: edges of σ < FALLING fall slack    the last sound one; limit of O
     edge_collapse  |L| < COLLAPSING under tension with ∂f/∂θ < 0: they vanish   the last sound one; limit of O
     singular       P singular, or nearly so for TRAPPED steps (stresses of      the last regular one; the last O
                    any sign)
@@ -41,6 +41,7 @@ from critflow.optimisation.optimum import Optimum
 from critflow.result import Status
 
 FADED = 1e-12  # σ that tends to zero: far below the stresses of any optimum (1e-3)
+FALLING = 1e6 * FADED  # σ of the edges that fall slack together with one that has faded
 UNRESOLVED_STRESS = 1e-20  # least σ at which a descent ends without an optimum: far below FADED
 TENSE = 0.01  # tension of an edge that does not fall slack, in units of the mean
 GAINING = 0.1  # gain of an edge that collapses, relative to the largest gain: isogonal modes shorten others without
@@ -164,20 +165,23 @@ def optimum_at(end: Minimum, saddles: int | None, monitor: DescentMonitor, metho
     if monitor.diverges(end):
         limit = f"the value tends to {optimum.objective:.8g} as the prestress matrix becomes singular and lengths grow"
         return _at_last_sound(monitor, replace(optimum, status=Status.singular, note=f"{limit} without end"))
-    L = last.value.lengths
-    short = L.min() < SOUND**2 * L.mean() if last.ok else end.steps and np.isfinite(monitor.last_sound).all()
-    if end.status is Status.stalled and short:
-        change = "edges become too short" if last.ok else "stresses become too different"
-        note = f"{change} to resolve as the value falls to {optimum.objective:.6g}: try another start"
-        return _at_last_sound(monitor, replace(optimum, note=note))
+    stalled = end.status is Status.stalled
     if not last.ok:
+        if stalled and end.steps and np.isfinite(monitor.last_sound).all():
+            return _unresolved(monitor, optimum, "stresses become too different")
         return replace(optimum, status=last.status, objective=np.nan)
-    if end.status is Status.stalled and last.value.sigma.min() < FADED:
-        note = (
-            f"stresses fade, that of edge {last.value.sigma.argmin()} first, before the others have converged: {_LOCAL}"
-        )
+    if stalled and last.value.lengths.min() < SOUND**2 * last.value.lengths.mean():
+        return _unresolved(monitor, optimum, "edges become too short")
+    if stalled and (sigma := last.value.sigma).min() < FADED:
+        note = f"stresses fade, that of edge {sigma.argmin()} first, before the others have converged: {_LOCAL}"
         return replace(optimum, note=note)
     return optimum
+
+
+def _unresolved(monitor: DescentMonitor, optimum: Optimum, change: str) -> Optimum:
+    """The last sound configuration, where rounding hides the descent."""
+    note = f"{change} to resolve as the value falls to {optimum.objective:.6g}: try another start"
+    return _at_last_sound(monitor, replace(optimum, note=note))
 
 
 def _infimum(optimum: Optimum, end: Minimum, monitor: DescentMonitor) -> Optimum:
@@ -192,7 +196,7 @@ def _infimum(optimum: Optimum, end: Minimum, monitor: DescentMonitor) -> Optimum
     left = float(np.abs(gradient[edges]).sum())
     limit = monitor.unit * (end.point.value - left)
     # Edges that fall slack together, such as all those of a vertex, have gradients of either sign.
-    reached = edges if collapse else np.flatnonzero(optimum.value.sigma < 1e6 * FADED)
+    reached = edges if collapse else np.flatnonzero(optimum.value.sigma < FALLING)
     listed = ", ".join(map(str, reached))
     optimum = replace(
         optimum,
