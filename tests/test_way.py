@@ -19,8 +19,8 @@ import pytest
 # hide imports.  A path enters each step as a function of its own; fewer of them would be longer ones.
 CEILINGS = {
     "run ensemble": {"lines": 15_139, "modules": 101},
-    "strain path": {"files": 24, "functions": 182, "classes": 29},
-    "optimize G_0": {"files": 23, "functions": 163, "classes": 29},
+    "strain path": {"files": 24, "functions": 181, "classes": 29},
+    "optimize G_0": {"files": 23, "functions": 162, "classes": 29},
 }
 
 
