@@ -395,9 +395,9 @@ COMMANDS = {
     "": {
         # Words that are no command, option or study
         "no command": ([], 2, "Missing command", "critflow --help"),
-        "command misspelt": (["rnu"], 2, "No such command 'rnu'", "Did you mean 'run'?"),
-        "option misspelt": (["run", TINY, "--worker", "2"], 2, "option '--worker'", "Did you mean '--workers'?"),
-        "option of no command misspelt": (["--vesrion"], 2, "No such option '--vesrion'", "Did you mean '--version'?"),
+        "command misspelt": (["rnu"], 2, "No such command 'rnu'", "did you mean 'run'"),
+        "option misspelt": (["run", TINY, "--worker", "2"], 2, "option '--worker'", "did you mean '--workers'"),
+        "option of no command misspelt": (["--vesrion"], 2, "No such option '--vesrion'", "did you mean '--version'"),
         "no study": (["run"], 2, "Missing argument 'NAME|FILE'", "critflow --help"),
         "no folder": (["status"], 2, "Missing argument 'DIR'", "critflow --help"),
         "empty study": (["run", ""], 2, "the study '' is empty", "give the name of a study, or its file NAME.py"),

@@ -34,7 +34,7 @@ def main(words: Sequence[str] | None = None) -> int:
     except click.Abort:
         return fail("interrupted: run the same command again", INTERRUPTED)
     except click.ClickException as error:
-        message = error.format_message().rstrip(".")
+        message = error.format_message().replace(". Did you mean", ", did you mean").rstrip(".?")
         forgotten = "extra argument" in message and "=" in message
         return fail(f"{message}: {'write --set before KEY=VALUE' if forgotten else 'see critflow --help'}", 2)
     except CritflowError as error:
