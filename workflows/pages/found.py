@@ -49,6 +49,11 @@ FINDINGS = (
         "**Pictures give tensions**, with error bars; errors of positions are amplified less without pressures",
         ("tension_inference", "inference-amplification"),
     ),
+    (
+        "**One source commands every face.** A stress can be designed so that, while one pair of vertices is pulled "
+        "apart, the diagonal of every other face grows or shrinks by as much, as chosen at random",
+        ("allostery", "allostery-faces"),
+    ),
 )
 
 
