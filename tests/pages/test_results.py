@@ -85,7 +85,8 @@ def test_every_listed_study_has_its_results():
     for figure in FIGURES:
         assert runs.get(figure.study, {}).get("seconds", 1) > 0
         for picture in figure.pictures:
-            assert (REFERENCE / figure.study / "figures" / f"{picture}.png").exists(), picture
+            files = [REFERENCE / figure.study / "figures" / f"{picture}.{kind}" for kind in ("png", "gif")]
+            assert any(file.is_file() for file in files), picture
 
 
 def test_every_folder_of_reference_results_is_listed():
