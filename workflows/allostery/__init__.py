@@ -1,0 +1,1 @@
+"""Local responses on the critical manifold."""
