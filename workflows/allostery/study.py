@@ -49,8 +49,8 @@ study = Study(
     parameters={
         "n_vertices": 100,
         "loads": (0.02, 0.1, 0.3, 1.0),
-        "sizes": (50, 100, 200),
-        "fractions": (0.4, 0.5, 0.6, 0.7, 0.8),
+        "sizes": (50, 100, 200, 400),
+        "fractions": (0.3, 0.4, 0.5, 0.6, 0.7, 0.8),
         "starts": 1,
         "steps": 600,
     },

@@ -39,7 +39,7 @@ _REFINEMENTS = 3  # solves by a factor of a Hessian, each with the residual of t
 class PairMotion:
     """The motion by a unit force along a pair.
 
-    vector        r (d,)
+    distance      |r|
     direction     n (d,)
     path          edges of the path of r, and their signs
     displacement  u (N_v, d), zero at fixed vertices
@@ -50,7 +50,7 @@ class PairMotion:
     """
 
     pair: Pair
-    vector: Array
+    distance: float
     direction: Array
     path: tuple[IntArray, Array]
     displacement: Array
@@ -58,11 +58,6 @@ class PairMotion:
     rates: Array
     rounded: Array
     residual: tuple[Array, Array]
-
-    @property
-    def distance(self) -> float:
-        """|r|."""
-        return float(np.linalg.norm(self.vector))
 
     def apart(self, displacement: Array) -> Array:
         """Relative motion (d,) of the ends of the pair."""
@@ -89,6 +84,7 @@ class Compliances:
     yielding: Array | float = 0.0
     resisting: Array | float = 0.0
     motions: dict[Pair, PairMotion] = field(default_factory=dict, repr=False)
+    own: dict[Pair, tuple[Array, Array]] = field(default_factory=dict, repr=False)
 
     def motion(self, pair: Pair) -> PairMotion:
         """The motion by a unit force along a pair, computed once."""
@@ -111,7 +107,7 @@ class Compliances:
         rates, moved = product(network.free_incidence, u), np.zeros((network.n_vertices, network.dimension))
         moved[network.free] = u
         rounded = norms(moved)[network.edges].sum(axis=1)
-        return PairMotion(pair, r, r / length, (edges, signs), moved, multipliers, rates, rounded, residual)
+        return PairMotion(pair, length, r / length, (edges, signs), moved, multipliers, rates, rounded, residual)
 
     def solved(self, force: Array) -> tuple[Array, Array, tuple[Array, Array]]:
         """u (n_free, d), λ (N_b,) and the residual of both equations, for forces (n_free, d)."""
@@ -155,6 +151,12 @@ class Compliances:
         one, other = self.motion(target), self.motion(source)
         by_L = -other.multipliers[:, None] * one.rates - one.multipliers[:, None] * other.rates
         return -dot(one.rates, other.rates), by_L
+
+    def own_derivatives(self, pair: Pair) -> tuple[Array, Array]:
+        """`derivatives` of G_ss, computed once."""
+        if pair not in self.own:
+            self.own[pair] = self.derivatives(pair, pair)
+        return self.own[pair]
 
     def by_stiffness(self, target: Pair, source: Pair) -> Array:
         """∂G_ts/∂k (N_b,): zero, since no edge yields."""

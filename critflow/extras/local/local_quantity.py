@@ -118,7 +118,7 @@ def partials(found: Compliances, source: Pair, target: Pair) -> Partials:
     """∂η/∂σ (N_b,) and ∂η/∂L (N_b, d)."""
     s, t, own = found.motion(source), found.motion(target), found.compliance(source, source)
     ratio, eta = s.distance / t.distance, strain(found, source, target)
-    (mixed_sigma, mixed_L), (own_sigma, own_L) = (found.derivatives(one, source) for one in (target, source))
+    (mixed_sigma, mixed_L), (own_sigma, own_L) = found.derivatives(target, source), found.own_derivatives(source)
     by_sigma = (ratio * mixed_sigma - eta * own_sigma) / own
     by_L = (ratio * mixed_L - eta * own_L) / own
     by_target = ratio / own * t.turning(s.displacement) - eta / t.distance * t.direction

@@ -130,7 +130,7 @@ def _at_transition(critical: CriticalConfiguration, source: Pair, targets: tuple
     errors = np.array([strain_error(found, critical, source, target) for target in targets])
     own = found.compliance(source, source)
     growth = np.array([_growth(found, source, target) for target in targets])
-    by_bonds = np.linalg.norm(found.derivatives(source, source)[1], axis=1) @ critical.bond_errors
+    by_bonds = np.linalg.norm(found.own_derivatives(source)[1], axis=1) @ critical.bond_errors
     return _answer(critical, found, source, targets, errors, growth, (found.error(source, source) + by_bonds) / own**2)
 
 
@@ -155,7 +155,7 @@ def _under_stress(state: SpringState, source: Pair, targets: tuple[Pair, ...]) -
         solves = (ratio * found.error(target, source) + abs(eta) * found.error(source, source)) / own
         of_stress = np.abs(partials(found, source, target)[0]) * state.stress_rounding
         errors.append(solves + float(accumulated_rounding(of_stress)) + 4 * EPS * abs(eta))
-    of_stress = np.abs(found.derivatives(source, source)[0]) * state.stress_rounding
+    of_stress = np.abs(found.own_derivatives(source)[0]) * state.stress_rounding
     own_error = (found.error(source, source) + float(accumulated_rounding(of_stress))) / own**2
     return _answer(state, found, source, targets, np.array(errors), np.full(len(targets), np.nan), own_error)
 

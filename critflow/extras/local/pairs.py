@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import lru_cache
 from itertools import product
 from typing import Any
@@ -50,7 +50,13 @@ class Pair:
 
     def path(self, network: Network) -> tuple[IntArray, Array, Array]:
         """Edges of the path, their signs, and what is not a bond vector (d,): r = constant + Σ sign L."""
-        tree, cell = _tree(network), np.zeros(network.dimension)
+        tree = _tree(network)
+        if self not in tree.paths:
+            tree.paths[self] = self._path(network, tree)
+        return tree.paths[self]
+
+    def _path(self, network: Network, tree: _Tree) -> tuple[IntArray, Array, Array]:
+        cell = np.zeros(network.dimension)
         if network.cell is not None:
             cell = np.asarray(self.image) @ network.cell
         (edges, signs, start), (own, own_signs, origin) = tree.walk(self.head), tree.walk(self.tail)
@@ -65,11 +71,15 @@ class Pair:
 
 @dataclass(frozen=True, eq=False)
 class _Tree:
-    """Of each vertex the edge (N_v,) by which it is reached from a fixed one, and the vertex before it; −1: fixed."""
+    """Of each vertex the edge (N_v,) by which it is reached from a fixed one, and the vertex before it; −1: fixed.
+
+    paths  of pairs, each found once
+    """
 
     network: Network
     edge: IntArray
     before: IntArray
+    paths: dict[Pair, tuple[IntArray, Array, Array]] = field(default_factory=dict, repr=False)
 
     def walk(self, vertex: int) -> tuple[list[int], Array, Array]:
         """Edges from a fixed vertex, their signs, and the position of that vertex (d,)."""
