@@ -184,10 +184,25 @@ def test_a_path_begins_at_springs_exactly_at_rest():
     np.testing.assert_allclose(solution.value.energy, [0, 16 * 0.5 * 1e-6], rtol=1e-9)
 
 
+def pinned_cross(apart=0.0):
+    """Four springs from a vertex to pins, stretched to twice their lengths; the vertex is moved along x."""
+    network = Network([[0, 1], [1, 2], [1, 3], [1, 4]], pins={0: [-1, 0], 2: [1, 0], 3: [0, 1], 4: [0, -1]})
+    return spring_state(network, np.full(4, 0.5), np.array([[-1, 0], [apart, 0], [1, 0], [0, 1], [0, -1.0]]))
+
+
+def test_a_path_begins_where_forces_are_below_a_millionth():
+    # The force is 3 k for each unit of the distance, and the limit 1e-6 k ℓ with ℓ = 1/2.
+    near, far = pinned_cross(1.2e-7), pinned_cross(2.5e-7)
+    assert near.max_force < 5e-7 < far.max_force
+    direct = strain_path(pinned_cross(), [0.1], "uniaxial").value
+    np.testing.assert_allclose(strain_path(near, [0.1], "uniaxial").value.energy, direct.energy, rtol=1e-12)
+    with pytest.raises(InputError, match=r"not in equilibrium, a force of 7\.5e-07 is left"):
+        strain_path(far, [0.1], "uniaxial")
+
+
 def test_pins_follow_the_deformation():
     # Two springs in series on a line of pins: each takes half of the elongation.
-    network = Network([[0, 1], [1, 2], [1, 3], [1, 4]], pins={0: [-1, 0], 2: [1, 0], 3: [0, 1], 4: [0, -1]})
-    state = spring_state(network, np.full(4, 0.5), np.array([[-1, 0], [0, 0], [1, 0], [0, 1], [0, -1.0]]))
+    state = pinned_cross()
     path = strain_path(state, [0.0, 0.1, 0.2], deformation="uniaxial").value
     np.testing.assert_allclose(path.energy, (0.5 + path.strains) ** 2 + 0.25, rtol=1e-14)
     np.testing.assert_allclose(path.modulus, 2.0, rtol=1e-13)
