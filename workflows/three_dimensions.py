@@ -79,6 +79,7 @@ def response_figure(ds):
                 axes.set_yscale("symlog", linthresh=LINEAR, linscale=2)
                 axes.set_yticks([tick for tick in (-0.3, -0.1, 0, 0.1, 0.3, 1, 3) if tick >= np.nanmin(values) - 0.1])
                 axes.yaxis.set_major_formatter("{x:g}")
+                axes.set_ylim(top=max(axes.get_ylim()[1], 1.5 * np.nanmax(values)))
         else:
             axes.set_ylim(0, None)
         axes.set(ylabel=label)

@@ -176,7 +176,7 @@ def figure(ds):
     middle.set(xlabel="κ", ylabel="error of the tension  [%]", title="at $\\gamma = 0$; 80 %")
     middle.legend(fontsize=9, frameon=False, handlelength=1.2)
     _draw_exponents(right, ds, kappas)
-    middle.set_ylim(None, 5 * middle.get_ylim()[1])
+    middle.set_ylim(None, 40 * middle.get_ylim()[1])
     legend_below(made, (left, right), 3)
     lettered(left, middle, right)
     return made

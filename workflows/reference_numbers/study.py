@@ -199,7 +199,7 @@ def _pruned(axes, ds):
             axes.plot(each, ratio, lw=0.8, color=series(0)["color"])
     for limit, name in ((-1, "lower bound, −1"), (1 / 3, "whole lattice, 1/3")):
         axes.axhline(limit, color="k", lw=0.8, ls=":")
-        axes.annotate(name, (5, limit), (0, 3), textcoords="offset points", fontsize=TEXT, ha="center")
+        axes.annotate(name, (6, limit), (0, 3), textcoords="offset points", fontsize=TEXT, ha="right")
     axes.margins(y=0.1)
     axes.set(xlabel="coordination $z$", ylabel="Poisson's ratio $\\nu$", title="pruned lattices")
 
