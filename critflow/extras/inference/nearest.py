@@ -46,7 +46,7 @@ NEAREST_REGULARISATION = 1e-12
 # Smallest stress that a descent starts from, relative to the mean: stresses in balance at noisy positions may be
 # negative.
 SMALLEST_START = 0.05
-WEAKEST_START = 1e-3  # the same where none is negative
+WEAKEST_START = 1e-9  # the same where none is negative: that rounding leaves
 # First regularisation of log σ, relative to the mean square length: an infimum that is not attained then has a
 # minimiser.
 NEAREST_RIDGE = 1e-8
@@ -55,6 +55,8 @@ NEAREST_STALLED = 1e-7  # relative gradient that shows a stalled descent to have
 # has lost its digits.
 REPRODUCED = 1e-6
 WIDEST_STRESS = 9.2  # |log σ| relative to the mean beyond which an edge counts as collapsed or slack
+# Distance, in units of the lengths and of the most extreme factor of a stress, below which even that one is resolved.
+NEAREST_RESOLVED = 0.01
 
 _MOST_STEPS = 200
 _GROWTH, _DECAY, _LARGEST = 10.0, 0.2, 1e12
@@ -223,7 +225,9 @@ class _Fit:
             return start, 0, Status.ok
         if start.cost < NEAREST_BALANCED**2 * size:
             here, steps, status = self._descend(start, max_steps, 0.0)
-            if status is Status.ok and np.abs(here.theta).max() <= WIDEST_STRESS:
+            widest = float(np.abs(here.theta).max())
+            resolved = here.cost < (NEAREST_RESOLVED * np.exp(-widest)) ** 2 * size
+            if status is Status.ok and (widest <= WIDEST_STRESS or resolved):
                 return here, steps, status
         # The end without the ridge needs only a rough one with it.
         here, steps, status = self._descend(start, max_steps, self._ridge, NEAREST_ROUGH)

@@ -100,6 +100,27 @@ def test_the_limits_of_a_descent_have_a_status():
     assert found.status is Status.edge_collapse and "zero length" in found.note
 
 
+@pytest.mark.parametrize("stress", [1e-8, 1e-4, 1e4])
+def test_an_extreme_stress_is_found_where_positions_show_it(stress):
+    found, sigma = from_noisy_positions(stress)
+    assert found.ok and found.stats.steps <= 12
+    np.testing.assert_allclose(found.value.sigma[7] / sigma[7], np.median(found.value.sigma / sigma), rtol=3e-3)
+
+
+def test_a_stress_below_the_digits_of_the_positions_is_a_limit():
+    assert not from_noisy_positions(1e-20)[0].ok
+
+
+def from_noisy_positions(stress):
+    """The answer for a configuration with this stress of one edge, positions of eleven digits, and its stresses."""
+    network = NETWORKS["periodic"]
+    sigma = random_stress(network.n_edges, seed=3)
+    sigma[7] = stress
+    x = CriticalManifold(network).configuration(sigma).coordinates
+    observed = x + 1e-11 * np.random.default_rng(0).normal(size=x.shape)
+    return nearest_critical(network, observed, throw=False), sigma
+
+
 test_bad_input_is_one_sentence = refused_changes(
     lambda **changes: nearest_critical(NETWORKS["periodic"], **{"coordinates": np.zeros((60, 2))} | changes),
     ({"coordinates": np.zeros((3, 2))}, "shape"),
