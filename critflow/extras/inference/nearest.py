@@ -19,7 +19,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import scipy.sparse as sp
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 from scipy.linalg import cho_factor
 from scipy.linalg.blas import dsymv
 from scipy.linalg.lapack import dpotri
@@ -191,9 +191,14 @@ def _note(here: _Iterate, steps: int, status: Status) -> str:
         return f"the descent did not end in {steps} steps: raise max_steps, or start from other stresses"
     if status not in (Status.edge_collapse, Status.slack_edges):
         return ""
-    edges = np.flatnonzero(np.abs(here.theta) > WIDEST_STRESS)
+    edges = np.flatnonzero(_extreme(here))
     tend = "1 edge tends" if len(edges) == 1 else f"{len(edges)} edges tend"
     return f"{tend} to zero length or zero stress, edge {edges[0]} first: the distance is a limit"
+
+
+def _extreme(here: _Iterate) -> NDArray[np.bool_]:
+    """Edges (N_b,) that count as collapsed or slack."""
+    return np.asarray(np.abs(here.theta) > WIDEST_STRESS)
 
 
 class _Fit:
@@ -231,17 +236,14 @@ class _Fit:
                 return here, steps, status
         # The end without the ridge needs only a rough one with it.
         here, steps, status = self._descend(start, max_steps, self._ridge, NEAREST_ROUGH)
-        extreme = np.abs(here.theta) > WIDEST_STRESS
-        if status is not Status.ok or extreme.any():
+        if (status is not Status.ok or _extreme(here).any()) and not self._at_limit(here, status):
             here, more, status = self._descend(here, max_steps - steps, self._ridge)
-            extreme, steps = np.abs(here.theta) > WIDEST_STRESS, steps + more
-        # Stresses over many decades leave rounding in the steps before their last digits.
-        if status is Status.stalled and extreme.any() and self.gradient(here) < NEAREST_STALLED:
-            status = Status.ok
+            steps += more
+        extreme = _extreme(here)
+        if self._at_limit(here, status) or (status is Status.ok and extreme.any()):
+            return here, steps, Status.edge_collapse if (here.theta[extreme] > 0).any() else Status.slack_edges
         if status is not Status.ok:
             return here, steps, status
-        if extreme.any():
-            return here, steps, Status.edge_collapse if (here.theta[extreme] > 0).any() else Status.slack_edges
         here, more, status = self._descend(here, max_steps - steps, 0.0)
         return here, steps + more, status
 
@@ -249,7 +251,7 @@ class _Fit:
         self, here: _Iterate, max_steps: int, ridge: float, tolerance: float = NEAREST_CONVERGED
     ) -> tuple[_Iterate, int, Status]:
         """Steps until one changes no log σ by more than the tolerance."""
-        damping = NEAREST_DAMPING
+        damping, growth = NEAREST_DAMPING, _GROWTH
         for step in range(max_steps):
             change = self._step(here, damping * self._size, ridge)
             longest = float(np.abs(change).max())
@@ -261,15 +263,21 @@ class _Fit:
                 theta = there.theta - there.theta.mean() if ridge == 0 else there.theta
                 converged = longest < tolerance or gained <= 1e-15 * here.cost
                 here, damping = there._replace(theta=theta), max(_DECAY * damping, 1e-3 * NEAREST_DAMPING)
+                growth = _GROWTH
                 if converged:
                     return here, step + 1, Status.ok
             elif longest < NEAREST_CONVERGED:
                 return here, step, Status.ok
             else:
-                damping *= _GROWTH
+                damping, growth = damping * growth, 2 * growth
                 if damping > _LARGEST * NEAREST_DAMPING:
                     return here, step, Status.stalled
         return here, max_steps, Status.step_limit
+
+    def _at_limit(self, here: _Iterate, status: Status) -> bool:
+        """Whether a descent has reached its infimum: stresses over many decades leave rounding in its last steps."""
+        ended = status in (Status.ok, Status.stalled)
+        return ended and bool(_extreme(here).any()) and self.gradient(here) < NEAREST_STALLED
 
     def gradient(self, here: _Iterate) -> float:
         """Largest component of dD/dθ over Σ|x̂|²/s²."""
