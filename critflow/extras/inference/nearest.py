@@ -125,8 +125,8 @@ def nearest_critical(
            exactly, and errors of coordinates are amplified far more
 
     The minimum is local: D is not convex in σ.  `stats.residual` is the largest component of dD/dθ over Σ|x̂|².
-    Where the infimum is approached as edges shrink to zero length or lose their stress, the configuration is that of a
-    weak regularisation of θ: `Status.edge_collapse` or `Status.slack_edges`.
+    Where the infimum is approached as edges shrink to zero length or lose their stress, the configuration is close to
+    it, mostly by a weak regularisation of θ: `Status.edge_collapse` or `Status.slack_edges`.
     Raises `InputError` for coordinates or stresses of a wrong shape and for an error that is not positive,
     `SolveError` where the descent stalls and `throw` is set.
 
@@ -236,16 +236,16 @@ class _Fit:
                 return here, steps, status
         # The end without the ridge needs only a rough one with it.
         here, steps, status = self._descend(start, max_steps, self._ridge, NEAREST_ROUGH)
-        if (status is not Status.ok or _extreme(here).any()) and not self._at_limit(here, status):
+        if (status is not Status.ok or _extreme(here).any()) and not self._at_limit(here):
             here, more, status = self._descend(here, max_steps - steps, self._ridge)
             steps += more
-        extreme = _extreme(here)
-        if self._at_limit(here, status) or (status is Status.ok and extreme.any()):
-            return here, steps, Status.edge_collapse if (here.theta[extreme] > 0).any() else Status.slack_edges
-        if status is not Status.ok:
-            return here, steps, status
-        here, more, status = self._descend(here, max_steps - steps, 0.0)
-        return here, steps + more, status
+        ended = status is Status.ok and bool(_extreme(here).any())
+        if status is Status.ok and not ended:
+            here, more, status = self._descend(here, max_steps - steps, 0.0)
+            steps += more
+        if ended or (status is Status.stalled and self._at_limit(here)):
+            status = Status.edge_collapse if here.theta.max() > WIDEST_STRESS else Status.slack_edges
+        return here, steps, status
 
     def _descend(
         self, here: _Iterate, max_steps: int, ridge: float, tolerance: float = NEAREST_CONVERGED
@@ -257,7 +257,7 @@ class _Fit:
             longest = float(np.abs(change).max())
             if not np.isfinite(longest):
                 return here, step, Status.singular
-            there = self.at(here.theta + min(1.0, _LONGEST / max(longest, 1e-300)) * change)
+            there = self.at(here.theta + np.clip(change, -_LONGEST, _LONGEST))
             gained = here.cost + ridge * here.theta @ here.theta - there.cost - ridge * there.theta @ there.theta
             if gained >= 0:
                 theta = there.theta - there.theta.mean() if ridge == 0 else there.theta
@@ -274,10 +274,9 @@ class _Fit:
                     return here, step, Status.stalled
         return here, max_steps, Status.step_limit
 
-    def _at_limit(self, here: _Iterate, status: Status) -> bool:
-        """Whether a descent has reached its infimum: stresses over many decades leave rounding in its last steps."""
-        ended = status in (Status.ok, Status.stalled)
-        return ended and bool(_extreme(here).any()) and self.gradient(here) < NEAREST_STALLED
+    def _at_limit(self, here: _Iterate) -> bool:
+        """Whether an infimum is reached: stresses over many decades leave rounding in the last steps."""
+        return bool(_extreme(here).any()) and self.gradient(here) < NEAREST_STALLED
 
     def gradient(self, here: _Iterate) -> float:
         """Largest component of dD/dθ over Σ|x̂|²/s²."""

@@ -121,6 +121,15 @@ def from_noisy_positions(stress):
     return nearest_critical(network, observed, throw=False), sigma
 
 
+@pytest.mark.parametrize("seed", [1, 2])
+def test_a_descent_towards_a_limit_ends_soon(seed):
+    network = voronoi_network(400, seed=seed)
+    observed = network.positions + 0.05 * np.random.default_rng(0).normal(size=network.positions.shape)
+    found = nearest_critical(network, observed, throw=False)
+    assert found.status is Status.edge_collapse and found.stats.steps <= 55
+    assert found.distance < 0.0356
+
+
 test_bad_input_is_one_sentence = refused_changes(
     lambda **changes: nearest_critical(NETWORKS["periodic"], **{"coordinates": np.zeros((60, 2))} | changes),
     ({"coordinates": np.zeros((3, 2))}, "shape"),
