@@ -153,6 +153,13 @@ def test_drawings_have_the_requested_size(tmp_path, network, copies):
     assert count <= copies**2 * len(clipped_segments(data_of(network))[0]) - (copies > 1)
 
 
+def test_a_drawing_has_its_size_wherever_the_network_is(tmp_path):
+    x = [[10, 3], [12, 4], [14, 3]]
+    write_network(Network([[0, 1], [1, 2]], pins={0: x[0], 2: x[2]}, positions=x), tmp_path / "n.svg", size=40, width=1)
+    root = ET.parse(tmp_path / "n.svg").getroot()
+    assert [float(root.get(side).removesuffix("mm")) for side in ("width", "height")] == pytest.approx([42, 12])
+
+
 @pytest.mark.parametrize(("name", "copies"), [("sheared", (2, 2)), ("diamond", 1)])
 def test_solids_are_watertight_and_state_their_units(tmp_path, name, copies):
     trimesh = pytest.importorskip("trimesh")

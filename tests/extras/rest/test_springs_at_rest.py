@@ -139,3 +139,14 @@ BAD = {
     ),
 }
 test_bad_input_raises_one_sentence = refused(BAD)
+
+
+def test_errors_by_a_stress_that_is_rounding_have_the_unit_of_moduli():
+    network = lattice("triangular", 4, 4)
+    lengths = np.linalg.norm(network.bond_vectors(network.positions), axis=1)
+    rest, stiff = lengths * (1 + 1e-13 * np.random.default_rng(0).standard_normal(network.n_edges)), 2.0**20
+    one, other = (
+        elasticity(spring_state(network.with_stiffness(k), rest, network.positions)).value for k in (1.0, stiff)
+    )
+    assert 1e-14 < one.errors.tensor.max() < 1e-11
+    np.testing.assert_array_equal(other.errors.tensor, stiff * one.errors.tensor)
