@@ -70,3 +70,10 @@ def test_a_vertex_without_stress_leaves_the_others_their_answers(backend):
     x = factor.solve(right)
     np.testing.assert_allclose(factor.multiply(x), right, rtol=0, atol=1e-12)
     assert not x[70].any()
+
+
+def test_the_matrix_of_the_analysis_is_positive_definite():
+    # Its elimination meets no zero, whatever the order.
+    model = laplacian(NETWORK)._model().toarray()
+    whole = model + np.triu(model, 1).T
+    assert np.linalg.eigvalsh(whole)[0] == pytest.approx(0.01, rel=0.1)
