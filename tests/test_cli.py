@@ -279,7 +279,8 @@ def test_help_is_written_for_users(capsys):
     assert "..." not in listed
     commands = [line.split()[0] for line in listed.splitlines() if line.startswith("  ")]
     assert commands[0] == "run"
-    for name in commands[: commands.index("critflow")]:
+    broken = {name for one, extra in extensions.extras().items() if absent([one]) for name in extra.commands}
+    for name in set(commands[: commands.index("critflow")]) - broken:
         assert main([name, "--help"]) == 0
         text = capsys.readouterr().out
         assert not re.search("parameter|function|module|docstring|Path|INTEGER|FLOAT|TEXT|<[a-z]", text), text

@@ -4,6 +4,7 @@ from dataclasses import replace
 from functools import partial
 
 import numpy as np
+from extras_there import skip_without
 from problems import NETWORKS, critical_of, partly_compressed, slack_lattice, stiff_lattice, voronoi_3d
 from units import same_in_units
 
@@ -73,6 +74,7 @@ def judged(network, units):
 
 def floppy(network, units, **options):
     """Slack cables next to taut ones."""
+    skip_without(["cables"])
     critical = slack_lattice()[2]
     start = critical_configuration(network, critical.sigma, units.length * critical.coordinates)
     start = replace(start, rest_lengths=units.length * critical.rest_lengths)

@@ -6,6 +6,7 @@ from pathlib import Path
 import pytest
 import xarray as xr
 from disturbed import stamps_of
+from extras_there import skip_without
 
 from critflow.command.main import main
 from critflow.workflow import code
@@ -109,6 +110,7 @@ def test_a_change_of_texts_and_figures_does_not_count(version, change):
     ],
 )
 def test_the_extras_of_a_case_are_those_that_it_names(version, change, names):
+    skip_without(names)
     assert version(change, look=used_extras) - version(look=used_extras) == names
 
 

@@ -20,7 +20,7 @@ from critflow.critical.manifold import Balance, CriticalConfiguration, CriticalM
 from critflow.critical.quantity import Quantity
 from critflow.critical.variances import LengthVariance, TensionVariance
 from critflow.critical.vocabulary import ALIASES
-from critflow.extensions import extras, provided
+from critflow.extensions import extras, provided, with_needs
 from critflow.extras.targets.constrained import Minimum, minimise_constrained
 from critflow.extras.targets.problem import (
     DesignOptions,
@@ -193,8 +193,10 @@ def _require_targets(change: str, targets: Mapping[Any, Any]) -> None:
 
 
 def _kinds() -> list[str]:
-    """What `design` may change."""
-    declared = (function for extra in extras().values() for function in extra.functions)
+    """What `design` may change: by extras that are there with all that they import."""
+    there = extras().keys()
+    whole = (extra for extra in extras().values() if with_needs(set(extra.needs)) <= there)
+    declared = (function for extra in whole for function in extra.functions)
     return [function.removeprefix(_KIND) for function in declared if function.startswith(_KIND)]
 
 
