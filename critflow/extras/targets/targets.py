@@ -20,7 +20,7 @@ from critflow.critical.manifold import Balance, CriticalConfiguration, CriticalM
 from critflow.critical.quantity import Quantity
 from critflow.critical.variances import LengthVariance, TensionVariance
 from critflow.critical.vocabulary import ALIASES
-from critflow.extensions import extras, provided, with_needs
+from critflow.extensions import extras, missing, provided, with_needs
 from critflow.extras.targets.constrained import Minimum, minimise_constrained
 from critflow.extras.targets.problem import (
     DesignOptions,
@@ -204,7 +204,8 @@ def _kind(change: str) -> type[Variables]:
     """The kind of variables of this name; `InputError` for unknown ones."""
     of_kind(str, change=change)
     kinds = _kinds()
-    if change not in kinds:
+    # Those of an extra that is not there are named by `provided`.
+    if change not in kinds and missing(_KIND + change) is None:
         raise InputError(f"no change is called {change!r:.40}: choose from {', '.join(kinds)}")
     kind: type[Variables] = provided(_KIND + change, f"changes of {change}")
     return kind
