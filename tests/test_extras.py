@@ -10,7 +10,7 @@ import sys
 from pathlib import Path
 
 import pytest
-from extras_there import PACKAGE, PUBLIC, absent, used_by_file
+from extras_there import PACKAGE, PUBLIC, absent, skip_without, used_by_file
 
 from critflow.extensions import extras, with_needs
 
@@ -42,8 +42,20 @@ def without(folder: Path, *names: str) -> Path:
     return folder
 
 
-def executed(folder: Path) -> str:
-    command = [sys.executable, "-W", "error", "-c", PROGRAM]
+# A design of stresses, and one of rest lengths, which are an extra that imports that of cables.
+DESIGNS = """
+import critflow as cf
+network = cf.voronoi_network(20, seed=1)
+assert cf.design(network, {"B_0": 0.2}).ok
+try:
+    cf.design(network, {"B_0": 0.2}, change="rest_lengths")
+except cf.InputError as error:
+    print(error)
+"""
+
+
+def executed(folder: Path, program: str = PROGRAM) -> str:
+    command = [sys.executable, "-W", "error", "-c", program]
     done = subprocess.run(command, cwd=folder, capture_output=True, text=True, timeout=120)
     assert done.returncode == 0, done.stdout[-2000:] + done.stderr[-4000:]
     return done.stdout
@@ -55,6 +67,13 @@ def test_without_an_extra_the_package_works(name, tmp_path):
     commands = {line.split()[0] for line in printed.partition("Commands:")[2].splitlines() if line.startswith("  ")}
     assert {"run", "list", "verify"} <= commands
     assert not commands & extras()[name].commands.keys()
+
+
+@pytest.mark.parametrize("name", ["cables", "design_rest_lengths"])
+def test_without_a_change_the_others_work(name, tmp_path):
+    skip_without(["targets", "cables", "design_rest_lengths"])
+    printed = executed(without(tmp_path, name), DESIGNS)
+    assert f"the extra '{name}'" in printed and "which is not installed" in printed
 
 
 def test_without_all_extras_the_package_works(tmp_path):

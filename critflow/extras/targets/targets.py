@@ -203,10 +203,10 @@ def _kinds() -> list[str]:
 def _kind(change: str) -> type[Variables]:
     """The kind of variables of this name; `InputError` for unknown ones."""
     of_kind(str, change=change)
-    kinds = _kinds()
-    # Those of an extra that is not there are named by `provided`.
-    if change not in kinds and missing(_KIND + change) is None:
-        raise InputError(f"no change is called {change!r:.40}: choose from {', '.join(kinds)}")
+    # An extra that is not there, or lacks another one, is named by `provided`.
+    declared = any(_KIND + change in extra.functions for extra in extras().values())
+    if not declared and missing(_KIND + change) is None:
+        raise InputError(f"no change is called {change!r:.40}: choose from {', '.join(_kinds())}")
     kind: type[Variables] = provided(_KIND + change, f"changes of {change}")
     return kind
 
