@@ -1,6 +1,6 @@
 """The picture of docs/howto/tissue.md, by the code of that page: python docs/pictures/tissue.py [FILE]."""
 
-import os
+import contextlib
 import re
 import sys
 import tempfile
@@ -9,8 +9,6 @@ from pathlib import Path
 page = (Path(__file__).parents[1] / "howto" / "tissue.md").read_text(encoding="utf-8").split("## Tensions")[0]
 code = "".join(re.findall(r"^```python\n(.*?)^```$", page, flags=re.M | re.S))
 file = Path(sys.argv[1] if len(sys.argv) > 1 else Path(__file__).with_suffix(".png")).absolute()
-here = Path.cwd()
-with tempfile.TemporaryDirectory() as folder:
-    os.chdir(folder)  # the page writes a file of a network
+# The page writes a file of a network
+with tempfile.TemporaryDirectory() as folder, contextlib.chdir(folder):
     exec(compile(code.replace('"tissue.png"', f"{str(file)!r}"), "tissue.md", "exec"), {"__name__": "__main__"})
-    os.chdir(here)

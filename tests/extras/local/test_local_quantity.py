@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from derivatives import assert_derivative
+from extras_there import skip_without
 from problems import hung_ring, oblique, random_stress, voronoi_3d
 from refusals import refused
 
@@ -158,6 +159,7 @@ def test_a_part_with_other_vertices_has_no_value():
 
 
 def test_target_of_the_command(tmp_path, monkeypatch, capsys):
+    skip_without(["make"])
     monkeypatch.chdir(tmp_path)
     write_network(NETWORK, "mine.graphml")
     assert main(["make", "mine.graphml", "--out=out.graphml", f"--target={NAME}=0.5"]) == 0
