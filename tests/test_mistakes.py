@@ -322,6 +322,8 @@ CALLS = {
             "{'B_0': 0.25}",
             "not a set",
         ),
+    },
+    "rest targets": {
         "a target of another change": (
             lambda: cf.design(NETWORK, {"poisson": -0.5}),
             *(InputError, "poisson is a target of change='stiffness', not of change='stress'"),

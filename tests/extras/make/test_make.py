@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from extras.tissue_patches import tissue
+from extras_there import skip_without
 
 import critflow
 from critflow import delaunay_network, lattice, network_from, voronoi_network, write_network
@@ -54,6 +55,7 @@ def test_a_network_with_targets(tmp_path, capsys):
 
 
 def test_poissons_ratio_of_springs_at_rest(tmp_path, capsys):
+    skip_without(["design_stiffness"])
     source, out = tmp_path / "d.csv", tmp_path / "made.csv"
     network = delaunay_network(24, seed=2)
     write_network(network, source)
