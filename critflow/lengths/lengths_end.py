@@ -18,14 +18,12 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from critflow.critical.manifold import CriticalConfiguration
+from critflow.critical.manifold import CriticalConfiguration, CriticalManifold
 from critflow.lengths.boundary import Expansion
 from critflow.lengths.taut_edges import OnsetState, unknown_configuration
-from critflow.linalg.saddle import Saddle
 from critflow.linalg.vectors import power_of_two
 from critflow.networks.network import Array, Network
 from critflow.precision.double_double import divide, dot, extended, multiply, scaled, subtract, total, two_product
-from critflow.precision.geometry import ExtendedGeometry
 from critflow.result import Solution, Stats, Status
 
 SOLVED = 1e-6  # relative residual of a Newton step that determines the error of its start
@@ -70,7 +68,7 @@ def configuration_of(
     rest = np.where(end.taut, balance.value.lengths, mean_ratio * lengths)
     value, error = replace(balance.value, rest_lengths=rest), np.nan
     if not len(slack):
-        error = 2 * newton_error(boundary.manifold.saddle, network, lengths, value.coordinates, value.sigma)
+        error = 2 * newton_error(boundary.manifold, lengths, value.coordinates, value.sigma)
     return FromLengths(
         value=value,
         status=status,
@@ -100,16 +98,16 @@ def not_separated(network: Network, lengths: Array, end: OnsetState | None, step
     return FromLengths(unknown_configuration(network), Status.stalled, Stats("conic", steps), note)
 
 
-def newton_error(saddle: Saddle, network: Network, lengths: Array, coordinates: Array, sigma: Array) -> float:
+def newton_error(manifold: CriticalManifold, lengths: Array, coordinates: Array, sigma: Array) -> float:
     """Largest component of the difference from the coordinates in exact balance with lengths ∝ ℓ.
 
     Error bound (estimate): one more step of Newton's method, from residuals in extended precision.  All edges are
     stressed.  NaN where the step is not determined.
     """
+    network, geometry, stress = manifold.network, manifold.refinement.geometry, extended(sigma)
     # Squares of lengths are compared with lengths, in a unit of their own.
     unit = power_of_two(network.spacing)
     lengths, x, b = lengths / power_of_two(lengths.mean()), coordinates[network.free] / unit, network.boundary_vectors
-    geometry, stress = ExtendedGeometry(network), extended(sigma)
     L = geometry.bond_vectors(extended(x), b / unit)
     twice_h, target = dot(L, L), two_product(lengths, lengths)
     # The equation of the lengths is consistent for one ratio only, which needs the same number of digits.
@@ -120,5 +118,5 @@ def newton_error(saddle: Saddle, network: Network, lengths: Array, coordinates: 
     size = float(max(np.abs(left).max(), np.abs(force).max()))
     if size == 0.0:
         return 0.0
-    u, _, residual = saddle.factorize(sigma, L.high).solve(-force / size, left / size)
+    u, _, residual = manifold.saddle.factorize(sigma, L.high).solve(-force / size, left / size)
     return unit * size * float(np.abs(u).max()) if residual < SOLVED else np.nan

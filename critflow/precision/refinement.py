@@ -74,10 +74,13 @@ class Refined:
 
 
 class Refinement:
-    """Refines configurations of one network."""
+    """Refines configurations of one network.
+
+    geometry  its bond vectors and forces to 32 digits
+    """
 
     def __init__(self, network: Network):
-        self._geometry = ExtendedGeometry(network)
+        self.geometry = ExtendedGeometry(network)
         self._g, self._divergence, self._b = network.free_incidence, network.divergence, network.boundary_vectors
         self._ends, self._spread = (
             sp.csr_array((np.abs(matrix.data), matrix.indices, matrix.indptr), matrix.shape)
@@ -101,8 +104,8 @@ class Refinement:
         factors = Extended(stress, sigma.low[:, None])
         while True:
             step += 1
-            L = self._geometry.bond_vectors(at, self._b)
-            force = self._geometry.tension_forces(factors, L)
+            L = self.geometry.bond_vectors(at, self._b)
+            force = self.geometry.tension_forces(factors, L)
             size = float(np.abs(at.high).max()) + self._reach
             goal = UNSEEN * EPS * float(_largest(L.high).min())
             correction, change, left = self._correction(bound, factor, force.high, goal)

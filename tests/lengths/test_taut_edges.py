@@ -12,7 +12,6 @@ from critflow.lengths.lengths_end import newton_error
 from critflow.lengths.taut_edges import OnsetState, newton_taut, taut_part
 from critflow.lengths.taut_set import _shortening, placed, polish_taut
 from critflow.linalg.matrices import balanced_part
-from critflow.linalg.saddle import Saddle
 
 NETWORK = voronoi_network(40, seed=1)
 CRITICAL = CriticalManifold(NETWORK).configuration(random_stress(60, 1))
@@ -51,7 +50,7 @@ def test_the_newton_error_is_the_distance_from_the_solution(size):
     exact = critical_from_lengths(NETWORK, target).value
     moved = exact.coordinates.copy()
     moved[1:] += size * np.random.default_rng(2).standard_normal((39, 2))
-    error = newton_error(Saddle(NETWORK), NETWORK, target, moved, exact.sigma)
+    error = newton_error(CriticalManifold(NETWORK), target, moved, exact.sigma)
     # One step of Newton's method is exact to first order in the displacement.
     assert error == pytest.approx(np.abs(moved - exact.coordinates).max(), rel=1e3 * size + 1e-5)
 
