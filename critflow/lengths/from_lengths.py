@@ -5,9 +5,10 @@ configuration, which is unique.
 
 1. Where few edges or none may be slack, the iteration of `length_iteration` gives σ and t = ⟨|L|/ℓ⟩ roughly.
 2. Newton's method on all edges solves |L| = (1 + s) t ℓ and gᵀ(σ ∘ L) = 0 for x, σ and s → 0 (`taut_edges`).  Positive
-   tensions in balance at the right lengths prove that every edge is stressed.
-3. If that fails, further steps give a guess of the slack edges (`few_slack`), and Newton's method decides which edges
-   are stressed (`taut_set`).  Where the others are not longer, |L| ≤ t ℓ, that is the solution of the cone program.
+   tensions in balance at the right lengths prove that every edge is stressed.  Compressed edges are the first guess of
+   the slack ones: Newton's method decides which edges are stressed (`taut_set`).  Where the others are not longer,
+   |L| ≤ t ℓ, that is the solution of the cone program.
+3. If that fails, further steps give another guess (`few_slack`).
 4. Else, or if that fails, the cone program min t, |L| ≤ t ℓ, gives t, σ and the guess (`cone`), as in 3.
 5. The exact balance of the stress of the last step is the configuration.
 
@@ -25,12 +26,12 @@ from numpy.typing import ArrayLike
 from critflow.arguments import of_kind
 from critflow.calls import running
 from critflow.critical.edge_lengths import COLLAPSED
-from critflow.critical.manifold import CriticalConfiguration, CriticalManifold
+from critflow.critical.manifold import Balance, CriticalConfiguration, CriticalManifold
 from critflow.lengths.boundary import Expansion
 from critflow.lengths.cone import fit_lengths
 from critflow.lengths.length_iteration import NEAR, few_slack, iterate_lengths
 from critflow.lengths.lengths_end import FromLengths, configuration_of, not_separated, too_short
-from critflow.lengths.taut_edges import OnsetState, newton_taut
+from critflow.lengths.taut_edges import FITTED, OnsetState, newton_taut
 from critflow.lengths.taut_set import EXACT_CONE, polish_taut, resolved, stressed
 from critflow.linalg.vectors import power_of_two
 from critflow.networks.checks import edge_values
@@ -104,10 +105,8 @@ def _attempts(boundary: Expansion, lengths: Array) -> Iterator[Attempt]:
         steps, balance = 0, None
         for steps, (balance, deviation) in enumerate(iterate_lengths(manifold, lengths), 1):
             if deviation < NEAR:
-                ratio = float((np.linalg.norm(balance.bond_vectors, axis=1) / lengths).mean())
-                taut = np.ones(network.n_edges, bool)
-                start = OnsetState(0.0, np.zeros(0), balance.coordinates, balance.sigma, taut)
-                yield Attempt(newton_taut(boundary, ratio * lengths, start), ratio, steps)
+                yield from _near(boundary, lengths, balance, steps)
+                steps = 0
                 break
         guess = balance and few_slack(manifold, lengths, balance)
         if guess:
@@ -121,6 +120,17 @@ def _attempts(boundary: Expansion, lengths: Array) -> Iterator[Attempt]:
             return
         start = OnsetState(0.0, np.zeros(0), cone.coordinates, cone.sigma, cone.stressed)
         yield Attempt(polish_taut(boundary, cone.ratio * lengths, start), cone.ratio, cone.steps)
+
+
+def _near(boundary: Expansion, lengths: Array, balance: Balance, steps: int) -> Iterator[Attempt]:
+    """Ends from a balance near these lengths (2): with all edges, and without those that are compressed there."""
+    ratio = float((np.linalg.norm(balance.bond_vectors, axis=1) / lengths).mean())
+    taut = np.ones(len(lengths), bool)
+    end = newton_taut(boundary, ratio * lengths, OnsetState(0.0, np.zeros(0), balance.coordinates, balance.sigma, taut))
+    yield Attempt(end, ratio, steps)
+    if end is not None and end.error < FITTED:
+        end = replace(end, taut=stressed(end), sigma=np.maximum(end.sigma, 0.0))
+        yield Attempt(polish_taut(boundary, ratio * lengths, end), ratio, 0)
 
 
 def _balanced(boundary: Expansion, lengths: Array, attempt: Attempt) -> Solution[CriticalConfiguration] | None:

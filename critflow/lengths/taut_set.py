@@ -67,7 +67,7 @@ def polish_taut(path: Boundary, lengths: Array, start: OnsetState) -> OnsetState
         if not (unstressed.any() or longer.any()):
             break
         # An edge that exceeds its rest length again after it was added carries no force.
-        released |= longer
+        released |= longer & without_hanging(network, (candidate & ~unstressed) | longer)
         sigma = np.where(longer, WEAK_STRESS * end.sigma[candidate].mean(), np.where(unstressed, 0.0, end.sigma))
         state = replace(end, taut=(candidate & ~unstressed) | longer, sigma=sigma)
     return replace(best, steps=steps)

@@ -198,6 +198,7 @@ def test_kept_cases_of_other_code_are_told_apart(tmp_path, run, source, capsys, 
 
 
 def test_an_extra_that_a_case_uses_without_a_name_must_be_declared(tmp_path, run, source, monkeypatch):
+    skip_without(["tensegrity"])
     # As in a process that has not imported it for another test.
     for module in [name for name in sys.modules if name.startswith("critflow.extras.tensegrity")]:
         monkeypatch.delitem(sys.modules, module)
