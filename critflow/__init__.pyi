@@ -53,9 +53,9 @@ from .result import Solution as Solution
 from .result import SolveError as SolveError
 from .result import Status as Status
 from .springs.equilibrium import equilibrium as equilibrium
+from .springs.laws import Cable as Cable
 from .springs.laws import Hookean as Hookean
 from .springs.laws import SpringLaw as SpringLaw
-from .springs.nonlinear_laws import Cable as Cable
 from .springs.nonlinear_laws import PowerLaw as PowerLaw
 from .springs.nonlinear_laws import WormLike as WormLike
 from .springs.state import spring_state as spring_state

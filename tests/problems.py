@@ -26,7 +26,7 @@ from critflow import (
 )
 from critflow.critical.manifold import critical_configuration
 from critflow.linalg.factor import FixedPattern
-from critflow.optimisation.minimize import Function, Point
+from critflow.minimisers import Function, Point
 from workflows.benchmarks import reference
 
 SQRT3 = np.sqrt(3.0)

@@ -18,8 +18,8 @@ SOURCES = {
 }
 # The scene: each layer imports only those before it.
 LAYERS = (
-    *("result", "calls", "arguments", "extensions", "networks", "generators", "linalg", "precision"),
-    *("critical", "certificates", "lengths", "optimisation", "springs", "response", "paths"),
+    *("result", "calls", "arguments", "extensions", "minimisers", "networks", "generators", "linalg", "precision"),
+    *("critical", "certificates", "springs", "lengths", "optimisation", "response", "paths"),
     *("workflow", "figures", "extras", "command", "__main__"),
 )
 # Layers without xarray, files, figures and processes.

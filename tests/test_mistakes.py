@@ -323,7 +323,7 @@ CALLS = {
             "not a set",
         ),
     },
-    "rest targets": {
+    "design_stiffness rest targets": {
         "a target of another change": (
             lambda: cf.design(NETWORK, {"poisson": -0.5}),
             *(InputError, "poisson is a target of change='stiffness', not of change='stress'"),

@@ -25,8 +25,6 @@ SLACK = "#BBBBBB"
 CORNERS = np.array([[0, 0], [1, 0], [1, 1], [0, 1]])
 
 TENSION_MAP: Colormap = LinearSegmentedColormap.from_list("tension", TENSION_COLOURS)
-# On a dark page strong edges are light.
-DARK_TENSION_MAP: Colormap = LinearSegmentedColormap.from_list("dark", ["#2b5580", "#4f93c4", "#a9d0ee", "#ffffff"])
 
 
 def unit_pressure_tensions(sigma: Array, lengths: Array, volume: float) -> Array:

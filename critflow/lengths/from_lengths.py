@@ -8,7 +8,8 @@ configuration, which is unique.
    tensions in balance at the right lengths prove that every edge is stressed.  Compressed edges are the first guess of
    the slack ones: Newton's method decides which edges are stressed (`taut_set`).  Where the others are not longer,
    |L| ≤ t ℓ, that is the solution of the cone program.
-3. If that fails, further steps give another guess (`few_slack`).
+3. If that fails, cables of the lengths t ℓ/(1 + γ) at a small strain γ, relaxed by Newton's method, give another guess:
+   those without tension.
 4. Else, or if that fails, the cone program min t, |L| ≤ t ℓ, gives t, σ and the guess (`cone`), as in 3.
 5. The exact balance of the stress of the last step is the configuration.
 
@@ -18,7 +19,8 @@ Status, note and accuracy are those of `critflow.lengths.lengths_end`.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -29,17 +31,23 @@ from critflow.critical.edge_lengths import COLLAPSED
 from critflow.critical.manifold import Balance, CriticalConfiguration, CriticalManifold
 from critflow.lengths.boundary import Expansion
 from critflow.lengths.cone import fit_lengths
-from critflow.lengths.length_iteration import NEAR, few_slack, iterate_lengths
+from critflow.lengths.length_iteration import NEAR, iterate_lengths
 from critflow.lengths.lengths_end import FromLengths, configuration_of, not_separated, too_short
 from critflow.lengths.taut_edges import FITTED, OnsetState, newton_taut
 from critflow.lengths.taut_set import EXACT_CONE, polish_taut, resolved, stressed
-from critflow.linalg.vectors import power_of_two
+from critflow.linalg.vectors import norms, power_of_two
 from critflow.networks.checks import edge_values
 from critflow.networks.network import Array, Network
 from critflow.result import Solution
+from critflow.springs.laws import Cable
+from critflow.springs.newton import newton
+from critflow.springs.state import SpringState
 
-# Spread of log ℓ above which more edges of most networks are slack than `few_slack` serves.
-EVEN = 0.25
+# Spread of log ℓ, and part of slack edges, above which a program takes less time than cables.
+EVEN, FEW = 0.25, 0.02
+# Strain of the cables: at larger ones fewer are slack, at smaller ones relaxations take more steps.  Forces left, in
+# units of the strain, and most steps.
+CABLE_STRAIN, CABLE_TOLERANCE, CABLE_STEPS = 0.005, 1e-3, 100
 # Exponents of the unit of lengths, so that one is the unit of lengths of the size of the network.
 COARSE = 8
 
@@ -89,8 +97,7 @@ def critical_from_lengths(
     return solution.or_raise("these rest lengths have no all-tension critical configuration") if throw else solution
 
 
-@dataclass(frozen=True, eq=False)
-class Attempt:
+class Attempt(NamedTuple):
     """The end of Newton's method for the lengths t ℓ, None where it fails; the ratio t, and the steps to its start."""
 
     end: OnsetState | None
@@ -108,12 +115,8 @@ def _attempts(boundary: Expansion, lengths: Array) -> Iterator[Attempt]:
                 yield from _near(boundary, lengths, balance, steps)
                 steps = 0
                 break
-        guess = balance and few_slack(manifold, lengths, balance)
-        if guess:
-            balance, ratio, slack, more = guess
-            sigma = np.where(slack, 0.0, balance.sigma)
-            start = OnsetState(0.0, np.zeros(0), balance.coordinates, sigma, ~slack)
-            yield Attempt(polish_taut(boundary, ratio * lengths, start), ratio, steps + more)
+        if balance is not None:
+            yield from _with_few_slack(boundary, lengths, balance, steps)
     for tolerance in EXACT_CONE:
         cone = fit_lengths(network.free_incidence, network.boundary_vectors, lengths, tolerance)
         if not cone.solved:
@@ -131,6 +134,22 @@ def _near(boundary: Expansion, lengths: Array, balance: Balance, steps: int) -> 
     if end is not None and end.error < FITTED:
         end = replace(end, taut=stressed(end), sigma=np.maximum(end.sigma, 0.0))
         yield Attempt(polish_taut(boundary, ratio * lengths, end), ratio, 0)
+
+
+def _with_few_slack(boundary: Expansion, lengths: Array, balance: Balance, steps: int) -> Iterator[Attempt]:
+    """The end from cables at a small strain, relaxed from a balance (3); none where many of them are slack."""
+    network, L = boundary.network, balance.bond_vectors
+    size = norms(L)
+    # The logarithm weighted by tension: slack edges count less.
+    ratio = float(np.exp(np.average(np.log(size / lengths), weights=balance.sigma * size)))
+    alike, x = network.with_stiffness(1.0), network.all_coordinates(balance.coordinates)
+    cables = SpringState(alike, ratio / (1 + CABLE_STRAIN) * lengths, x, L, Cable())
+    end = newton(cables, CABLE_TOLERANCE * CABLE_STRAIN, CABLE_STEPS, boundary.manifold.hessian)
+    sigma = end.state.sigma
+    if (sigma <= 0).mean() <= FEW:
+        scale = np.sqrt(len(sigma) / (sigma @ sigma))
+        start = OnsetState(0.0, np.zeros(0), end.state.coordinates[network.free], scale * sigma, sigma > 0)
+        yield Attempt(polish_taut(boundary, ratio * lengths, start), ratio, steps + end.steps)
 
 
 def _balanced(boundary: Expansion, lengths: Array, attempt: Attempt) -> Solution[CriticalConfiguration] | None:

@@ -8,10 +8,6 @@ mean: an edge that is too long receives more stress.  Each step is one factorisa
 3. θ ← θ + f − Σ_j c_j (Δθ_j + Δf_j).
 
 The iteration converges linearly, three steps a digit, if lengths in these ratios exist with σ > 0; else f stays finite.
-
-Where few edges are slack, steps without 2 and with f less its mean weighted by tension (`few_slack`) lead the taut
-edges to f = 0 from both sides, while slack ones keep f < 0 and their stress decays.  Once no edge is much too long,
-those that are shorter by more than that count as slack, and Newton's method decides (`taut_set`).
 """
 
 from __future__ import annotations
@@ -19,11 +15,10 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg.lapack import dgelss
 
 from critflow.critical.manifold import Balance, CriticalManifold
-from critflow.linalg.vectors import dot, norms
+from critflow.linalg.vectors import norms
 from critflow.networks.network import Array
 
 # A stress changes the length of its own edge by −N_v/N_b of its relative change on average: 2/3 with three edges a
@@ -33,11 +28,6 @@ REMEMBERED = 8  # differences in the acceleration; 15 and 30 save no step down t
 LARGEST = 50.0  # |log σ| at which it ends: stresses of networks without slack edges span a few decades
 PATIENCE = 6  # steps within which the largest deviation halves; networks with slack edges need more
 NEAR = 0.1  # largest deviation of log(|L|/ℓ) from which Newton's method converges, also where one edge is short
-CLOSE = 0.02  # largest f at which edges are guessed
-MARGIN = 3.0  # guessed as slack: f below −MARGIN times the largest f
-FEW = 0.01  # part of the edges up to which Newton's method finds the slack ones from such a guess
-SLACK_STEPS = 20  # networks with more slack edges need more
-_LARGEST_CHANGE = 1.0  # of f in a step
 
 
 def iterate_lengths(
@@ -78,27 +68,3 @@ def iterate_lengths(
             changes = ahead[1:] - ahead[:-1]
             weights = dgelss(changes @ changes.T, changes @ f, cond=1e-14)[1]
             theta -= weights @ (places[1:] - places[:-1] + changes)
-
-
-def few_slack(
-    manifold: CriticalManifold, lengths: Array, balance: Balance
-) -> tuple[Balance, float, NDArray[np.bool_], int] | None:
-    """A balance near the solution, its ratio t, the edges (N_b,) that seem slack, and the steps; None where many do.
-
-    balance  from which the iteration begins
-    """
-    n, theta = manifold.network.n_edges, np.log(balance.sigma)
-    for steps in range(SLACK_STEPS):
-        sigma = np.exp(theta)
-        balance = manifold.balance(sigma * np.sqrt(n / (sigma @ sigma)))
-        square = dot(balance.bond_vectors, balance.bond_vectors)
-        if not (np.isfinite(square).all() and square.all()):
-            return None
-        stretch, work = 0.5 * np.log(square / lengths**2), balance.sigma * square
-        mean = float(work @ stretch / work.sum())
-        f = stretch - mean
-        if f.max() < CLOSE:
-            slack = f < -MARGIN * f.max()
-            return (balance, float(np.exp(mean)), slack, steps + 1) if slack.mean() <= FEW else None
-        theta = theta + STEP * np.clip(f, -_LARGEST_CHANGE, _LARGEST_CHANGE)
-    return None

@@ -35,14 +35,12 @@ NOT_SEPARATED = "the stressed edges were not separated from slack ones: narrow t
 class FromLengths(Solution[CriticalConfiguration]):
     """The critical configuration of rest lengths ℓ.
 
-    slack_edges   edges without tension
-    ratio         |L|/ℓ of the stressed edges
-    polish_steps  steps of Newton's method after the cone program
+    slack_edges  edges without tension
+    ratio        |L|/ℓ of the stressed edges
     """
 
     slack_edges: NDArray[np.intp] = field(default_factory=lambda: np.zeros(0, np.intp))
     ratio: float = np.nan
-    polish_steps: int = 0
 
 
 def configuration_of(
@@ -76,7 +74,6 @@ def configuration_of(
         note=note,
         slack_edges=slack,
         ratio=mean_ratio,
-        polish_steps=end.steps,
     )
 
 

@@ -37,10 +37,6 @@ from critflow.result import InputError, NetworkError
 FITTED = 1e-9  # relative error of the lengths of a solution of Newton's method; short edges limit it by rounding
 ONSET_STEPS = 16  # steps of Newton's method in one attempt; convergence is quadratic
 
-# Tolerance of a program from which Newton's method, which is far cheaper, converges if every edge is stressed. Positive
-# tensions in balance at the right lengths prove that every edge is.
-ROUGH_CONE = 1e-6
-
 Mask = NDArray[np.bool_]
 Change = tuple[Array, Array, Array]
 

@@ -81,19 +81,11 @@ def set_read_only(record: object, *names: str) -> None:
             object.__setattr__(record, name, array)
 
 
-_KERNELS = {"csr": (csr_matvec, csr_matvecs), "csc": (csc_matvec, csc_matvecs)}
+KERNELS = {"csr": (csr_matvec, csr_matvecs), "csc": (csc_matvec, csc_matvecs)}
 
 
 def product(matrix: sp.csr_array | sp.csc_matrix, x: Array) -> Array:
     """A x for x (n,) or (n, d) of floats: the bits of `matrix @ x`."""
     y = np.zeros((matrix.shape[0], *x.shape[1:]))
-    _KERNELS[matrix.format][x.ndim - 1](len(y), *x.shape, matrix.indptr, matrix.indices, matrix.data, x, y)
-    return y
-
-
-def add_product(matrix: sp.csr_array | sp.csc_matrix, x: NDArray[Any], y: NDArray[Any]) -> NDArray[Any]:
-    """y + A x in place of a contiguous y (n,) or (n, d), all of the same precision."""
-    # The kernels make a contiguous copy of an x that is not.
-    kernel = _KERNELS[matrix.format][x.ndim - 1]
-    kernel(y.shape[0], *x.shape, matrix.indptr, matrix.indices, matrix.data, x, y)
+    KERNELS[matrix.format][x.ndim - 1](len(y), *x.shape, matrix.indptr, matrix.indices, matrix.data, x, y)
     return y

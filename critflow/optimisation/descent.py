@@ -6,7 +6,7 @@ With u the natural unit of O, and the sign − for quantities that are to be lar
 
 1. Evaluate O at θ: solve P(σ) x = −gᵀ(σ ∘ b) for the bond vectors, and P(σ) y = gᵀ ∂O/∂L for the gradient,
        dO/dσ = ∂O/∂σ − L·(g y),   ∂f/∂θ = ±σ dO/dσ/u   (`TotalDeriv`).
-2. Step by L-BFGS, FIRE or Newton's method (`critflow.optimisation.minimize`) until max |dO/dσ|/u is below the
+2. Step by L-BFGS, FIRE or Newton's method (`critflow.minimisers`) until max |dO/dσ|/u is below the
    tolerance; "auto" continues with Newton's method where L-BFGS does not reach it.
 3. After each step look whether an edge vanishes or falls slack, which ends the descent
    (`critflow.optimisation.descent_end`).
@@ -29,6 +29,7 @@ import numpy as np
 
 from critflow.critical.manifold import CriticalManifold
 from critflow.critical.quantity import Evaluation, Quantity, evaluate, has_exact_hessian
+from critflow.minimisers import METHODS, Fire, Function, Method, Minimum, Point, minimise
 from critflow.networks.network import Array
 from critflow.optimisation.descent_end import (
     NOT_ATTAINED,
@@ -37,7 +38,6 @@ from critflow.optimisation.descent_end import (
     SignedDescentMonitor,
     optimum_at,
 )
-from critflow.optimisation.minimize import METHODS, Fire, Function, Method, Minimum, Point, minimise
 from critflow.optimisation.optimum import Optimum
 from critflow.optimisation.saddles import minimise_past_saddles
 from critflow.result import Status

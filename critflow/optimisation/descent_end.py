@@ -35,8 +35,8 @@ from critflow.calls import tell
 from critflow.critical.edge_lengths import COLLAPSED, COLLAPSING, SOUND
 from critflow.critical.manifold import CriticalConfiguration, CriticalManifold
 from critflow.linalg.vectors import dot
+from critflow.minimisers import Minimum, Point
 from critflow.networks.network import Array
-from critflow.optimisation.minimize import Minimum, Point
 from critflow.optimisation.optimum import Optimum
 from critflow.result import Status
 

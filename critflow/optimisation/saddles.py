@@ -14,7 +14,7 @@ import numpy as np
 import scipy.linalg
 
 from critflow.linalg.vectors import quasi_random
-from critflow.optimisation.minimize import Array, Function, Minimum, Point
+from critflow.minimisers import Array, Function, Minimum, Point
 from critflow.result import Status
 
 # Negative curvature that is not rounding, relative to the steepest: well above FLAT, as the few Lanczos vectors do not

@@ -12,8 +12,8 @@ from critflow.calls import running
 from critflow.linalg.factor import Factor, FixedPattern
 from critflow.linalg.tolerances import EPS
 from critflow.linalg.vectors import largest
+from critflow.minimisers import Fire, Function, Point, minimise
 from critflow.networks.network import Array
-from critflow.optimisation.minimize import Fire, Function, Point, minimise
 from critflow.precision.double_double import two_sum
 from critflow.precision.residual import Displacement, inverse_norm
 from critflow.result import InputError, Solution, Stats, Status

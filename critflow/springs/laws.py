@@ -80,6 +80,26 @@ class Hookean(SpringLaw):
         return np.zeros_like(k)
 
 
+@dataclass(frozen=True)
+class Cable(SpringLaw):
+    """E = ½ k e² for e > 0, else zero: a cable.  Convex, so every equilibrium is a global minimum; E'' = k at rest."""
+
+    convex: ClassVar[bool] = True
+    one_sided: ClassVar[bool] = True
+
+    def energy(self, extension: Array, rest: Array, k: Array) -> Array:
+        return 0.5 * k * np.maximum(extension, 0.0) ** 2
+
+    def tension(self, extension: Array, rest: Array, k: Array) -> Array:
+        return k * np.maximum(extension, 0.0)
+
+    def stiffness(self, extension: Array, rest: Array, k: Array) -> Array:
+        return np.where(extension >= 0, k, 0.0)
+
+    def stiffening(self, extension: Array, rest: Array, k: Array) -> Array:
+        return np.zeros_like(k)
+
+
 HOOKEAN = Hookean()
 
 # Extensions, in units of ℓ, at which the derivatives and the convexity of a law are checked.

@@ -4,7 +4,7 @@ Each step solves H u = f with the sparse Hessian H and the unbalanced forces f =
 replaced by a positive definite matrix: H with a shift for floppy modes, or its convex part (without the geometric
 softening of compressed edges) with a shift that grows until a step is accepted (Levenberg, 1944; Marquardt, 1963).
 
-The loop is not one of `critflow.optimisation.minimize`, whose methods see vectors: a step needs the sparse factor of a
+The loop is not one of `critflow.minimisers`, whose methods see vectors: a step needs the sparse factor of a
 matrix that it selects itself, and states keep bond vectors with a relative rounding that coordinates lack.
 """
 

@@ -1,4 +1,4 @@
-"""Laws of springs that stiffen with extension, that extend by a limited length, and that resist extension only."""
+"""Laws of springs that stiffen with extension, and that extend by a limited length."""
 
 from __future__ import annotations
 
@@ -74,26 +74,3 @@ class WormLike(SpringLaw):
     def _left(self, extension: Array, rest: Array) -> Array:
         """1 − u, the remaining part of the largest extension; zero beyond it."""
         return np.maximum(1 - extension / (self.slack * rest), 0.0)
-
-
-@dataclass(frozen=True)
-class Cable(SpringLaw):
-    """E = ½ k e² for e > 0 and zero below: a cable, which resists extension only.
-
-    The energy is convex in the coordinates, so every equilibrium is a global minimum; E'' = k at rest and above.
-    """
-
-    convex: ClassVar[bool] = True
-    one_sided: ClassVar[bool] = True
-
-    def energy(self, extension: Array, rest: Array, k: Array) -> Array:
-        return 0.5 * k * np.maximum(extension, 0.0) ** 2
-
-    def tension(self, extension: Array, rest: Array, k: Array) -> Array:
-        return k * np.maximum(extension, 0.0)
-
-    def stiffness(self, extension: Array, rest: Array, k: Array) -> Array:
-        return np.where(extension >= 0, k, 0.0)
-
-    def stiffening(self, extension: Array, rest: Array, k: Array) -> Array:
-        return np.zeros_like(k)

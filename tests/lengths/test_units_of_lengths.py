@@ -21,7 +21,7 @@ def lengths(network, spread, seed=1):
 def of_lengths(network, units, spread=0.05, seed=1):
     found = critical_from_lengths(network, 3 * units.length * lengths(network, spread, seed), throw=False)
     critical, stats = found.value, found.stats
-    counts = (found.status, found.note, stats.steps, found.polish_steps, found.slack_edges)
+    counts = (found.status, found.note, stats.steps, found.slack_edges)
     bounds = (stats.error_bound, critical.bond_errors, critical.rest_lengths)
     return {
         "number": (*counts, stats.condition, stats.residual, critical.sigma, found.ratio),

@@ -20,8 +20,8 @@ from critflow import (
 )
 from critflow.critical.quantity import evaluate
 from critflow.critical.transition import pure_shear, transition_modulus
+from critflow.minimisers import LBFGS, Minimum, Point, minimise
 from critflow.optimisation.descent import StressObjective, _improves
-from critflow.optimisation.minimize import LBFGS, Minimum, Point, minimise
 from critflow.optimisation.optimize import objective_of
 
 NETWORK = voronoi_network(100, seed=1)

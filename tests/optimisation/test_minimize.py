@@ -5,7 +5,7 @@ import pytest
 from problems import Analytic, quadratic
 
 from critflow import Status
-from critflow.optimisation.minimize import LBFGS, METHODS, Fire, Newton, Pairs, minimise
+from critflow.minimisers import LBFGS, METHODS, Fire, Newton, Pairs, minimise
 
 
 def rosenbrock():

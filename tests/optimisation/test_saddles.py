@@ -5,7 +5,7 @@ import pytest
 from problems import Analytic, quadratic
 
 from critflow import Status
-from critflow.optimisation.minimize import LBFGS, Newton, minimise
+from critflow.minimisers import LBFGS, Newton, minimise
 from critflow.optimisation.saddles import minimise_past_saddles, negative_curvature_direction, step_off_saddle
 
 

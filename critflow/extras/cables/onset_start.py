@@ -15,8 +15,7 @@ from critflow.extras.cables.total_strain import total_strains
 from critflow.networks.network import Array
 from critflow.paths.start import Beginning, start_of
 from critflow.result import InputError
-from critflow.springs.laws import SpringLaw, checked_law
-from critflow.springs.nonlinear_laws import Cable
+from critflow.springs.laws import Cable, SpringLaw, checked_law
 from critflow.springs.state import SpringState
 
 CONSISTENT_LENGTHS = 1e-6  # relative deviation of taut edges from their rest lengths; solutions have 1e-9

@@ -40,7 +40,7 @@ from critflow.extras.cables.onset_end import (
 from critflow.extras.cables.programs import farthest, nearest
 from critflow.lengths.cone import ConeSolution, fit_lengths
 from critflow.lengths.length_iteration import iterate_lengths
-from critflow.lengths.taut_edges import ROUGH_CONE, OnsetState
+from critflow.lengths.taut_edges import OnsetState
 from critflow.lengths.taut_set import polish_taut, settled
 from critflow.linalg.vectors import norms
 from critflow.networks.deformation import Deformation
@@ -50,6 +50,8 @@ from critflow.result import InputError, Status
 # Tolerance of the program that shows the start to be floppy, by coordinates with all |L| < ℓ: up to N_v = 10,000 these
 # are accurate to 1e-3, and a second program is rarely needed.
 FLOPPY_CONE = 1e-5
+# From a program of this tolerance Newton's method, which is far cheaper, converges if every edge is stressed.
+ROUGH_CONE = 1e-6
 ONSET_CONE = 1e-10  # tolerance of the last program: tensions and slack are then known to about its root
 NEARBY = 0.01  # step of the strain, relative to 1 + |s|, after which the next program is the last one
 MOST_PROGRAMS = 24  # linear programs on one path; smooth paths need two to four

@@ -7,9 +7,10 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
+from matplotlib.colors import LinearSegmentedColormap
 from numpy.typing import NDArray
 
-from critflow.figures.plot import COMPRESSED, DARK_TENSION_MAP, SLACK, TENSION_MAP, periodic_segments
+from critflow.figures.plot import COMPRESSED, SLACK, TENSION_MAP, periodic_segments
 from critflow.figures.polygons import face_polygon, polygon_images
 from critflow.networks.faces import Faces
 from critflow.networks.network import Array, IntArray, Network
@@ -22,7 +23,8 @@ _NO_TENSION = 1e-9
 # Lengths that differ by less than this part of the largest are equal: their rounding has no colours.
 _EQUAL = 1e-6
 _CORNERS = np.array([[0, 0], [1, 0], [1, 1], [0, 1]])
-# Slack edges on a dark page.
+# On a dark page strong edges are light.
+_DARK_TENSION_MAP = LinearSegmentedColormap.from_list("dark", ["#2b5580", "#4f93c4", "#a9d0ee", "#ffffff"])
 _DARK_SLACK = "#68727c"
 
 QUANTITIES = {"tension": "tension τ / ⟨τ⟩", "length": "length |L|, units of the network", "stress": "stress σ / ⟨σ⟩"}
@@ -35,7 +37,7 @@ def _palette(colours: Callable[[Array], Any], slack: str) -> list[str]:
     return [*("#{:02x}{:02x}{:02x}".format(*shade) for shade in shades.tolist()), slack, COMPRESSED]
 
 
-PALETTES = {"light": _palette(TENSION_MAP, SLACK), "dark": _palette(DARK_TENSION_MAP, _DARK_SLACK)}
+PALETTES = {"light": _palette(TENSION_MAP, SLACK), "dark": _palette(_DARK_TENSION_MAP, _DARK_SLACK)}
 
 
 @dataclass(frozen=True, eq=False)

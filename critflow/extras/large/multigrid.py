@@ -19,6 +19,7 @@ from __future__ import annotations
 
 from importlib import import_module
 from importlib.util import find_spec
+from typing import Any
 
 import numpy as np
 import scipy.sparse as sp
@@ -28,7 +29,7 @@ from scipy.sparse.csgraph import reverse_cuthill_mckee
 
 from critflow.linalg.factor import REDUCED
 from critflow.linalg.tolerances import EPS
-from critflow.linalg.vectors import add_product, product, quasi_random
+from critflow.linalg.vectors import KERNELS, product, quasi_random
 
 INSTALLED = find_spec("pyamg") is not None
 MOST_STEPS = 400  # of one solve; 20 to 80 suffice where stresses span up to four decades
@@ -174,3 +175,10 @@ def _scaled(matrix: sp.csr_array, left: Array, right: Array) -> sp.csr_array:
     matrix = sp.csr_array(matrix)
     data = np.repeat(left, np.diff(matrix.indptr)) * matrix.data * right[matrix.indices]
     return sp.csr_array((data, matrix.indices, matrix.indptr), matrix.shape)
+
+
+def add_product(matrix: sp.csr_array | sp.csc_matrix, x: NDArray[Any], y: NDArray[Any]) -> NDArray[Any]:
+    """y + A x in place of a contiguous y (n,) or (n, d), all of the same precision."""
+    # The kernels make a contiguous copy of an x that is not.
+    KERNELS[matrix.format][x.ndim - 1](y.shape[0], *x.shape, matrix.indptr, matrix.indices, matrix.data, x, y)
+    return y

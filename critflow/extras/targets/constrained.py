@@ -22,7 +22,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from critflow.optimisation.minimize import ARMIJO, ROUNDING
+from critflow.minimisers import ARMIJO, ROUNDING
 from critflow.result import Status
 
 RESTORED = 1e-11  # violation of a constraint that counts as satisfied, in units of its size

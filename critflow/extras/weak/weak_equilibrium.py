@@ -24,9 +24,8 @@ from critflow.networks.checks import floats
 from critflow.networks.deformation import Deformable, Deformation, deformation_of
 from critflow.networks.network import Array, Network
 from critflow.result import InputError, Record, Solution, Stats, Status
-from critflow.springs.laws import HOOKEAN, SpringLaw, checked_law
+from critflow.springs.laws import HOOKEAN, Cable, SpringLaw, checked_law
 from critflow.springs.newton import newton
-from critflow.springs.nonlinear_laws import Cable
 from critflow.springs.state import TAUT, SpringState
 
 TOLERANCE = 1e-13  # of forces, in units of stiffness times length: ten roundings

@@ -27,8 +27,8 @@ from scipy.optimize import minimize
 from critflow import CriticalManifold, Network, Status, optimize, voronoi_network
 from critflow.critical.quantity import evaluate
 from critflow.lengths.cone import fit_lengths
+from critflow.minimisers import Point
 from critflow.optimisation.descent import StressObjective
-from critflow.optimisation.minimize import Point
 from critflow.optimisation.optimize import objective_of
 from critflow.workflow import stable_rng
 

@@ -15,8 +15,8 @@ from functools import partial
 import numpy as np
 
 from critflow import Status, equilibrium
+from critflow.minimisers import LBFGS, minimise
 from critflow.networks.network import Array
-from critflow.optimisation.minimize import LBFGS, minimise
 from critflow.springs.equilibrium import Relaxation
 
 from ..lammps import Lammps, representable
