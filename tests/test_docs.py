@@ -282,7 +282,11 @@ DRAWN = [path for path in sorted((DOCS / "pictures").glob("*.py")) if COMPLETE o
 
 @pytest.mark.parametrize("script", DRAWN, ids=lambda script: script.stem)
 def test_a_committed_picture_is_the_one_of_its_script(script, tmp_path, monkeypatch):
-    skip_without(mentioned(script.read_text(encoding="utf-8")))
+    texts = [script.read_text(encoding="utf-8")]
+    texts += [
+        (DOCS / "gallery" / name).read_text(encoding="utf-8") for name in re.findall(r"gallery/(\w+\.py)", texts[0])
+    ]
+    skip_without(mentioned("".join(texts)))
     monkeypatch.setattr(sys, "argv", [str(script), str(tmp_path / "made.png")])
     agg = matplotlib.rcParamsDefault | {"backend": "Agg"}
     with left_out_without_services(), matplotlib.rc_context(agg):
