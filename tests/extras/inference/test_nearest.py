@@ -108,7 +108,7 @@ def test_an_extreme_stress_is_found_where_positions_show_it(stress):
 
 
 def test_a_stress_below_the_digits_of_the_positions_is_a_limit():
-    assert not from_noisy_positions(1e-20)[0].ok
+    assert not from_noisy_positions(1e-10)[0].ok
 
 
 def from_noisy_positions(stress):
@@ -126,7 +126,7 @@ def test_a_descent_towards_a_limit_ends_soon(seed):
     network = voronoi_network(400, seed=seed)
     observed = network.positions + 0.05 * np.random.default_rng(0).normal(size=network.positions.shape)
     found = nearest_critical(network, observed, throw=False)
-    assert found.status is Status.edge_collapse and found.stats.steps <= 55
+    assert found.status is Status.edge_collapse and found.stats.steps <= 50
     assert found.distance < 0.0356
 
 
