@@ -372,11 +372,13 @@ def test_a_singular_start_is_a_status():
         optimize(network, transition_modulus(network, np.diag([1.0, 0.0])), "lbfgs", signs="any", start=sigma)
 
 
-@pytest.mark.parametrize("length", [1.0, 2.0**21, 2.0**-21])
-def test_edges_too_short_to_resolve_are_those_of_any_unit_of_length(length):
-    network = in_units(lattice("honeycomb", 2, 2), 1.0, length)
-    found = optimize(network, "C_xxyy", "newton", throw=False)
-    assert found.status is Status.stalled and found.note.startswith("edges become too short to resolve")
+def test_edges_too_short_to_resolve_are_those_of_any_unit_of_length():
+    lengths = (1.0, 2.0**21, 2.0**-21)
+    networks = [in_units(lattice("honeycomb", 2, 2), 1.0, length) for length in lengths]
+    found = [optimize(network, "C_xxyy", "newton", throw=False) for network in networks]
+    assert {one.status for one in found} == {Status.stalled} and len({one.note for one in found}) == 1
+    # Which of the two comes first depends on rounding.
+    assert found[0].note.startswith(("edges become too short to resolve", "stresses fade"))
 
 
 class Spread(Quantity):
