@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from problems import NETWORKS, strained
 
-from critflow import equilibrium
+from critflow import elasticity, equilibrium
 from critflow.response.linear_response import _rounding, accumulated_rounding
 
 
@@ -18,3 +18,11 @@ def test_the_parts_of_the_first_error_are_those_of_its_sum(name):
         u = size * rng.standard_normal((2, d, len(state.network.free)))
         noise, first = _rounding(state, speed, u, tension)
         assert 0.7 * noise[0, 0] <= accumulated_rounding(first) <= 1.0001 * noise[0, 0]
+
+
+@pytest.mark.parametrize("name", ["voronoi", "voronoi 3D"])
+def test_errors_far_from_the_transition_are_a_few_hundred_roundings(name):
+    found = elasticity(equilibrium(strained(NETWORKS[name](), 0.1)).value).value
+    size, errors = np.abs(found.tensor).max(), found.errors
+    for error in (errors.tensor.max(), errors.bulk, errors.shear, errors.shear_stress_corrected):
+        assert 1e-17 * size < error < 1e-12 * size

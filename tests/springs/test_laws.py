@@ -134,6 +134,13 @@ class Ended(Quartic):
         return np.where(e > 0.03 * rest, np.nan, super().tension(e, rest, k))
 
 
+class Bottomed(Quartic):
+    """The tension is no number where a spring is pressed by more than half its length."""
+
+    def tension(self, e, rest, k):
+        return np.where(e < -0.5 * rest, np.nan, super().tension(e, rest, k))
+
+
 @pytest.mark.parametrize("method", ["newton", "fire"])
 def test_no_equilibrium_where_a_tension_is_no_number(method):
     critical = CriticalManifold(voronoi_network(20, seed=1)).configuration(np.linspace(0.2, 1, 30))
@@ -157,7 +164,7 @@ def test_no_step_ends_where_a_tension_is_no_number():
 
 
 def test_valid_laws_pass():
-    for law in (Quartic(), Quartic(-0.5), Tight(0.5), Tight(1e-3), *LAWS):
+    for law in (Quartic(), Quartic(-0.5), Bottomed(), Tight(0.5), Tight(1e-3), *LAWS):
         assert checked_law(law, REST, K) is law
 
 
