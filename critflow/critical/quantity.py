@@ -172,6 +172,11 @@ class Evaluation:
     gradient: Array  # dO/dσ, (N_b,) (`TotalDeriv`)
     adjoint: Array  # g P⁻¹ gᵀ ∂O/∂L, (N_b, d)
 
+    @property
+    def residual(self) -> float:
+        """The largest component of dO/dσ, in the unit of O."""
+        return float(np.abs(self.gradient).max()) / self.quantity.unit(self.balance.network)
+
     def hessian_product(self, dsigma: Array) -> Array:
         """(∂²O/∂σ∂σ) σ̇, (N_b,), by two solves."""
         balance = self.balance

@@ -66,15 +66,12 @@ def best_in_closed_form(manifold: CriticalManifold, quantity: Quantity, positive
             "another method"
         )
     if not optimum.ok:
-        return replace(optimum, stats=replace(optimum.stats, residual=np.nan))
-    stats = replace(optimum.stats, residual=_residual(evaluate(manifold, quantity, optimum.value.sigma)))
+        return optimum
     if quantity.is_bulk:
-        error = partial(transition_modulus_error, quantity.symmetric, optimum.value)
-    else:
-        # Value and bound are both rounded, and the value is at most the exact bound.
-        rounding = EPS * manifold.network.n_edges * optimum.bound
-        error = partial(float, abs(optimum.bound - optimum.objective) + rounding)
-    return replace(optimum, stats=stats, error_of=error)
+        return replace(optimum, error_of=partial(transition_modulus_error, quantity.symmetric, optimum.value))
+    # Value and bound are both rounded, and the value is at most the exact bound.
+    rounding = EPS * manifold.network.n_edges * optimum.bound
+    return replace(optimum, error_of=partial(float, abs(optimum.bound - optimum.objective) + rounding))
 
 
 def _at_best_stress(manifold: CriticalManifold, quantity: Quantity, stress: Array) -> Optimum:
@@ -84,9 +81,8 @@ def _at_best_stress(manifold: CriticalManifold, quantity: Quantity, stress: Arra
         return Optimum(solution.value, solution.status, solution.stats, solution.note, objective=np.nan)
     here = evaluate(manifold, quantity, solution.value.sigma)
     best = quantity.extreme(manifold)[quantity.maximise]
-    stats = replace(solution.stats, method="closed_form", steps=0, residual=_residual(here))
-    rounding = EPS * manifold.network.n_edges * abs(best)
-    error = partial(float, abs(here.value - best) + rounding)
+    stats = replace(solution.stats, method="closed_form", steps=0, residual=here.residual)
+    error = partial(float, abs(here.value - best) + EPS * manifold.network.n_edges * abs(best))
     return Optimum(solution.value, Status.ok, stats, objective=here.value, error_of=error)
 
 
@@ -107,7 +103,7 @@ def _nearly_equal_lengths(manifold: CriticalManifold, quantity: Quantity, tolera
         if deviation > 2 * tolerance * n_edges:
             continue  # The gradient, which costs as much as a step, is about two deviations an edge.
         here = evaluate_at(balance, quantity)
-        if _residual(here) < tolerance:
+        if here.residual < tolerance:
             solution = manifold.solve(balance.sigma, balance=balance)
             return _of_equal_lengths(solution, "iteration", step, here) if solution.ok else None
     return None
@@ -117,17 +113,12 @@ def _of_equal_lengths(
     solution: Solution[CriticalConfiguration], method: str, steps: int, here: Evaluation | None
 ) -> Optimum:
     """The optimum at a configuration of equal lengths."""
-    variance, residual = (here.value, _residual(here)) if here else (np.nan, np.nan)
+    variance, residual = (here.value, here.residual) if here else (np.nan, np.nan)
     # An optimum of the stresses is of springs, without rest lengths.
     value = replace(solution.value, rest_lengths=None)
     stats = replace(solution.stats, method=method, steps=steps, residual=residual)
     # The least variance is zero.
     return Optimum(value, solution.status, stats, objective=variance, error_of=partial(float, variance))
-
-
-def _residual(here: Evaluation) -> float:
-    """The largest component of dO/dσ, in the unit of O."""
-    return float(np.abs(here.gradient).max()) / here.quantity.unit(here.balance.network)
 
 
 KNOWN = {"closed_form": best_in_closed_form, "conic": equal_lengths}

@@ -16,6 +16,7 @@ import numpy as np
 
 from critflow.critical.edge_lengths import NO_LENGTH
 from critflow.critical.manifold import CriticalConfiguration, CriticalManifold
+from critflow.critical.quantity import evaluate_at
 from critflow.critical.transition import TransitionModulus, force_map, is_dilation, transition_modulus, vanishes
 from critflow.lengths.taut_edges import unknown_configuration
 from critflow.linalg.tolerances import EPS
@@ -56,13 +57,16 @@ def largest_modulus(network: Network | CriticalManifold, strain: Deformable) -> 
     else:
         solution, shortest = _closed(manifold, balance.bond_vectors, F, A, bound)
     here = solution.value
-    stats = replace(solution.stats, method="closed_form", steps=0)
+    stats = replace(solution.stats, method="closed_form", steps=0, residual=np.nan)
     value = modulus.evaluate(here)[0]
     optimum = Optimum(here, Status.ok, stats, objective=value, bound=_covering(bound, value, network.n_edges))
     if here.residual < BALANCED and (zero or abs(optimum.gap) < BALANCED) and shortest > NO_LENGTH:
         edges = here.collapsed_edges
         note = f"edges {', '.join(map(str, edges))} have no length there" if len(edges) else ""
-        return replace(optimum, collapsed_edges=edges, note=note)
+        if not np.array_equal(here.sigma, balance.sigma):
+            balance = manifold.balance(here.sigma)
+        stats = replace(stats, residual=evaluate_at(balance, modulus).residual)
+        return replace(optimum, stats=stats, collapsed_edges=edges, note=note)
     # Forces that are all parallel, or an edge that vanishes: the bound is approached, not attained.
     status = Status.edge_collapse if shortest <= NO_LENGTH else Status.singular if solution.ok else solution.status
     return replace(optimum, value=unknown_configuration(network), status=status, objective=bound)
