@@ -6,6 +6,7 @@ from functools import cache
 from pathlib import Path
 
 import pytest
+from test_imports import LAYERS
 
 from critflow.extensions import extras
 
@@ -54,7 +55,8 @@ def test_a_path_exists(path):
 
 def test_the_table_of_the_scene_lists_its_folders():
     folders = {path.parent.name for path in PACKAGE.glob("*/__init__.py")} - {"extras"}
-    assert {folder.strip("`").split("/")[1] for folder, _ in table("scene")} == folders
+    rows = [folder.strip("`").split("/")[1] for folder, _ in table("scene")]
+    assert set(rows) == folders and rows == [layer for layer in LAYERS if layer in rows]
     tops = {path.name for path in PACKAGE.glob("*.py")} - {"__init__.py", "__main__.py"}
     assert set(re.findall(r"`(\w+\.py)`", PAGE.split("Above all folders")[1].split("The extras:")[0])) == tops
 

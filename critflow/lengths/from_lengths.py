@@ -10,7 +10,7 @@ configuration, which is unique.
    |L| ≤ t ℓ, that is the solution of the cone program.
 3. If that fails, cables of the lengths t ℓ/(1 + γ) at a small strain γ, relaxed by Newton's method, give another guess:
    those without tension.
-4. Else, or if that fails, the cone program min t, |L| ≤ t ℓ, gives t, σ and the guess (`cone`), as in 3.
+4. Else, or if that fails, the cone program min t, |L| ≤ t ℓ, gives t, σ and the guess (`cone`), as in 2.
 5. The exact balance of the stress of the last step is the configuration.
 
 Status, note and accuracy are those of `critflow.lengths.lengths_end`.

@@ -147,3 +147,12 @@ def test_pairs_without_a_fixed_vertex_have_no_solution():
     upper = sp.block_diag([pair] * 500, format="csc")
     assert multigrid.serves(upper)
     assert np.isnan(multigrid.Multigrid(upper).solve(np.ones(1000))).all()
+
+
+@pytest.mark.parametrize("x", [np.arange(10.0), np.arange(20.0)[::2], np.arange(40.0).reshape(20, 2)[::2]])
+@pytest.mark.parametrize("kind", [sp.csr_array, sp.csc_array])
+def test_a_product_is_added_in_place(kind, x):
+    matrix = kind(sp.random_array((7, 10), density=0.5, rng=1))
+    y = np.ones((7, *x.shape[1:]))
+    assert multigrid.add_product(matrix, x, y) is y
+    np.testing.assert_allclose(y, 1 + matrix @ x, rtol=1e-14)
