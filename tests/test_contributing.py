@@ -6,7 +6,7 @@ from functools import cache
 from pathlib import Path
 
 import pytest
-from test_imports import LAYERS
+from layers import LAYERS
 
 from critflow.extensions import extras
 

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 from extras_there import PUBLIC, absent
+from layers import LAYERS
 from public import NAMES
 
 import critflow
@@ -16,12 +17,6 @@ ROOT = Path(critflow.__file__).parent
 SOURCES = {
     ".".join(["critflow", *path.relative_to(ROOT).with_suffix("").parts]): path for path in sorted(ROOT.rglob("*.py"))
 }
-# The scene: each layer imports only those before it.
-LAYERS = (
-    *("result", "calls", "arguments", "extensions", "minimisers", "networks", "generators", "linalg", "precision"),
-    *("critical", "certificates", "springs", "lengths", "optimisation", "response", "paths"),
-    *("workflow", "figures", "extras", "command", "__main__"),
-)
 # Layers without xarray, files, figures and processes.
 PHYSICS = LAYERS[: LAYERS.index("workflow")]
 # The engine computes cases of any kind.
