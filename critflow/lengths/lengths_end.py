@@ -27,6 +27,8 @@ from critflow.precision.double_double import divide, dot, extended, multiply, sc
 from critflow.result import Solution, Stats, Status
 
 SOLVED = 1e-6  # relative residual of a Newton step that determines the error of its start
+# Error of the state of a matrix up to which its step has two digits, also with edges of a hundredth of the mean length.
+NEAR_END = 1e-4
 
 NOT_SEPARATED = "the stressed edges were not separated from slack ones: narrow the spread of the rest lengths"
 
@@ -66,7 +68,7 @@ def configuration_of(
     rest = np.where(end.taut, balance.value.lengths, mean_ratio * lengths)
     value, error = replace(balance.value, rest_lengths=rest), np.nan
     if not len(slack):
-        error = 2 * newton_error(boundary.manifold, lengths, value.coordinates, value.sigma)
+        error = 2 * newton_error(boundary.manifold, lengths, value, end)
     return FromLengths(
         value=value,
         status=status,
@@ -95,16 +97,20 @@ def not_separated(network: Network, lengths: Array, end: OnsetState | None, step
     return FromLengths(unknown_configuration(network), Status.stalled, Stats("conic", steps), note)
 
 
-def newton_error(manifold: CriticalManifold, lengths: Array, coordinates: Array, sigma: Array) -> float:
+def newton_error(manifold: CriticalManifold, lengths: Array, value: CriticalConfiguration, end: OnsetState) -> float:
     """Largest component of the difference from the coordinates in exact balance with lengths ∝ ℓ.
 
     Error bound (estimate): one more step of Newton's method, from residuals in extended precision.  All edges are
-    stressed.  NaN where the step is not determined.
+    stressed.  Its matrix is the last one of the method, at its end (1 + s) x and its stress; NaN where that is rough or
+    the step is not determined.
     """
-    network, geometry, stress = manifold.network, manifold.refinement.geometry, extended(sigma)
+    network, geometry, stress = manifold.network, manifold.refinement.geometry, extended(value.sigma)
+    if end.linearised is None or not end.linearised.error < NEAR_END:
+        return np.nan
     # Squares of lengths are compared with lengths, in a unit of their own.
     unit = power_of_two(network.spacing)
-    lengths, x, b = lengths / power_of_two(lengths.mean()), coordinates[network.free] / unit, network.boundary_vectors
+    x, b = value.coordinates[network.free] / unit, network.boundary_vectors
+    lengths = lengths / power_of_two(lengths.mean())
     L = geometry.bond_vectors(extended(x), b / unit)
     twice_h, target = dot(L, L), two_product(lengths, lengths)
     # The equation of the lengths is consistent for one ratio only, which needs the same number of digits.
@@ -115,5 +121,7 @@ def newton_error(manifold: CriticalManifold, lengths: Array, coordinates: Array,
     size = float(max(np.abs(left).max(), np.abs(force).max()))
     if size == 0.0:
         return 0.0
-    u, _, residual = manifold.saddle.factorize(sigma, L.high).solve(-force / size, left / size)
-    return unit * size * float(np.abs(u).max()) if residual < SOLVED else np.nan
+    force *= np.linalg.norm(end.sigma) / np.linalg.norm(value.sigma) * unit / size
+    left *= (1 + end.strain) * unit * unit / size
+    u, _, residual = end.linearised.factor.solve(-force, left)
+    return size * float(np.abs(u).max()) if residual < SOLVED else np.nan

@@ -15,12 +15,16 @@ One step, from a state at which these equations leave forces f, elongations e an
 
 3. Move boundary and vertices; stop where the largest relative error no longer halves, and keep the best state.
 
+A step with the matrix of an earlier state leaves about the product of the errors of both states: where this is below
+rounding, the factor serves once more.
+
 Lengths in given ratios are the same problem on the path F = (1 + s) 1, whose strain is a common factor of all lengths.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,10 +39,18 @@ from critflow.networks.network import Array, IntArray, Network
 from critflow.result import InputError, NetworkError
 
 FITTED = 1e-9  # relative error of the lengths of a solution of Newton's method; short edges limit it by rounding
+ROUNDING = float(np.finfo(float).eps)
 ONSET_STEPS = 16  # steps of Newton's method in one attempt; convergence is quadratic
 
 Mask = NDArray[np.bool_]
 Change = tuple[Array, Array, Array]
+
+
+class Linearised(NamedTuple):
+    """A factor of the saddle system, and the error of the state at which it was made."""
+
+    factor: SaddleFactor
+    error: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,6 +65,7 @@ class OnsetState:
     error: float = np.inf  # largest relative error of lengths, forces and free stresses; infinite where it is unknown
     steps: int = 0  # steps of Newton's method so far
     part: TautPart | None = None  # the taut edges as a network, where Newton's method made it
+    linearised: Linearised | None = None  # of the last step of Newton's method
 
     def bond_vectors(self, path: Boundary) -> Array:
         """L = F b + g x, (N_b, d)."""
@@ -75,7 +88,8 @@ def newton_taut(path: Boundary, lengths: Array, start: OnsetState, damping: floa
     if part is None:
         return None
     misses = 0
-    best = state = replace(start, sigma=np.where(start.taut, start.sigma, 0.0), error=np.inf, part=part)
+    sigma = np.where(start.taut, start.sigma, 0.0)
+    best = state = replace(start, sigma=sigma, error=np.inf, part=part, linearised=None)
     for _ in range(ONSET_STEPS):
         try:
             residuals = part.residuals(path, lengths, state)
@@ -92,7 +106,7 @@ def newton_taut(path: Boundary, lengths: Array, start: OnsetState, damping: floa
             state = part.step(path, state, residuals, damping)
         except (InputError, np.linalg.LinAlgError):
             break
-    return replace(best, steps=state.steps)
+    return replace(best, steps=state.steps, linearised=state.linearised)
 
 
 @dataclass(frozen=True, eq=False)
@@ -136,9 +150,12 @@ class TautPart:
 
     def step(self, path: Boundary, state: OnsetState, at: Residuals, damping: float) -> OnsetState:
         """One step of Newton's method."""
-        factor = self.saddle.factorize(state.sigma[self.taut], at.L, damping or REGULARISATION)
-        change = self.change(path, state, at, factor, at.elongation, 1 if damping else MOST_REFINEMENTS)
-        return self.moved(path, state, change)
+        last = state.linearised
+        if last is None or damping or not last.error * at.error < ROUNDING:
+            factor = self.saddle.factorize(state.sigma[self.taut], at.L, damping or REGULARISATION)
+            last = Linearised(factor, at.error)
+        change = self.change(path, state, at, last.factor, at.elongation, 1 if damping else MOST_REFINEMENTS)
+        return replace(self.moved(path, state, change), linearised=last)
 
     def change(
         self,

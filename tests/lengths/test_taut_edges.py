@@ -1,17 +1,20 @@
 """Newton's method on taut edges: lengths in given ratios, released edges, and the distance from the solution."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import scipy.sparse as sp
 from problems import dense_free, random_stress
 
-from critflow import CriticalManifold, Network, critical_from_lengths, voronoi_network
+from critflow import CriticalConfiguration, CriticalManifold, Network, critical_from_lengths, voronoi_network
 from critflow.lengths.boundary import Expansion
 from critflow.lengths.cone import fit_lengths
 from critflow.lengths.lengths_end import newton_error
 from critflow.lengths.taut_edges import OnsetState, newton_taut, taut_part
 from critflow.lengths.taut_set import _shortening, placed, polish_taut
 from critflow.linalg.matrices import balanced_part
+from critflow.linalg.saddle import Saddle
 
 NETWORK = voronoi_network(40, seed=1)
 CRITICAL = CriticalManifold(NETWORK).configuration(random_stress(60, 1))
@@ -48,9 +51,14 @@ def test_newton_converges_quadratically_from_a_cone_program(n_vertices, spread, 
 def test_the_newton_error_is_the_distance_from_the_solution(size):
     target = 1 + 0.1 * np.random.default_rng(4).standard_normal(60)
     exact = critical_from_lengths(NETWORK, target).value
-    moved = exact.coordinates.copy()
+    path, moved = scaling(NETWORK), exact.coordinates.copy()
     moved[1:] += size * np.random.default_rng(2).standard_normal((39, 2))
-    error = newton_error(CriticalManifold(NETWORK), target, moved, exact.sigma)
+    near = CriticalConfiguration(NETWORK, exact.sigma, moved, NETWORK.bond_vectors(moved))
+    # The method at another scale of the coordinates and of the stress.
+    begin = replace(all_taut(NETWORK, exact.coordinates, 7 * exact.sigma), strain=0.125)
+    begin = replace(begin, coordinates=1.125 * begin.coordinates)
+    end = newton_taut(path, 1.125 * exact.lengths, begin)
+    error = newton_error(path.manifold, target, near, end)
     # One step of Newton's method is exact to first order in the displacement.
     assert error == pytest.approx(np.abs(moved - exact.coordinates).max(), rel=1e3 * size + 1e-5)
 
@@ -128,3 +136,22 @@ def test_the_error_of_a_state_does_not_depend_on_the_unit_of_its_stress_or_lengt
     np.testing.assert_allclose(found, [found[0]] * 5, rtol=1e-9)
     force = NETWORK.divergence @ (CRITICAL.sigma[:, None] * NETWORK.bond_vectors(moved))
     assert found[0][1] == pytest.approx(np.abs(force).max() / np.mean(CRITICAL.sigma * right), rel=1e-9)
+
+
+def test_the_newton_error_is_unknown_far_from_the_end():
+    target = 1 + 0.1 * np.random.default_rng(4).standard_normal(60)
+    path, exact = scaling(NETWORK), critical_from_lengths(NETWORK, target)
+    end = newton_taut(path, exact.value.lengths, all_taut(NETWORK, exact.value.coordinates, exact.value.sigma))
+    rough = replace(end, linearised=end.linearised._replace(error=1e-2))
+    assert newton_error(path.manifold, target, exact.value, end) < exact.stats.error_bound
+    assert np.isnan(newton_error(path.manifold, target, exact.value, rough))
+
+
+def test_a_factor_serves_again_where_a_step_reaches_rounding(monkeypatch):
+    made, factorize = [], Saddle.factorize
+    monkeypatch.setattr(Saddle, "factorize", lambda *args: made.append(1) or factorize(*args))
+    network = voronoi_network(200, seed=1)
+    cone = fit_lengths(network.free_incidence, network.boundary_vectors, np.ones(300), 1e-6)
+    start = all_taut(network, network.all_coordinates(cone.coordinates), cone.sigma)
+    end = newton_taut(scaling(network), np.full(300, cone.ratio), start)
+    assert end.error < 1e-13 and len(made) < end.steps
