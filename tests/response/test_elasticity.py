@@ -46,6 +46,7 @@ from critflow import (
 from critflow.linalg.tolerances import EPS
 from critflow.networks.deformation import strain_basis
 from critflow.paths.tangent import _edge_rounding as rounding_along_path
+from critflow.response.elasticity import under_stress
 from critflow.response.linear_response import _rounding as rounding_of_response
 from critflow.response.linear_response import linear_response
 from critflow.response.tensor import Elasticity, Errors
@@ -338,3 +339,13 @@ def test_moduli_far_from_equilibrium_are_ill_conditioned(gamma, off):
     state = state.moved(off * np.random.default_rng(1).standard_normal((len(state.network.free), 2)))
     found = linear_response(state, state.network.volume)
     assert found.status is Status.ill_conditioned and np.isnan(moduli(found.value)).all()
+
+
+@pytest.mark.parametrize("first, second, expected", [(3.5, 3.0, True), (0.8, 0.3, False), (1e6, 1e6, True)])
+@pytest.mark.parametrize("k", [1.0, 2.0**-18, 2.0**40])
+def test_stresses_out_of_balance_count_above_a_tolerance_of_the_stiffness(first, second, expected, k):
+    # A vertex between two pins at a distance of one, pulled by tensions in units of the tolerance times k.
+    chain = Network([[0, 1], [1, 2]], pins={0: [0, 0], 2: [2, 0]}, stiffness=np.full(2, k))
+    tolerance = 1e-9
+    state = spring_state(chain, 1 - tolerance * np.array([first, second]), [[0, 0], [1, 0], [2, 0]])
+    assert under_stress(state, tolerance) is expected
