@@ -6,6 +6,7 @@ from problems import critical_of
 
 from critflow import (
     Cable,
+    CriticalManifold,
     Deformation,
     Status,
     critical_strain,
@@ -16,6 +17,8 @@ from critflow import (
     strain_path,
 )
 from critflow import voronoi_network as voronoi
+from critflow.extras.cables.boundary_path import BoundaryPath
+from critflow.lengths.taut_edges import OnsetState, taut_part
 
 pytest.importorskip("critflow.extras.rest")
 
@@ -56,3 +59,16 @@ def test_a_sheared_cell_that_is_free_resists_beyond_its_onset():
     E = path.free_strains[0]
     rate = E @ np.linalg.inv(np.eye(2) + above.value.free_components[0] * E)
     assert above.value.energy[0] > 1e-8 and abs(np.sum(above.value.stress[0] * rate)) < 1e-14
+
+
+@pytest.mark.parametrize("length, stress", [(1.0, 1.0), (2.0**30, 1.0), (2.0**-21, 2.0**40)])
+def test_the_error_of_a_state_counts_the_stress_of_a_free_component(length, stress):
+    # Forces and lengths are right, the shear of the cell is not: Σ σ L_x L_y/Σ σ |L|² is left.
+    critical = critical_of(voronoi(40, seed=1))
+    manifold = CriticalManifold(critical.network.deformed(length * np.eye(2)))
+    path = BoundaryPath(manifold, Deformation.uniaxial(2).freeing("xy"))
+    x, sigma = length * critical.coordinates[critical.network.free], stress * critical.sigma
+    state = OnsetState(0.0, np.zeros(1), x, sigma, np.ones(len(sigma), bool))
+    error = taut_part(path, state.taut).residuals(path, length * critical.lengths, state).error
+    S = critical.bond_vectors.T @ (critical.sigma[:, None] * critical.bond_vectors)
+    assert error == pytest.approx(abs(S[0, 1]) / np.trace(S), rel=1e-9) and error > 1e-4
