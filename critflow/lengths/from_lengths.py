@@ -46,8 +46,8 @@ from critflow.springs.state import SpringState
 # Spread of log ℓ, and part of slack edges, above which a program takes less time than cables.
 EVEN, FEW = 0.25, 0.02
 # Strain of the cables: at larger ones fewer are slack, at smaller ones relaxations take more steps.  Forces left, in
-# units of the strain, and most steps.
-CABLE_STRAIN, CABLE_TOLERANCE, CABLE_STEPS = 0.005, 1e-3, 100
+# units of the strain, most steps, and the shift of their Hessian, which is singular where cables are slack.
+CABLE_STRAIN, CABLE_TOLERANCE, CABLE_STEPS, CABLE_SHIFT = 0.005, 1e-3, 100, 1e-4
 # Exponents of the unit of lengths, so that one is the unit of lengths of the size of the network.
 COARSE = 8
 
@@ -144,7 +144,7 @@ def _with_few_slack(boundary: Expansion, lengths: Array, balance: Balance, steps
     ratio = float(np.exp(np.average(np.log(size / lengths), weights=balance.sigma * size)))
     alike, x = network.with_stiffness(1.0), network.all_coordinates(balance.coordinates)
     cables = SpringState(alike, ratio / (1 + CABLE_STRAIN) * lengths, x, L, Cable())
-    end = newton(cables, CABLE_TOLERANCE * CABLE_STRAIN, CABLE_STEPS, boundary.manifold.hessian)
+    end = newton(cables, CABLE_TOLERANCE * CABLE_STRAIN, CABLE_STEPS, boundary.manifold.hessian, CABLE_SHIFT)
     sigma = end.state.sigma
     if (sigma <= 0).mean() <= FEW:
         scale = np.sqrt(len(sigma) / (sigma @ sigma))

@@ -86,12 +86,16 @@ class NewtonEnd(Generic[State]):
     factor: Factor | None
 
 
-def newton(state: State, tolerance: float, max_steps: int, pattern: FixedPattern) -> NewtonEnd[State]:
+def newton(
+    state: State, tolerance: float, max_steps: int, pattern: FixedPattern, least_shift: float = 0.0
+) -> NewtonEnd[State]:
     """Relax until no force component exceeds `tolerance`, in units of stiffness times length.
+
+    least_shift  of every matrix, in units of k, where many parts are floppy, as among slack cables
 
     The last state may be a saddle.  `Status.stalled` where no shift yields an accepted step.
     """
-    damping, step, status = _Damping(pattern), 0, Status.ok
+    damping, step, status = _Damping(pattern, least_shift * state.stiffness_scale), 0, Status.ok
     while (force := unbalanced_force(state)) > tolerance * (unit := state.stiffness_scale * state.length_scale):
         if step == max_steps:
             status = Status.step_limit
@@ -141,9 +145,9 @@ class _Damping:
     `of_hessian` where the factor is of the Hessian without damping.
     """
 
-    def __init__(self, pattern: FixedPattern):
-        self._pattern = pattern
-        self.shift, self._floppy_shift = 0.0, 0.0
+    def __init__(self, pattern: FixedPattern, least_shift: float):
+        self._pattern, self._least = pattern, least_shift
+        self.shift, self._floppy_shift = least_shift, 0.0
         self.factor: Factor | None = None
         self.of_hessian = False
         # The convex part is used while the force is not below the first and the step before the second.
@@ -187,7 +191,8 @@ class _Damping:
     def accept(self, before: Elastic, after: Elastic) -> None:
         """Reduce the damping after an accepted step."""
         self.reuses_factor = unbalanced_force(after) < _REUSE_AFTER * unbalanced_force(before)
-        self.shift = _DECAY * self.shift if self.shift > _FIRST_SHIFT * before.stiffness_scale else 0.0
+        decayed = _DECAY * self.shift if self.shift > _FIRST_SHIFT * before.stiffness_scale else 0.0
+        self.shift = max(decayed, self._least)
 
     def reject(self, here: Elastic) -> None:
         """Increase the damping, or only discard a factor of an earlier state."""

@@ -44,6 +44,27 @@ def test_damping_grows_tenfold_until_steps_are_shorter_than_rounding(unit):
     np.testing.assert_allclose(shifts[1:], 10.0 ** np.arange(-9, 7), rtol=1e-9)
 
 
+class Relaxing(Stuck):
+    """A state whose steps halve the force, after two shifts at which they are refused."""
+
+    def moved(self, displacement):
+        if len(self.shifts) < 3:
+            return self
+        after = Relaxing(0.5 * self.max_force / self.stiffness_scale, self.stiffness_scale)
+        after.shifts = self.shifts
+        return after
+
+
+@pytest.mark.parametrize("unit", [1.0, 2.0**-40, 2.0**40])
+def test_the_shift_is_never_below_the_least(unit):
+    state = Relaxing(1.0, unit)
+    end = newton(state, 1e-3, 100, None, 1e-4)
+    assert end.status is Status.ok and end.factor is None
+    shifts = np.array(state.shifts) / unit
+    np.testing.assert_allclose(shifts[:4], [1e-4, 1e-3, 1e-2, 1e-3], rtol=1e-9)
+    np.testing.assert_allclose(shifts[4:], 1e-4, rtol=1e-9)
+
+
 @pytest.mark.parametrize(("force", "tolerance", "ok"), [(9e-14, 1e-14, True), (9e-14, 8e-15, False)])
 def test_rounding_within_ten_tolerances_is_convergence(force, tolerance, ok):
     end = newton(Stuck(force), tolerance, 100, None)
