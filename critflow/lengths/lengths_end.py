@@ -27,8 +27,7 @@ from critflow.precision.double_double import divide, dot, extended, multiply, sc
 from critflow.result import Solution, Stats, Status
 
 SOLVED = 1e-6  # relative residual of a Newton step that determines the error of its start
-# Error of the state of a matrix up to which its step has two digits, also with edges of a hundredth of the mean length.
-NEAR_END = 1e-4
+NEAR_END = 1e-4  # error of the state of a matrix up to which its step has two digits
 
 NOT_SEPARATED = "the stressed edges were not separated from slack ones: narrow the spread of the rest lengths"
 
@@ -100,12 +99,11 @@ def not_separated(network: Network, lengths: Array, end: OnsetState | None, step
 def newton_error(manifold: CriticalManifold, lengths: Array, value: CriticalConfiguration, end: OnsetState) -> float:
     """Largest component of the difference from the coordinates in exact balance with lengths ∝ ℓ.
 
-    Error bound (estimate): one more step of Newton's method, from residuals in extended precision.  All edges are
-    stressed.  Its matrix is the last one of the method, at its end (1 + s) x and its stress; NaN where that is rough or
-    the step is not determined.
+    Error bound (estimate): one more step of Newton's method with its last matrix, at (1 + s) x, from residuals in
+    extended precision.  All edges are stressed.  NaN where the matrix is rough or the step is not determined.
     """
     network, geometry, stress = manifold.network, manifold.refinement.geometry, extended(value.sigma)
-    if end.linearised is None or not end.linearised.error < NEAR_END:
+    if end.factor is None or not end.factor_error < NEAR_END:
         return np.nan
     # Squares of lengths are compared with lengths, in a unit of their own.
     unit = power_of_two(network.spacing)
@@ -123,5 +121,5 @@ def newton_error(manifold: CriticalManifold, lengths: Array, value: CriticalConf
         return 0.0
     force *= np.linalg.norm(end.sigma) / np.linalg.norm(value.sigma) * unit / size
     left *= (1 + end.strain) * unit * unit / size
-    u, _, residual = end.linearised.factor.solve(-force, left)
+    u, _, residual = end.factor.solve(-force, left)
     return size * float(np.abs(u).max()) if residual < SOLVED else np.nan

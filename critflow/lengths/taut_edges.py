@@ -13,10 +13,8 @@ One step, from a state at which these equations leave forces f, elongations e an
 
        P u + Rᵀ σ̇ = f,    R u + cᵀ ẏ = e,    c_m·σ̇ + Σ_k (∂S_m/∂y_k) ẏ_k = −S_m.
 
-3. Move boundary and vertices; stop where the largest relative error no longer halves, and keep the best state.
-
-A step with the matrix of an earlier state leaves about the product of the errors of both states: where this is below
-rounding, the factor serves once more.
+3. Move boundary and vertices; stop where the largest relative error no longer halves, and keep the best state.  The
+   factor of an earlier state leaves the product of the errors of both states: it serves again where that is rounding.
 
 Lengths in given ratios are the same problem on the path F = (1 + s) 1, whose strain is a common factor of all lengths.
 """
@@ -24,7 +22,6 @@ Lengths in given ratios are the same problem on the path F = (1 + s) 1, whose st
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,24 +30,16 @@ from critflow.critical.backbone import connected_parts
 from critflow.critical.manifold import CriticalConfiguration
 from critflow.lengths.boundary import Boundary
 from critflow.linalg.saddle import Saddle, SaddleFactor
-from critflow.linalg.tolerances import MOST_REFINEMENTS, REGULARISATION
+from critflow.linalg.tolerances import EPS, MOST_REFINEMENTS, REGULARISATION
 from critflow.linalg.vectors import dot, norms
 from critflow.networks.network import Array, IntArray, Network
 from critflow.result import InputError, NetworkError
 
 FITTED = 1e-9  # relative error of the lengths of a solution of Newton's method; short edges limit it by rounding
-ROUNDING = float(np.finfo(float).eps)
 ONSET_STEPS = 16  # steps of Newton's method in one attempt; convergence is quadratic
 
 Mask = NDArray[np.bool_]
 Change = tuple[Array, Array, Array]
-
-
-class Linearised(NamedTuple):
-    """A factor of the saddle system, and the error of the state at which it was made."""
-
-    factor: SaddleFactor
-    error: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,7 +54,8 @@ class OnsetState:
     error: float = np.inf  # largest relative error of lengths, forces and free stresses; infinite where it is unknown
     steps: int = 0  # steps of Newton's method so far
     part: TautPart | None = None  # the taut edges as a network, where Newton's method made it
-    linearised: Linearised | None = None  # of the last step of Newton's method
+    factor: SaddleFactor | None = None  # of the last step of Newton's method
+    factor_error: float = np.inf  # that of the state at which the factor was made
 
     def bond_vectors(self, path: Boundary) -> Array:
         """L = F b + g x, (N_b, d)."""
@@ -88,8 +78,7 @@ def newton_taut(path: Boundary, lengths: Array, start: OnsetState, damping: floa
     if part is None:
         return None
     misses = 0
-    sigma = np.where(start.taut, start.sigma, 0.0)
-    best = state = replace(start, sigma=sigma, error=np.inf, part=part, linearised=None)
+    best = state = replace(start, sigma=np.where(start.taut, start.sigma, 0.0), error=np.inf, part=part, factor=None)
     for _ in range(ONSET_STEPS):
         try:
             residuals = part.residuals(path, lengths, state)
@@ -106,7 +95,7 @@ def newton_taut(path: Boundary, lengths: Array, start: OnsetState, damping: floa
             state = part.step(path, state, residuals, damping)
         except (InputError, np.linalg.LinAlgError):
             break
-    return replace(best, steps=state.steps, linearised=state.linearised)
+    return replace(best, steps=state.steps, factor=state.factor, factor_error=state.factor_error)
 
 
 @dataclass(frozen=True, eq=False)
@@ -150,12 +139,11 @@ class TautPart:
 
     def step(self, path: Boundary, state: OnsetState, at: Residuals, damping: float) -> OnsetState:
         """One step of Newton's method."""
-        last = state.linearised
-        if last is None or damping or not last.error * at.error < ROUNDING:
-            factor = self.saddle.factorize(state.sigma[self.taut], at.L, damping or REGULARISATION)
-            last = Linearised(factor, at.error)
-        change = self.change(path, state, at, last.factor, at.elongation, 1 if damping else MOST_REFINEMENTS)
-        return replace(self.moved(path, state, change), linearised=last)
+        factor, error = state.factor, state.factor_error
+        if factor is None or damping or not error * at.error < EPS:
+            factor, error = self.saddle.factorize(state.sigma[self.taut], at.L, damping or REGULARISATION), at.error
+        change = self.change(path, state, at, factor, at.elongation, 1 if damping else MOST_REFINEMENTS)
+        return replace(self.moved(path, state, change), factor=factor, factor_error=error)
 
     def change(
         self,
@@ -173,9 +161,8 @@ class TautPart:
         sigma = state.sigma[self.taut]
         corner = path.stress_rates(state.strain, state.free, sigma, at.L, at.velocities)
         sums = np.append(-at.changes[:-1] @ sigma, 0.0)
-        return factor.solve_bordered(-at.force, elongation, at.changes, corner, sums, max_refinements=max_refinements)[
-            :3
-        ]
+        solved = factor.solve_bordered(-at.force, elongation, at.changes, corner, sums, max_refinements=max_refinements)
+        return solved[:3]
 
     def moved(self, path: Boundary, state: OnsetState, change: Change, fraction: float = 1.0) -> OnsetState:
         """The state after a fraction of a change."""

@@ -110,9 +110,9 @@ class Elasticity(Record):
     bulk    B = V d²E/dV²; a response of its own where it is given, since the sum over the tensor may cancel
 
     Singular tensors, as at the transition, where the rank is one per self-stress, have soft directions: Young's modulus
-    is 0 where a uniaxial stress excites one, compliances are infinite, Reuss averages 0.  Singular values below the
-    errors count as zero, and all is NaN where the errors exceed a tenth of the tensor.  Poisson's ratio is NaN where
-    the tensor does not determine it.
+    is 0 where a uniaxial stress excites one, and compliances are infinite.  Singular values below the errors count as
+    zero, and all is NaN where the errors exceed a tenth of the tensor.  Poisson's ratio is NaN where the tensor does
+    not determine it.
     """
 
     tensor: Array
@@ -253,19 +253,6 @@ class Elasticity(Record):
         one, stiff = self._tensor_components(np.eye(d)), self._mandel_tensor
         bulk = float(one @ stiff @ one) / d**2
         return bulk, float(np.trace(stiff) - d * bulk) / (2 * n_deviators) if n_deviators else np.nan
-
-    @property
-    def reuss(self) -> tuple[float, float]:
-        """Bulk and shear modulus of a random polycrystal by Reuss, at equal stress: not more than any."""
-        d, n_deviators = self.dimension, len(self.tensor) - 1
-        one, (inverse, soft, _) = self._tensor_components(np.eye(d)), self._inverse
-        compressed = float(one @ soft @ one)
-        bulk_compliance = float(one @ inverse @ one)
-        bulk = 0.0 if abs(compressed) > _UNIT_ROUNDING else 1 / bulk_compliance
-        if not n_deviators:
-            return bulk, np.nan
-        soft_shear = abs(float(np.trace(soft)) - compressed / d) > _UNIT_ROUNDING
-        return bulk, 0.0 if soft_shear else 0.5 * n_deviators / (float(np.trace(inverse)) - bulk_compliance / d)
 
     # Parts
 

@@ -91,9 +91,8 @@ def newton(
 ) -> NewtonEnd[State]:
     """Relax until no force component exceeds `tolerance`, in units of stiffness times length.
 
-    least_shift  of every matrix, in units of k, where many parts are floppy, as among slack cables
-
-    The last state may be a saddle.  `Status.stalled` where no shift yields an accepted step.
+    Every matrix has a `least_shift`, in units of k, for states of many floppy parts such as slack cables.  The last
+    state may be a saddle.  `Status.stalled` where no shift yields an accepted step.
     """
     damping, step, status = _Damping(pattern, least_shift * state.stiffness_scale), 0, Status.ok
     while (force := unbalanced_force(state)) > tolerance * (unit := state.stiffness_scale * state.length_scale):
@@ -149,10 +148,9 @@ class _Damping:
         self._pattern, self._least = pattern, least_shift
         self.shift, self._floppy_shift = least_shift, 0.0
         self.factor: Factor | None = None
-        self.of_hessian = False
         # The convex part is used while the force is not below the first and the step before the second.
         self._convex_above, self._convex_until = np.inf, 0
-        self.reuses_factor = False
+        self.of_hessian = self.reuses_factor = False
 
     @property
     def indefinite(self) -> bool:

@@ -142,7 +142,7 @@ def test_the_newton_error_is_unknown_far_from_the_end():
     target = 1 + 0.1 * np.random.default_rng(4).standard_normal(60)
     path, exact = scaling(NETWORK), critical_from_lengths(NETWORK, target)
     end = newton_taut(path, exact.value.lengths, all_taut(NETWORK, exact.value.coordinates, exact.value.sigma))
-    rough = replace(end, linearised=end.linearised._replace(error=1e-2))
+    rough = replace(end, factor_error=1e-2)
     assert newton_error(path.manifold, target, exact.value, end) < exact.stats.error_bound
     assert np.isnan(newton_error(path.manifold, target, exact.value, rough))
 
