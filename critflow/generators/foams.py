@@ -20,7 +20,7 @@ from critflow.result import InputError
 # Random sequential addition of spheres stops at 0.384 of the volume, which is ρ = 0.902.
 FOAM_HARD_CORE = 0.87
 # Mean number of vertices of a cell at the standard hard core, each counted in the four cells that share it.
-_VERTICES_A_CELL = 6.45
+_VERTICES_A_CELL = 6.467
 _FEWEST_CELLS = 8
 _MAX_DRAWS = 3000
 # Layers of images for points of a hard core, in which spheres without a point have radii up to 0.95: a sixth of the
@@ -35,7 +35,7 @@ def foam_network(
 ) -> Network:
     """The disordered network in three dimensions: exactly n_vertices, four edges a vertex, volume V = n_vertices.
 
-    A cell has about 6.45 vertices, not a fixed number, so points are drawn until the number of vertices is n_vertices:
+    A cell has about 6.47 vertices, not a fixed number, so points are drawn until the number of vertices is n_vertices:
     about 11 draws for 400 vertices, and √10 times this number for ten times as many vertices.  The same seed gives the
     same network, always.  Raises `InputError` for too few vertices and for a hard core (ρ, in units of 1/n_cells^(1/3))
     that leaves too little space for all points.
