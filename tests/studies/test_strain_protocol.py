@@ -18,6 +18,11 @@ def lengths(spread: float, seed: int = 0, n_edges: int = 150) -> np.ndarray:
     return 1 + spread * np.random.default_rng(seed).standard_normal(n_edges)
 
 
+def walked(manifold, lengths, strain_step, x):
+    """In place of the strain steps that are skipped: none."""
+    return 0, x
+
+
 def test_straining_converges_to_the_cone_program():
     target = lengths(0.05)
     exact = critical_from_lengths(NETWORK, target).value
@@ -79,6 +84,20 @@ def test_slack_parts_in_the_printed_box_carry_exactly_nothing():
     assert np.isfinite(stiffening(solution.value).value.C_B)
 
 
+def test_skipped_steps_do_not_change_the_end(monkeypatch):
+    solution = critical_by_strain(MANIFOLD, lengths(0.1), energy_threshold=1e-6)
+    monkeypatch.setattr(strain_protocol, "_skipped", walked)
+    step_by_step = critical_by_strain(MANIFOLD, lengths(0.1), energy_threshold=1e-6)
+    assert solution.strain == step_by_step.strain > 0.05
+    np.testing.assert_allclose(solution.value.sigma, step_by_step.value.sigma, rtol=0, atol=1e-11)
+    assert step_by_step.energy == pytest.approx(solution.energy, rel=1e-10)
+
+
+def test_a_network_that_is_rigid_at_the_start_is_not_solved_at_the_transition(monkeypatch):
+    monkeypatch.setattr(strain_protocol, "_skipped", lambda *_: pytest.fail("solved for steps that are not needed"))
+    assert critical_in_printed_box(MANIFOLD, lengths(0.3)).strain == 0
+
+
 @pytest.mark.parametrize("unit, k", [(1e-9, 1.0), (1e6, 1.0), (1.0, 1e-9), (1e-3, 1e4)])
 def test_the_strain_protocol_ends_at_the_same_strain_in_any_units(unit, k):
     network = voronoi_network(12, seed=3)
@@ -92,7 +111,7 @@ def test_the_strain_protocol_ends_at_the_same_strain_in_any_units(unit, k):
 
 def test_a_strain_protocol_of_too_many_steps_ends(monkeypatch):
     monkeypatch.setattr(strain_protocol, "STRAIN_STEPS", 3)
-    monkeypatch.setattr(strain_protocol, "_skipped", lambda *_: (0, None))
+    monkeypatch.setattr(strain_protocol, "_skipped", walked)
     network = voronoi_network(12, seed=3)
     lengths = CriticalManifold(network).configuration(random_stress(18, 2)).lengths * 1.03
     solution = critical_by_strain(CriticalManifold(network), lengths, strain_step=1e-6)

@@ -44,21 +44,18 @@ def critical_by_strain(
     """The rigid state of periodic springs with rest lengths ℓ/(1 + γ), and the stress that balances at its coordinates.
 
     γ grows in steps of `strain_step` from 0 until the energy reaches `energy_threshold`, in units of mean k times
-    (V/N_v)^(2/d).  Springs are relaxed by the method `relaxation` of `equilibrium`.  Where the cone program shows that
-    every edge will be stressed, the end does not depend on the path, and the steps of the floppy network are skipped
-    (not by "fire").
+    (V/N_v)^(2/d).  Springs are relaxed by the method `relaxation` of `equilibrium`.  Where the network is not rigid at
+    γ = 0 but every edge will be stressed, the end does not depend on the path, and the steps of the floppy network are
+    skipped (not by "fire").
     """
     network, pattern = manifold.network, manifold.hessian
     newton = relaxation == "newton"
-    step, x = _skipped(manifold, lengths, strain_step) if newton else (0, None)
     unit = network.stiffness.mean() * (network.volume / network.n_vertices) ** (2 / network.dimension)
-    skipped, threshold = step, energy_threshold * unit
-    if x is None:
-        x = network.positions
+    step = skipped = steps = 0
+    threshold, x = energy_threshold * unit, network.positions
     if x is None:
         x = manifold.configuration(network.stiffness).coordinates
-    steps = 0
-    state = spring_state(network, lengths / (1 + strain_step * step), x)
+    state = spring_state(network, lengths, x)
     while True:
         solution = equilibrium(state, relaxation, pattern=pattern, throw=False)
         state, steps = solution.value, steps + solution.stats.steps
@@ -67,8 +64,12 @@ def critical_by_strain(
         if step - skipped >= STRAIN_STEPS:
             solution = replace(solution, status=Status.step_limit, note="take larger strain steps")
             break
+        x = state.coordinates
+        if step == 0 and newton:
+            skipped, x = _skipped(manifold, lengths, strain_step, x)
+            step = skipped
         step += 1
-        state = spring_state(network, lengths / (1 + strain_step * step), state.coordinates)
+        state = spring_state(network, lengths / (1 + strain_step * step), x)
     if newton:
         state = equilibrium(state, tolerance=1e-16, max_steps=6, pattern=pattern, throw=False).value
     # From the coordinates: rounding of many steps separates the bond vectors of the state from them.
@@ -113,13 +114,12 @@ def _at_origin(critical: CriticalConfiguration) -> CriticalConfiguration:
     return critical_configuration(critical.network, critical.sigma, critical.coordinates - critical.coordinates[0])
 
 
-def _skipped(manifold: CriticalManifold, lengths: Array, strain_step: float) -> tuple[int, Array | None]:
-    """The number of strain steps of the floppy network, and the coordinates at the transition; 0 if edges are slack.
+def _skipped(manifold: CriticalManifold, lengths: Array, strain_step: float, x: Array) -> tuple[int, Array]:
+    """The number of strain steps of the floppy network, and coordinates at the transition; 0 and x if edges are slack.
 
     With all edges stressed the rigid states follow from the unique critical configuration, for any path to it.
     """
     transition = critical_from_lengths(manifold, lengths, throw=False)
     if not transition.ok:
-        return 0, None
-    steps = max(0, int(np.floor((1 / transition.ratio - 1) / strain_step)) + 1)
-    return steps, transition.value.coordinates
+        return 0, x
+    return max(0, int(np.floor((1 / transition.ratio - 1) / strain_step))), transition.value.coordinates
