@@ -82,12 +82,7 @@ def draw(
     values, scale = tensions if color is None else np.asarray(color, dtype=float), None
     if color is None and varied(network.stiffness) and _at_rest(network, x, tensions):
         values, scale = network.stiffness, stiffness_scale(network.stiffness)
-    if values is not None and values.shape != (network.n_edges,):
-        raise InputError(f"color must have one value per edge, shape ({network.n_edges},), not {values.shape}")
-    if vertices is not None and np.shape(vertices) != (network.n_vertices,):
-        raise InputError(f"vertices must have one value per vertex, shape ({network.n_vertices},)")
-    if isinstance(cmap, str) and cmap not in matplotlib.colormaps:
-        raise InputError(f"matplotlib has no colour map {cmap!r}: choose a name such as 'viridis'")
+    _check_drawn(network, values, vertices, cmap)
     if ax is None:
         ax = plt.figure(figsize=(6.0, 5.4), layout="constrained").add_subplot()
     if network.dimension == 3 and network.cell is not None:
@@ -99,9 +94,7 @@ def draw(
     else:
         drawn = _draw_plane(ax, network, x, values, cmap, width, scale)
         if of_faces is not None and network.faces is not None and len(of_faces) == network.faces.n_faces:
-            shade = matplotlib.colormaps[_FACE_MAP](0.5 + _PALE * of_faces / (np.abs(of_faces).max() or 1.0))
-            polygons = face_polygons(network.faces, network.edges, x, network.bond_vectors(x))
-            shade_faces(ax, polygons, network.cell, shade)
+            _shade_faces(ax, network, x, of_faces)
         if vertices is not None:
             _discs(ax, network, x, np.asarray(vertices, dtype=float))
     if scale is not None and drawn is not None:
@@ -129,10 +122,28 @@ def _parts(thing: Any) -> tuple[Network, Array, Array | None, Array | None]:
     return network, x, tensions, of_faces
 
 
+def _check_drawn(network: Network, values: Array | None, vertices: ArrayLike | None, cmap: str | Colormap) -> None:
+    """Raise `InputError` for values of other edges or vertices, and for an unknown colour map."""
+    if values is not None and values.shape != (network.n_edges,):
+        raise InputError(f"color must have one value per edge, shape ({network.n_edges},), not {values.shape}")
+    if vertices is not None and np.shape(vertices) != (network.n_vertices,):
+        raise InputError(f"vertices must have one value per vertex, shape ({network.n_vertices},)")
+    if isinstance(cmap, str) and cmap not in matplotlib.colormaps:
+        raise InputError(f"matplotlib has no colour map {cmap!r}: choose a name such as 'viridis'")
+
+
 def _at_rest(network: Network, x: Array, tensions: Array | None) -> bool:
     """Whether no edge carries tension but that of rounding."""
     scale = network.stiffness * np.linalg.norm(network.bond_vectors(x), axis=1)
     return tensions is None or bool(np.abs(tensions).max() <= _NO_TENSION * scale.mean())
+
+
+def _shade_faces(ax: Axes, network: Network, x: Array, of_faces: Array) -> None:
+    """Faces in pale colours of their values (N_f,), red above zero and blue below."""
+    assert network.faces is not None
+    shade = matplotlib.colormaps[_FACE_MAP](0.5 + _PALE * of_faces / (np.abs(of_faces).max() or 1.0))
+    polygons = face_polygons(network.faces, network.edges, x, network.bond_vectors(x))
+    shade_faces(ax, polygons, network.cell, shade)
 
 
 def stiffness_scale(stiffness: Array) -> Normalize:

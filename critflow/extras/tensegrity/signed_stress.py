@@ -104,12 +104,8 @@ def signed_stress(
         value, status, error = SignedStress(None, np.nan, None, signed[:0]), Status.stalled, np.nan
         note = f"the linear program failed: {answer.message}"
     elif answer.x[-1] > NO_SIGNED_STRESS:
-        scaled = L / weight[:, None]
-        shift = SELF_STRESS_SHIFT * float(np.mean(scaled**2))
-        tension = balanced_part(network, scaled, answer.x[:-1], block_laplacian(network), shift)
-        sigma = tension * (weight.mean() / weight)
-        critical = critical_configuration(network, sigma, x)
-        least = float(np.min(s[signed] * sigma[signed]) / np.abs(sigma).max())
+        critical = _balanced(network, x, L / weight[:, None], answer.x[:-1], weight)
+        least = float(np.min(s[signed] * critical.sigma[signed]) / np.abs(critical.sigma).max())
         value, status, error = SignedStress(critical, least, None, signed[:0]), Status.ok, critical.residual
     else:
         motion, loosened, error = _loosening(network, spread_columns(network, L), s, answer.eqlin.marginals)
@@ -120,6 +116,13 @@ def signed_stress(
         )
     solution = Solution(value, status, Stats("linear program", int(answer.nit), residual=error), note)
     return solution.or_raise("no tensegrity") if throw else solution
+
+
+def _balanced(network: Network, x: Array, scaled: Array, tension: Array, weight: Array) -> CriticalConfiguration:
+    """The configuration of the tensions τ (N_b,) of a linear program, in units w of L, in balance to rounding."""
+    shift = SELF_STRESS_SHIFT * float(np.mean(scaled**2))
+    tension = balanced_part(network, scaled, tension, block_laplacian(network), shift)
+    return critical_configuration(network, tension * (weight.mean() / weight), x)
 
 
 def _largest_least(R: sp.csr_array, signs: Array) -> Any:

@@ -383,12 +383,8 @@ def weak_forces(
     U = no_energy if thermal else weak_function(energy, network)
     if (failed := _failure(critical, path)) is not None:
         return _refused(*failed, throw)
-    _, gradient, hessian = U(critical.coordinates, np.eye(network.dimension))
-    rows = np.arange(gradient.size).reshape(gradient.shape)[network.free].ravel()
-    force = -gradient[network.free].ravel()
-    if not (np.isfinite(force).all() and np.isfinite(hessian.data).all()):
-        raise InputError("the weak energy has no finite forces at the critical configuration: correct its function")
-    system = WeakSystem(critical, sp.csr_array(hessian)[rows][:, rows])
+    force, hessian = _of_free_vertices(U, critical)
+    system = WeakSystem(critical, hessian)
     strain = WeakStrain(system, U, path)
     loads = np.array([force, strain.weak_load])
     model: WeakModel | ThermalModel = ThermalModel(system, strain) if thermal else WeakModel(system, loads)
@@ -403,6 +399,17 @@ def weak_forces(
     if order == "cubic":
         value = replace(value, softening=0.0, growth=0.0, _model=model.leading(), _full=value)  # type: ignore[arg-type]
     return Solution(value, Status.ok, Stats("weak forces", len(model.modes.theta)))
+
+
+def _of_free_vertices(U: WeakFunction, critical: CriticalConfiguration) -> tuple[Array, sp.csr_array]:
+    """Forces −∂U/∂x and ∂²U/∂x∂x of the free vertices, (n,) and (n, n), at the configuration."""
+    network = critical.network
+    _, gradient, hessian = U(critical.coordinates, np.eye(network.dimension))
+    rows = np.arange(gradient.size).reshape(gradient.shape)[network.free].ravel()
+    force = -gradient[network.free].ravel()
+    if not (np.isfinite(force).all() and np.isfinite(hessian.data).all()):
+        raise InputError("the weak energy has no finite forces at the critical configuration: correct its function")
+    return force, sp.csr_array(hessian)[rows][:, rows]
 
 
 def _refused(status: Status, note: str, throw: bool) -> Solution[WeakForces]:
