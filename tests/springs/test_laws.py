@@ -183,6 +183,35 @@ def test_a_false_claim_of_convexity_raises():
         checked_law(ConvexQuartic(-0.5), REST, K)
 
 
+@dataclass(frozen=True)
+class EndedConvex(Quartic):
+    """The energy is infinite beyond an extension of 0.9 ℓ, where the formula of the stiffness means nothing."""
+
+    convex = True
+
+    def energy(self, e, rest, k):
+        return np.where(e > 0.9 * rest, np.inf, super().energy(e, rest, k))
+
+    def stiffness(self, e, rest, k):
+        return np.where(e > 0.9 * rest, -k, super().stiffness(e, rest, k))
+
+
+@pytest.mark.parametrize("unit", [2.0**-21, 1.0, 2.0**21])
+def test_convexity_is_asked_for_within_the_reach_of_a_law(unit):
+    assert checked_law(EndedConvex(), unit * REST, K).convex
+
+
+@pytest.mark.parametrize("faults, energy, tension", [("accepted", 2e-13, 5e-13), ("refused", 5e-13, 9e-13)])
+def test_rounding_at_rest_is_accepted_and_no_more(faults, energy, tension):
+    # The least k ℓ² is 0.245, the least ℓ is 0.7.
+    for law in (Quartic(offset=energy), Quartic(pull=tension)):
+        if faults == "accepted":
+            assert checked_law(law, REST, K) is law
+        else:
+            with pytest.raises(InputError, match="at rest"):
+                checked_law(law, REST, K)
+
+
 BAD = {
     "class": (Hookean, "law must be a SpringLaw"),
     "text": ("hookean", "law must be a SpringLaw"),

@@ -5,8 +5,15 @@ import pytest
 from derivatives import assert_derivative
 from problems import NETWORKS, dense_free, grounded, random_stress, with_random_stiffness
 
-from critflow import CriticalManifold, Hookean, PowerLaw, WormLike, spring_state, voronoi_network
+from critflow import Cable, CriticalManifold, Hookean, Network, PowerLaw, WormLike, spring_state, voronoi_network
 from critflow.linalg.matrices import block_laplacian
+
+
+class Concave(Hookean):
+    """A law that does not say that it is convex."""
+
+    convex = False
+
 
 LAWS = [Hookean(), PowerLaw(2.5), PowerLaw(4), WormLike(0.5)]
 STATES = [(name, Hookean()) for name in NETWORKS] + [
@@ -55,3 +62,12 @@ def test_convex_part_is_the_hessian_without_compression(law):
     n = compressed.bond_vectors / compressed.lengths[:, None]
     R = np.einsum("ai,am->aim", g[:, 1:], n).reshape(60, -1)
     np.testing.assert_allclose(convex, R.T @ (compressed.edge_stiffness[:, None] * R), rtol=0, atol=1e-12)
+
+
+@pytest.mark.parametrize("law, rest, unique", [
+    (Hookean(), [0.9, 0.9], True), (Hookean(), [1.0, 1.0], True), (Hookean(), [0.9, 1.1], False),
+    (Cable(), [0.9, 1.1], True), (Concave(), [0.9, 0.9], False),
+], ids=repr)  # fmt: skip
+def test_unique_is_an_equilibrium_of_a_convex_law_without_compression(law, rest, unique):
+    network = Network([[0, 1], [1, 2]], pins={0: [0.0, 0.0], 2: [2.0, 0.0]})
+    assert spring_state(network, rest, [[0.0, 0.0], [1.0, 0.0], [2.0, 0.0]], law).unique is unique

@@ -206,6 +206,10 @@ def test_stiffnesses_that_vary_are_seen_without_an_option(tmp_path):
         assert widths == pytest.approx(0.7 * sections / sections.mean(), rel=1e-5)
         assert len({path.get("stroke") for path in paths}) == 2 and paths[1].get("stroke") == "#0b1530"
         assert [text.text for text in root.iter() if text.tag.endswith("text")] == labels
+        # The legend lies below the lines, which end at 100 mm and half a width, and within the picture.
+        legend = [one for one in root.iter() if one.tag.endswith(("rect", "text"))]
+        height = float(root.get("viewBox").split()[3])
+        assert all(100 + widths.max() / 2 < float(one.get("y")) < height - 0.7 for one in legend)
     for network, option in (
         (Network([[0, 1], [1, 2]], stiffness=[1.0, 3.0], **ends), {"by_stiffness": False}),
         (Network([[0, 1], [1, 2]], stiffness=[3.0, 3.0], **ends), {}),
