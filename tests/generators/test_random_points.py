@@ -44,10 +44,13 @@ def test_points_are_frozen(n_points, hard_core, dimension, bits):
     assert digest(points, rng.random(3)) == bits
 
 
-@pytest.mark.parametrize("dimension, total", [(2, 2464.2206000330084), (3, 6003.70028738539)])
-def test_points_of_a_cell_are_frozen(dimension, total):
+@pytest.mark.parametrize(
+    "dimension, hard_core, total",
+    [(2, 0.7, 2464.2206000330084), (3, 0.7, 6003.70028738539), (2, 0.82, 2577.0834777689943)],
+)
+def test_points_of_a_cell_are_frozen(dimension, hard_core, total):
     cell = np.array([[1.0, 0.1, 0.0], [0.7, 1.0, 0.2], [0.0, 0.3, 1.0]])[:dimension, :dimension]
-    points = points_in_cell(60, 0.7, np.random.default_rng(4), cell)
+    points = points_in_cell(60, hard_core, np.random.default_rng(4), cell)
     assert points @ np.arange(1.0, 1 + dimension) @ np.arange(60.0) == pytest.approx(total, rel=1e-12)
 
 
