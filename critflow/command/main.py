@@ -36,14 +36,14 @@ def main(words: Sequence[str] | None = None) -> int:
     except click.ClickException as error:
         message = error.format_message().replace(". Did you mean", ", did you mean").rstrip(".?")
         forgotten = "extra argument" in message and "=" in message
-        return fail(f"{message}: {'write --set before KEY=VALUE' if forgotten else 'see critflow --help'}", 2)
+        path = getattr(getattr(error, "ctx", None), "command_path", "critflow")
+        return fail(f"{message}: {'write --set before KEY=VALUE' if forgotten else f'see {path} --help'}", 2)
     except CritflowError as error:
         return fail(str(error), next((code for kind, code in EXIT_CODES if isinstance(error, kind)), 1))
     except (OSError, MemoryError) as error:
         return fail(f"the operating system refused: {str(error) or 'out of memory'}", 6)
     except Exception as error:
-        hint = "set CRITFLOW_TRACEBACK=1 for the traceback"
-        return fail(f"unexpected {type(error).__name__}: {error}: {hint}", 1)
+        return fail(f"unexpected {type(error).__name__}: {error}: set CRITFLOW_TRACEBACK=1 for the traceback", 1)
 
 
 @click.group(cls=Subcommands, no_args_is_help=False, epilog="critflow COMMAND --help prints the options of a command.")
