@@ -177,6 +177,14 @@ def test_a_line_is_not_refused_its_own_stress():
     assert "positive definite" in refusal_of(plane, parse_targets(plane.network, singular), True)
 
 
+@pytest.mark.parametrize("height, flat", [(2e-6, False), (3e-7, True)])
+def test_a_stress_along_one_axis_is_refused_unless_the_network_is_a_line_to_rounding(height, flat):
+    """Moments along y are height² of those along x, of which rounding leaves 1e-12."""
+    manifold = CriticalManifold(stretched(voronoi_network(20, seed=1), 1.0, height))
+    targets = parse_targets(manifold.network, {"S_xx": 1e-9, "S_xy": 0.0, "S_yy": 0.0})
+    assert ("positive definite" in refusal_of(manifold, targets, True)) is not flat
+
+
 @pytest.mark.parametrize("factors", [(1.0, 1.0), (100.0, 1.0)])
 def test_isogonal_designs_near_the_stiffest_are_not_refused_their_own_coefficient(factors):
     manifold, random = CriticalManifold(stretched(voronoi_network(20, seed=6), *factors)), np.random.default_rng(1)
