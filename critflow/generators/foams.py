@@ -36,7 +36,7 @@ def foam_network(
     """The disordered network in three dimensions: exactly n_vertices, four edges a vertex, volume V = n_vertices.
 
     A cell has about 6.47 vertices, not a fixed number, so points are drawn until the number of vertices is n_vertices:
-    about 11 draws for 400 vertices, and √10 times this number for ten times as many vertices.  The same seed gives the
+    about 13 draws for 400 vertices, and √10 times this number for ten times as many vertices.  The same seed gives the
     same network, always.  Raises `InputError` for too few vertices and for a hard core (ρ, in units of 1/n_cells^(1/3))
     that leaves too little space for all points.
 
