@@ -263,6 +263,17 @@ def no_floppy():
     return CriticalManifold(network.with_volume(1.0)).configuration(np.ones(3))
 
 
+@pytest.mark.parametrize("part, floppy", [(3e-10, True), (3e-9, False)])
+def test_work_below_rounding_is_none(part, floppy):
+    """Strains with a given part of the work Σσ|L||AL| on the self-stress."""
+    S = CRITICAL.bond_vectors.T @ (CRITICAL.sigma[:, None] * CRITICAL.bond_vectors)
+    without = np.array([[S[1, 1], 0.0], [0.0, -S[0, 0]]])
+    most = np.sum(CRITICAL.sigma * CRITICAL.lengths * np.linalg.norm(CRITICAL.bond_vectors @ without, axis=1))
+    strain = without + part * most / np.trace(S) * np.eye(2)
+    found = weak_forces(CRITICAL, AngleSprings(), strain, throw=False)
+    assert (found.status is Status.floppy) is floppy
+
+
 BAD = {
     "kappa zero": (lambda: weak_forces(CRITICAL, AngleSprings()).value.tension(0.0, 0.0), "kappa"),
     "kappa negative": (lambda: weak_forces(CRITICAL, AngleSprings()).value.modulus(0.0, [1e-3, -1e-3]), "kappa"),
