@@ -219,6 +219,14 @@ def test_a_critical_file_needs_no_search_for_onsets(tmp_path, monkeypatch):
     assert examination.order == "critical" and not examination.critical_strains
 
 
+def test_a_rigid_network_of_longer_springs_has_an_onset():
+    """Springs 1.1 times as long are at their lengths where the area is 1.1² times as large."""
+    critical = critflow.optimize(VORONOI, "B_0").value
+    found = examine(VORONOI, critical.coordinates, 1.1 * critical.lengths, deformations=("dilation",))
+    assert found.order == "critical"
+    assert found.critical_strains["dilation"].value.strain == pytest.approx(0.21, rel=1e-9)
+
+
 def test_the_report_says_that_moduli_are_absolute():
     """k = 5 everywhere: the moduli are five times those of k = 1, and the sentence on units says so."""
     network = lattice("triangular", 4, 4)
