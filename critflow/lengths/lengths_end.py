@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from critflow.critical.manifold import CriticalConfiguration, CriticalManifold
 from critflow.lengths.boundary import Expansion
-from critflow.lengths.taut_edges import OnsetState, unknown_configuration
+from critflow.lengths.taut_edges import OnsetState, newton_taut, unknown_configuration
 from critflow.linalg.vectors import power_of_two
 from critflow.networks.network import Array, Network
 from critflow.precision.double_double import divide, dot, extended, multiply, scaled, subtract, total, two_product
@@ -52,11 +52,7 @@ def configuration_of(
     balance: Solution[CriticalConfiguration],
     steps: int,
 ) -> FromLengths:
-    """The critical configuration in balance at the end of Newton's method for the lengths t ℓ.
-
-    ratio  t
-    steps  before Newton's method
-    """
+    """The configuration in balance at the end of Newton's method for the lengths t ℓ, t the ratio; steps before it."""
     network = boundary.network
     slack, status, note = np.flatnonzero(~end.taut), Status.ok, ""
     mean_ratio = float(end.ratios(boundary, lengths)[end.taut].mean()) / (1 + end.strain)
@@ -68,6 +64,9 @@ def configuration_of(
     value, error = replace(balance.value, rest_lengths=rest), np.nan
     if not len(slack):
         error = 2 * newton_error(boundary.manifold, lengths, value, end)
+        # An edge far shorter than the others turns in the last step, so that its error needs the matrix of the end.
+        if np.isnan(error) and (again := newton_taut(boundary, ratio * lengths, end)) is not None:
+            error = 2 * newton_error(boundary.manifold, lengths, value, again)
     return FromLengths(
         value=value,
         status=status,
@@ -85,10 +84,7 @@ def too_short(network: Network, lengths: Array) -> FromLengths:
 
 
 def not_separated(network: Network, lengths: Array, end: OnsetState | None, steps: int) -> FromLengths:
-    """The end where every attempt fails, with the last of them.
-
-    Where the only taut edges join pins, no stress changes their lengths.
-    """
+    """The end where every attempt fails, with the last; no stress changes the lengths of edges that join pins."""
     note, fixed = NOT_SEPARATED, np.flatnonzero(~np.isin(network.edges, network.free).any(axis=1))
     if end is not None and len(fixed) and np.isin(np.flatnonzero(end.taut), fixed).all():
         longest = fixed[(np.linalg.norm(network.boundary_vectors[fixed], axis=1) / lengths[fixed]).argmax()]

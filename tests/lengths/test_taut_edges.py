@@ -15,6 +15,7 @@ from critflow.lengths.taut_edges import OnsetState, newton_taut, taut_part
 from critflow.lengths.taut_set import _shortening, placed, polish_taut
 from critflow.linalg.matrices import balanced_part
 from critflow.linalg.saddle import Saddle
+from critflow.linalg.vectors import norms
 
 NETWORK = voronoi_network(40, seed=1)
 CRITICAL = CriticalManifold(NETWORK).configuration(random_stress(60, 1))
@@ -145,6 +146,17 @@ def test_the_newton_error_is_unknown_far_from_the_end():
     rough = replace(end, factor_error=1e-2)
     assert newton_error(path.manifold, target, exact.value, end) < exact.stats.error_bound
     assert np.isnan(newton_error(path.manifold, target, exact.value, rough))
+
+
+@pytest.mark.parametrize("size, seed, power", [(12, 3, 6), (16, 0, 6), (16, 0, 8), (24, 6, 7)])
+def test_the_error_is_known_where_one_edge_is_far_shorter_than_the_others(size, seed, power):
+    """The short edge turns in the last step, so that the matrix of that step does not give the error."""
+    network = voronoi_network(size, seed=seed)
+    target = np.where(np.arange(network.n_edges) == 7 * seed % network.n_edges, 10.0**-power, 1.0)
+    found = critical_from_lengths(network, target)
+    lengths = norms(found.value.bond_vectors) / target
+    assert 0 < found.stats.error_bound < 1e-14
+    assert np.ptp(lengths) * 10.0**-power < 1e-14 * lengths.mean()
 
 
 def test_a_factor_serves_again_where_a_step_reaches_rounding(monkeypatch):
