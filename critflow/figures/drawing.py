@@ -94,7 +94,7 @@ def draw(
     else:
         drawn = _draw_plane(ax, network, x, values, cmap, width, scale)
         if of_faces is not None and network.faces is not None and len(of_faces) == network.faces.n_faces:
-            _shade_faces(ax, network, x, of_faces)
+            _colour_faces(ax, network, x, of_faces)
         if vertices is not None:
             _discs(ax, network, x, np.asarray(vertices, dtype=float))
     if scale is not None and drawn is not None:
@@ -138,7 +138,7 @@ def _at_rest(network: Network, x: Array, tensions: Array | None) -> bool:
     return tensions is None or bool(np.abs(tensions).max() <= _NO_TENSION * scale.mean())
 
 
-def _shade_faces(ax: Axes, network: Network, x: Array, of_faces: Array) -> None:
+def _colour_faces(ax: Axes, network: Network, x: Array, of_faces: Array) -> None:
     """Faces in pale colours of their values (N_f,), red above zero and blue below."""
     assert network.faces is not None
     shade = matplotlib.colormaps[_FACE_MAP](0.5 + _PALE * of_faces / (np.abs(of_faces).max() or 1.0))

@@ -201,11 +201,11 @@ def test_convexity_is_asked_for_within_the_reach_of_a_law(unit):
     assert checked_law(EndedConvex(), unit * REST, K).convex
 
 
-@pytest.mark.parametrize("faults, energy, tension", [("accepted", 2e-13, 5e-13), ("refused", 5e-13, 9e-13)])
-def test_rounding_at_rest_is_accepted_and_no_more(faults, energy, tension):
+@pytest.mark.parametrize("outcome, energy, tension", [("accepted", 2e-13, 5e-13), ("refused", 5e-13, 9e-13)])
+def test_rounding_at_rest_is_accepted_and_no_more(outcome, energy, tension):
     # The least k ℓ² is 0.245, the least ℓ is 0.7.
     for law in (Quartic(offset=energy), Quartic(pull=tension)):
-        if faults == "accepted":
+        if outcome == "accepted":
             assert checked_law(law, REST, K) is law
         else:
             with pytest.raises(InputError, match="at rest"):

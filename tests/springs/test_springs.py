@@ -9,7 +9,7 @@ from critflow import Cable, CriticalManifold, Hookean, Network, PowerLaw, WormLi
 from critflow.linalg.matrices import block_laplacian
 
 
-class Concave(Hookean):
+class Undeclared(Hookean):
     """A law that does not say that it is convex."""
 
     convex = False
@@ -66,7 +66,7 @@ def test_convex_part_is_the_hessian_without_compression(law):
 
 @pytest.mark.parametrize("law, rest, unique", [
     (Hookean(), [0.9, 0.9], True), (Hookean(), [1.0, 1.0], True), (Hookean(), [0.9, 1.1], False),
-    (Cable(), [0.9, 1.1], True), (Concave(), [0.9, 0.9], False),
+    (Cable(), [0.9, 1.1], True), (Undeclared(), [0.9, 0.9], False),
 ], ids=repr)  # fmt: skip
 def test_unique_is_an_equilibrium_of_a_convex_law_without_compression(law, rest, unique):
     network = Network([[0, 1], [1, 2]], pins={0: [0.0, 0.0], 2: [2.0, 0.0]})
