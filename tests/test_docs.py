@@ -31,10 +31,10 @@ from extras_there import PUBLIC, absent, left_out_without_services, mentioned, s
 from PIL import Image
 
 import critflow
+from critflow import sparse as backends
 from critflow.command.main import main
-from critflow.critical.vocabulary import ALIASES
 from critflow.extensions import extras
-from critflow.linalg import backends
+from critflow.quantity_names import ALIASES
 from workflows.pages.paper import EQUATIONS, named
 
 ROOT = Path(__file__).parents[1]

@@ -14,9 +14,9 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from critflow import Status, voronoi_network
-from critflow.figures.plot import draw_network, unit_pressure_tensions
-from critflow.generators.random_networks import check_voronoi
-from critflow.paths.strain_path import check_strains
+from critflow.paths import check_strains
+from critflow.pictures import draw_network, unit_pressure_tensions
+from critflow.points import check_voronoi
 from critflow.workflow import Axis, Coordinate, Study, decimals
 from critflow.workflow.study import plural
 

@@ -11,9 +11,9 @@ Random rest lengths (`random_lengths`) have s = 0.1, not the 0.3 of the plane, s
 import numpy as np
 
 from critflow import foam_network
-from critflow.figures.plot import COLOURS
-from critflow.generators.foams import FOAM_HARD_CORE, check_foam
-from critflow.paths.strain_path import check_strains
+from critflow.paths import check_strains
+from critflow.pictures import COLOURS
+from critflow.points import FOAM_HARD_CORE, check_foam
 from critflow.workflow import Axis, Claim, Coordinate, Study, decimals
 from critflow.workflow.study import plural
 

@@ -151,7 +151,7 @@ def show(file: Path, settings: Sequence[str], out: Path | None) -> None:
 
     The configuration that --set chooses, with its certificate."""
     from critflow.command.show import show_configuration
-    from critflow.figures.drawing import require_picture
+    from critflow.pictures import require_picture
     from critflow.workflow.dataset import opened_dataset
     from critflow.workflow.selected import case_title, choose_case
 

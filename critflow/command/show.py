@@ -9,10 +9,10 @@ import matplotlib.pyplot as plt
 import numpy as np
 import xarray as xr
 
-from critflow.critical.manifold import CriticalConfiguration
-from critflow.figures.depth import network_figure
-from critflow.networks.network import Network
-from critflow.response.certificate import certificate_text
+from critflow.certificate import certificate_text
+from critflow.manifold import CriticalConfiguration
+from critflow.networks import Network
+from critflow.pictures import network_figure
 from critflow.result import InputError, Status
 from critflow.workflow.selected import case_title, stored_configuration
 

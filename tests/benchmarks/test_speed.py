@@ -12,8 +12,8 @@ import pytest
 import xarray as xr
 
 from critflow.command.main import main
-from critflow.linalg.factor import FixedPattern
 from critflow.result import Status
+from critflow.sparse import FixedPattern
 from critflow.workflow.load import load_study
 from workflows.benchmarks.speed import curves, report, sizes, stages
 from workflows.benchmarks.speed.stages import STAGES

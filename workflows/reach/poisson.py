@@ -8,8 +8,8 @@ import numpy as np
 from matplotlib import colormaps
 
 import critflow as cf
+from critflow.deformation import strain_basis
 from critflow.extras.design_stiffness.stiffnesses import isotropic_targets
-from critflow.networks.deformation import strain_basis
 from critflow.workflow import Claim
 from critflow.workflow.study import plural
 

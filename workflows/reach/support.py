@@ -10,7 +10,7 @@ A stretch along x with free sides has Poisson's ratio ν = S_xx/S_yy, which is p
 import numpy as np
 
 import critflow as cf
-from critflow.critical.transition import PenalisedModulus, transition_modulus
+from critflow.quantities import PenalisedModulus, transition_modulus
 from critflow.workflow import Claim
 from critflow.workflow.study import plural
 

@@ -8,7 +8,7 @@ import numpy as np
 
 import critflow as cf
 from critflow.extras.cables.rigidity_surface import strain_plane
-from critflow.figures.plot import COLOURS
+from critflow.pictures import COLOURS
 from critflow.workflow import Claim
 from critflow.workflow.study import plural
 

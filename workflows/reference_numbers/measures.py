@@ -6,8 +6,8 @@ import numpy as np
 from scipy.optimize import brentq
 
 import critflow as cf
-from critflow.critical.backbone import backbone
-from critflow.networks.pruning import carrying_part
+from critflow.pruning import carrying_part
+from critflow.taut_part import backbone
 from critflow.workflow import stable_rng
 
 # Length of the stored curves.

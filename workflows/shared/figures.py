@@ -8,8 +8,8 @@ from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 from matplotlib.patches import Polygon
 
-from critflow.figures.plot import COLOURS
-from critflow.networks.network import Array
+from critflow.networks import Array
+from critflow.pictures import COLOURS
 from critflow.workflow.study import plural
 
 # A figure is printed 17 cm wide, with text of 9 points.

@@ -8,7 +8,7 @@ from functools import lru_cache
 import numpy as np
 
 from critflow import CriticalConfiguration, CriticalManifold, Solution, critical_from_lengths, optimize
-from critflow.figures.plot import COLOURS
+from critflow.pictures import COLOURS
 from critflow.workflow import AxisLabel, stable_rng
 
 from .strain_protocol import critical_in_printed_box

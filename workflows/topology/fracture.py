@@ -9,8 +9,8 @@ import numpy as np
 from scipy.stats import binom
 
 import critflow as cf
-from critflow.critical.backbone import backbone
 from critflow.result import NetworkError
+from critflow.taut_part import backbone
 from critflow.workflow import Claim
 from critflow.workflow.study import plural
 

@@ -12,8 +12,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from critflow.networks.checks import floats, integers
-from critflow.networks.digits import Digits, digits_of
+from critflow.checks import floats, integers
+from critflow.digits import Digits, digits_of
 from critflow.result import EnvironmentFailure, InputError, Record
 from critflow.workflow.selected import stored_configuration
 

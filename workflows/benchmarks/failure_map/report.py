@@ -5,7 +5,7 @@ from matplotlib.colors import ListedColormap
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch, Rectangle
 
-from critflow.figures.plot import COLOURS
+from critflow.pictures import COLOURS
 from critflow.result import Status
 from critflow.workflow import Claim
 from critflow.workflow.study import plural

@@ -16,9 +16,9 @@ import scipy.linalg
 import scipy.sparse as sp
 
 from critflow import CriticalConfiguration, CriticalManifold, Network, voronoi_network
-from critflow.critical.transition import dilation, transition_modulus
-from critflow.linalg.backends import available_backends
-from critflow.precision.double_double import Extended
+from critflow.double_double import Extended
+from critflow.quantities import dilation, transition_modulus
+from critflow.sparse import available_backends
 from critflow.workflow import stable_rng
 
 from ..timing import Answer, Method, Run, Task, peer

@@ -25,11 +25,11 @@ import numpy as np
 from scipy.optimize import minimize
 
 from critflow import CriticalManifold, Network, Status, optimize, voronoi_network
-from critflow.critical.quantity import evaluate
-from critflow.lengths.cone import fit_lengths
+from critflow.cones import fit_lengths
+from critflow.descent import StressObjective
 from critflow.minimisers import Point
-from critflow.optimisation.descent import StressObjective
-from critflow.optimisation.optimize import objective_of
+from critflow.optima import objective_of
+from critflow.quantities import evaluate
 from critflow.workflow import stable_rng
 
 from ...shared.populations import LABELS, OPTIMA

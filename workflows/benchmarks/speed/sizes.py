@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from critflow.figures.plot import COLOURS
+from critflow.pictures import COLOURS
 from critflow.result import Status
 from critflow.workflow import Claim
 

@@ -14,7 +14,7 @@ from enum import IntEnum
 import numpy as np
 
 from critflow import Status
-from critflow.generators.random_networks import check_voronoi
+from critflow.points import check_voronoi
 from critflow.result import StudyError
 from critflow.workflow import Axis, Coordinate, Study, Variable
 
