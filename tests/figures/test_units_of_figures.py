@@ -5,8 +5,7 @@ from matplotlib.figure import Figure
 from problems import NETWORKS, critical_of
 from units import same_in_units
 
-from critflow import foam_network
-from critflow.pictures import draw_in_depth, draw_network, face_polygons, periodic_segments, unit_pressure_tensions
+from critflow.pictures import draw_network, face_polygons, periodic_segments, unit_pressure_tensions
 
 
 def lines(network, units):
@@ -22,17 +21,6 @@ def lines(network, units):
     }
 
 
-def in_depth(network, units):
-    critical, axes = critical_of(network), Figure().add_subplot()
-    draw_in_depth(axes, network.edges, network.offsets, network.cell, critical.coordinates, critical.tensions)
-    edges, frame = axes.collections
-    return {
-        "number": (edges.get_linewidths(), edges.get_colors()),
-        "length": (np.array(edges.get_segments()), np.array(frame.get_segments())),
-    }
-
-
 test_figures_in_other_units = same_in_units(
     {name: (lines, NETWORKS[name]) for name in ("voronoi", "oblique", "sheared")}
-    | {"space": (in_depth, lambda: foam_network(60, seed=1))},
 )
