@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import reduce
 from itertools import product
 from pathlib import Path
 from typing import Any
@@ -24,7 +25,6 @@ from critflow.calls import running
 from critflow.extensions import provided
 from critflow.faces import Faces
 from critflow.networks import Array, IntArray, Network
-from critflow.points import images_in_cell
 from critflow.result import InputError, Solution
 from critflow.workflow.output import require_folder
 
@@ -145,6 +145,26 @@ def add_cell(axes: Axes, cell: ArrayLike) -> Polygon:
     axes.set_aspect("equal")
     axes.set_axis_off()
     return outline
+
+
+# Lines nearer to a border, in units of the cell, lie along it.
+BORDER = 1e-12
+
+
+def images_in_cell(ends: Array) -> tuple[Array, IntArray]:
+    """Images that touch the cell of lines, ends (n, 2, d) in its units: ends (m, 2, d), and the line of each (m,)."""
+    ends = ends - np.floor(ends[:, :1])
+    # Along each axis the whole shifts and the lines that they move to the cell: one test for all images of a shift.
+    shifts = []
+    for low, high in zip(np.minimum(ends[:, 0], ends[:, 1]).T, np.maximum(ends[:, 0], ends[:, 1]).T, strict=True):
+        whole = range(-int(np.floor(high.max() + BORDER)), 1 - int(np.floor(low.min())))
+        # A line along a border is drawn at the lower one of both.
+        shifts.append([(n, (low + n < 1 - BORDER) & ((high + n > BORDER) | (low + n > -BORDER))) for n in whole])
+    pieces, lines = [], []
+    for image in product(*shifts):
+        lines.append(np.flatnonzero(reduce(np.logical_and, [within for _, within in image])))
+        pieces.append(ends[lines[-1]] + [n for n, _ in image])
+    return np.concatenate(pieces), np.concatenate(lines)
 
 
 def periodic_segments(
@@ -281,9 +301,10 @@ def draw(
     of_kind(float, width=width)
     of_kind(str, title=title)
     network, x, tensions, of_faces = _parts(thing)
-    values, scale = tensions if color is None else np.asarray(color, dtype=float), None
-    if color is None and varied(network.stiffness) and _at_rest(network, x, tensions):
-        values, scale = network.stiffness, stiffness_scale(network.stiffness)
+    values, scale = None if color is None else np.asarray(color, dtype=float), None
+    if color is None:
+        scale = _stiffness_scale(network, x, tensions)
+        values = tensions if scale is None else network.stiffness
     _check_drawn(network, values, vertices, cmap)
     if ax is None:
         ax = plt.figure(figsize=(6.0, 5.4), layout="constrained").add_subplot()
@@ -334,10 +355,17 @@ def _check_drawn(network: Network, values: Array | None, vertices: ArrayLike | N
         raise InputError(f"matplotlib has no colour map {cmap!r}: choose a name such as 'viridis'")
 
 
-def _at_rest(network: Network, x: Array, tensions: Array | None) -> bool:
-    """Whether no edge carries tension but that of rounding."""
-    scale = network.stiffness * np.linalg.norm(network.bond_vectors(x), axis=1)
-    return tensions is None or bool(np.abs(tensions).max() <= _NO_TENSION * scale.mean())
+def _stiffness_scale(network: Network, x: Array, tensions: Array | None) -> Normalize | None:
+    """The scale of colours by stiffness, logarithmic where these differ widely; None where they are equal.
+
+    None too where an edge carries more tension than that of rounding.
+    """
+    k = network.stiffness
+    unit = float((k * np.linalg.norm(network.bond_vectors(x), axis=1)).mean())
+    if not varied(k) or (tensions is not None and not np.abs(tensions).max() <= _NO_TENSION * unit):
+        return None
+    low, high = float(k.min()), float(k.max())
+    return LogNorm(low, high, clip=True) if widely(k) else Normalize(0.0, high, clip=True)
 
 
 def _colour_faces(ax: Axes, network: Network, x: Array, of_faces: Array) -> None:
@@ -346,12 +374,6 @@ def _colour_faces(ax: Axes, network: Network, x: Array, of_faces: Array) -> None
     shade = matplotlib.colormaps[_FACE_MAP](0.5 + _PALE * of_faces / (np.abs(of_faces).max() or 1.0))
     polygons = face_polygons(network.faces, network.edges, x, network.bond_vectors(x))
     shade_faces(ax, polygons, network.cell, shade)
-
-
-def stiffness_scale(stiffness: Array) -> Normalize:
-    """The scale of the colours of stiffnesses (N_b,): from zero, or logarithmic where they differ widely."""
-    low, high = float(stiffness.min()), float(stiffness.max())
-    return LogNorm(low, high, clip=True) if widely(stiffness) else Normalize(0.0, high, clip=True)
 
 
 def _draw_plane(
