@@ -194,10 +194,6 @@ CALLS = {
             lambda: cf.stiffening(STATE),
             *(InputError, "critical must be a CriticalConfiguration", "not a SpringState", MAKES_ONE),
         ),
-        "certificate of a network": (
-            lambda: cf.certify(NETWORK),
-            *(InputError, "critical must be a CriticalConfiguration, not a Network", MAKES_ONE),
-        ),
         "relaxation of a network": (
             lambda: cf.equilibrium(NETWORK),
             *(InputError, "state must be a SpringState, not a Network", "spring_state(network, coordinates)"),
@@ -289,6 +285,12 @@ CALLS = {
         "field of an elasticity": (lambda: cf.elasticity(BEST).value.bulkk, AttributeError, "Elasticity", "'bulkk'"),
         "change of a network": (lambda: assign(NETWORK, "stiffness"), FrozenInstanceError, "field 'stiffness'"),
         "change of a configuration": (lambda: assign(CRITICAL, "sigma"), FrozenInstanceError, "field 'sigma'"),
+    },
+    "certificates": {
+        "certificate of a network": (
+            lambda: cf.certify(NETWORK),
+            *(InputError, "critical must be a CriticalConfiguration, not a Network", MAKES_ONE),
+        ),
     },
     "rest": {
         "elasticity of a network": (
