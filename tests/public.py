@@ -11,12 +11,12 @@ NAMES = sorted(critflow.__all__)
 """The names at the top level."""
 
 IN_MODULES = {
-    "certificates.spaces": ("zero_modes",),
     "critical.backbone": ("backbone",),
     "critical.isogonal": ("face_modes",),
     "critical.properties": ("stress_hessian", "flat_directions"),
     "critical.transition": ("transition_modulus",),
     "extras.cables.rigidity_surface": ("strain_plane",),
+    "extras.certificates.spaces": ("zero_modes",),
     "extras.design_stiffness.stiffnesses": ("isotropic_targets",),
     "extras.local.diagonals": ("face_diagonals", "response_name"),
     "extras.local.drawing": ("draw_response",),
