@@ -224,7 +224,7 @@ def _clear_in_cube(points: Array, places: Array, half_width: float | Array, dist
     reach = (steps[np.sum(gap**2, axis=1) < (1 + 1e-9) * distance**2] + 2) @ strides
 
     clear = [np.zeros(0, int)]
-    # Blocks stay in the cache of the processor, and shrink as their places are found to be covered.
+    # Blocks stay in the cache of the processor, and shrink with every place that is covered.
     for start in range(0, len(places), _BLOCK):
         at = places[start : start + _BLOCK]
         cell = np.floor(at * per_side).astype(int) @ strides
@@ -311,7 +311,7 @@ def _voronoi_edges(points: Array, shape: Array) -> tuple[IntArray, IntArray, Arr
     n_points, dimension = points.shape
     corners, centres = _delaunay_simplices(points, shape)
     # A facet seen from its two simplices differs by a lattice shift, which is the image offset of the edge.
-    keep = np.array([[k for k in range(dimension + 1) if k != left_out] for left_out in range(dimension + 1)])
+    keep = np.array([[k for k in range(dimension + 1) if k != opposite] for opposite in range(dimension + 1)])
     ids, images = corners[:, :, 0], corners[:, :, 1:]
     shift = images[:, keep[:, 0]]
     later = [images[:, keep[:, k]] - shift for k in range(1, dimension)]
@@ -388,7 +388,7 @@ def _delaunay_simplices(points: Array, cell: Array, layers: float = _LAYERS) -> 
         margin = min(3.0, 2 * margin)
     simplices, centres = simplices[inside], centres[inside]
     corners = np.concatenate([ids[simplices][:, :, None], images[simplices]], axis=2)
-    # Sorting by point, then image, makes the first corner independent of the image that the simplex was found in.
+    # Sorting by point, then image, makes the first corner independent of the image in which the simplex appears.
     code, reach = corners[:, :, 0], 1 + int(np.abs(corners[:, :, 1:]).max())
     for axis in range(dimension):
         code = code * (2 * reach) + corners[:, :, 1 + axis] + reach
