@@ -5,6 +5,9 @@ from .elastic import elasticity as elasticity
 from .equilibria import equilibrium as equilibrium
 from .extras.cables.critical_strain import critical_strain as critical_strain
 from .extras.cables.rigidity_surface import rigidity_surface as rigidity_surface
+from .extras.certificates.certify import certify as certify
+from .extras.certificates.counts import rigidity as rigidity
+from .extras.certificates.spaces import self_stresses as self_stresses
 from .extras.examine.examine import examine as examine
 from .extras.files.convert import network_from as network_from
 from .extras.files.convert import write_network as write_network
@@ -50,9 +53,6 @@ from .result import InputError as InputError
 from .result import Solution as Solution
 from .result import SolveError as SolveError
 from .result import Status as Status
-from .self_stress import certify as certify
-from .self_stress import rigidity as rigidity
-from .self_stress import self_stresses as self_stresses
 from .springs import Cable as Cable
 from .springs import Hookean as Hookean
 from .springs import PowerLaw as PowerLaw

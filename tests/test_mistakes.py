@@ -65,10 +65,6 @@ CALLS = {
             *(InputError, "'modulus[twist]'", "did you mean 'modulus[dilation]'?", "simple_shear"),
         ),
         "quantity without its deformation": (lambda: cf.quantity(NETWORK, "modulus"), InputError, "modulus[D]"),
-        "quantity of no edge": (
-            lambda: cf.quantity(NETWORK, "length[500]"),
-            *(InputError, "length[500]", "90 edges", "counted from 0"),
-        ),
         "property misspelt": (lambda: cf.properties(BEST, ["B0"]), InputError, "did you mean 'B_0'?"),
         "objective a number": (lambda: cf.optimize(NETWORK, 3), InputError, "objective must be a name or a Quantity"),
         "method misspelt": (
@@ -198,10 +194,6 @@ CALLS = {
             lambda: cf.stiffening(STATE),
             *(InputError, "critical must be a CriticalConfiguration", "not a SpringState", MAKES_ONE),
         ),
-        "certificate of a network": (
-            lambda: cf.certify(NETWORK),
-            *(InputError, "critical must be a CriticalConfiguration, not a Network", MAKES_ONE),
-        ),
         "relaxation of a network": (
             lambda: cf.equilibrium(NETWORK),
             *(InputError, "state must be a SpringState, not a Network", "spring_state(network, coordinates)"),
@@ -293,6 +285,18 @@ CALLS = {
         "field of an elasticity": (lambda: cf.elasticity(BEST).value.bulkk, AttributeError, "Elasticity", "'bulkk'"),
         "change of a network": (lambda: assign(NETWORK, "stiffness"), FrozenInstanceError, "field 'stiffness'"),
         "change of a configuration": (lambda: assign(CRITICAL, "sigma"), FrozenInstanceError, "field 'sigma'"),
+    },
+    "certificates": {
+        "certificate of a network": (
+            lambda: cf.certify(NETWORK),
+            *(InputError, "critical must be a CriticalConfiguration, not a Network", MAKES_ONE),
+        ),
+    },
+    "design_names": {
+        "quantity of no edge": (
+            lambda: cf.quantity(NETWORK, "length[500]"),
+            *(InputError, "length[500]", "90 edges", "counted from 0"),
+        ),
     },
     "rest": {
         "elasticity of a network": (

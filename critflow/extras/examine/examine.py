@@ -18,6 +18,7 @@ from critflow.digits import Digits
 from critflow.elastic import elasticity
 from critflow.extras.cables.critical_strain import critical_strain
 from critflow.extras.cables.onset_end import CriticalStrain
+from critflow.extras.certificates.counts import Rigidity, rigidity
 from critflow.extras.examine.report import UNFINISHED, Examination
 from critflow.extras.files.boundaries import UnheldNetwork, hull_volume
 from critflow.extras.files.convert import network_from
@@ -29,7 +30,7 @@ from critflow.extras.tensegrity.signed_stress import signed_stress
 from critflow.networks import Array, Network, validated_coordinates
 from critflow.numerics import EPS, norms
 from critflow.result import CritflowError, InputError, NetworkError, Solution, SolveError, Status
-from critflow.self_stress import CLEAR_GAP, Rigidity, rigidity
+from critflow.self_stress import CLEAR_GAP
 
 Result = TypeVar("Result")
 
