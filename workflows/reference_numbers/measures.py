@@ -6,7 +6,7 @@ import numpy as np
 from scipy.optimize import brentq
 
 import critflow as cf
-from critflow.pruning import carrying_part
+from critflow.extras.pruning.pruning import carrying_part
 from critflow.taut_part import backbone
 from critflow.workflow import stable_rng
 
