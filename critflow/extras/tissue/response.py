@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import astuple, replace
-from functools import partial
-
 import numpy as np
 
 from critflow.deformation import Deformation
@@ -23,7 +20,7 @@ from critflow.extras.tissue.face_springs import FaceSprings
 from critflow.extras.tissue.state import TissueState
 from critflow.extras.tissue.tissue import CriticalTissue
 from critflow.extras.tissue.tissue_energy import PerimeterSystem, TissueEnergy, balanced_system
-from critflow.growth import Stiffening, StiffeningSolution, coefficients, exact_stiffening, failed, with_status
+from critflow.growth import StiffeningSolution, coefficients, exact_stiffening, failed, strains_of_growth, with_status
 from critflow.linear_response import Elasticity, linear_response
 from critflow.manifold import CriticalManifold
 from critflow.numerics import EPS
@@ -84,14 +81,12 @@ def _stiffening(
         )
     if system.soft:
         return failed(Status.unstable, "the tensions of the faces do not stabilise all zero modes")
-    V, rng = tissue.network.volume, np.random.default_rng(0)
-    exact = coefficients(partial(TissueEnergy, system), V, path)
+    V, strains, rng = tissue.network.volume, strains_of_growth(path), np.random.default_rng(0)
+    energy = TissueEnergy(system, strains)
+    exact, _, condition = coefficients(energy, V, path)
     samples = []
     for _ in range(_SAMPLES):
         noise = (errors * rng.standard_normal(errors.shape))[:, None]
         other = PerimeterSystem(tissue, system.tensions, system.bond_vectors * (1 + noise))
-        there = coefficients(partial(TissueEnergy, other), V, path).value
-        samples.append(np.abs(np.subtract(astuple(there), astuple(exact.value))))
-    changes = _SAMPLE_MARGIN * (np.max(samples, axis=0) + EPS * np.abs(astuple(exact.value)))
-    error = Stiffening(*map(float, changes))
-    return with_status(replace(exact, error=error))
+        samples.append(np.abs(coefficients(TissueEnergy(other, strains), V, path)[0] - exact))
+    return with_status(energy, exact, _SAMPLE_MARGIN * (np.max(samples, axis=0) + EPS * np.abs(exact)), condition)
