@@ -233,8 +233,8 @@ def coefficients(energy: StrainedEnergy, volume: float, path: Deformation) -> tu
     d, V, g, A, M = path.dimension, volume, energy.path, path.rate(0.0), path.second_rate(0.0)
     shear, t = pure_shear(d), float(np.trace(A))
     terms: list[list[Term]] = [
-        [(1, g, 0, 0, (1 / d) * (1 / d - 1) * np.eye(d)), (2, 0, 0, g, A / d)],  # E_δδγ
-        [(1, g, 1, 1, 0 * A), (2, 1, 1, g, shear @ A)],  # E_εεγ
+        [(1, g, 0, 0, (1 / d) * (1 / d - 1) * np.eye(d)), (2, 0, g, 0, A / d)],  # E_δδγ
+        [(1, g, 1, 1, 0 * A), (2, 1, g, 1, shear @ A)],  # E_εεγ
         [(3, g, g, g, M)],  # E_γγγ
     ]
     thirds = [energy.third(each) for each in terms]
@@ -520,7 +520,7 @@ class StiffeningQuantity(SpringResponse):
         if "dilation and shear" not in shared:
             shared["dilation and shear"] = strained(dilation(d), shear)
         if self.of_shear:
-            terms = [(1, 0, 1, 1, np.zeros((d, d))), (2, 1, 1, 0, shear / d)]
+            terms = [(1, 0, 1, 1, np.zeros((d, d))), (2, 1, 0, 1, shear / d)]
             return shared["dilation and shear"], terms, 1.0, TransitionModulus(shear)
         # C_B has B itself in place of E_δδ.
         terms = [(3, 0, 0, 0, (1 / d) * (1 / d - 1) * np.eye(d))]
