@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
 from critflow.deformation import Deformation
 from critflow.elastic import (
     AT_REST,
     ElasticResponse,
-    Options,
     elastic_response,
     of_one_self_stress,
     strain_rates,
@@ -35,7 +36,7 @@ _SAMPLES, _SAMPLE_MARGIN = 2, 10.0
 
 
 @elastic_response.register(CriticalTissue)
-def _at_transition(tissue: CriticalTissue, volume: float, _: Options) -> ElasticResponse:
+def _at_transition(tissue: CriticalTissue, volume: float, **_: Any) -> ElasticResponse:
     """The response of the perimeters in tension, at rest where these have several self-stresses."""
     critical, tense = tissue.configuration, tissue.face_tensions > SLACK_FACE * tissue.face_tensions.max()
     faces = FaceSprings(tissue.faces.sides[tense], tissue.faces.stiffness[tense])
@@ -48,9 +49,9 @@ def _at_transition(tissue: CriticalTissue, volume: float, _: Options) -> Elastic
 
 
 @elastic_response.register(TissueState)
-def _of_state(state: TissueState, volume: float, options: Options) -> Solution[Elasticity]:
+def _of_state(state: TissueState, volume: float, *, tolerance: float, **_: Any) -> Solution[Elasticity]:
     """The response of perimeters under stress, or of those at rest."""
-    if under_stress(state, options.tolerance):
+    if under_stress(state, tolerance):
         return linear_response(state, volume)
     response: ElasticResponse = provided("state_at_rest", AT_REST)(state, volume, state.faces.of_edges)
     return response
