@@ -276,13 +276,13 @@ def linear_response(
         change = change_to_equilibrium(state, factor, value, floppy, strains)
         value, converged = change or value, change is not None
     # 5. Errors that hide the moduli
-    number = state.largest_stiffness * inverse_norm(factor, last) if condition else np.nan
-    stats, errors = replace(solution.stats, condition=number), value.errors
-    trusted = TRUSTED_ERROR * max(abs(value.bulk), abs(value.shear))
+    if condition:
+        number = state.largest_stiffness * inverse_norm(factor, last)
+        solution = replace(solution, stats=replace(solution.stats, condition=number))
+    trusted, errors = TRUSTED_ERROR * max(abs(value.bulk), abs(value.shear)), value.errors
     if not converged or max(errors.bulk, errors.shear, errors.shear_stress_corrected) > trusted:
-        unknown = no_elasticity(d, volume, np.inf)
-        return replace(solution, value=unknown, status=Status.ill_conditioned, stats=stats, note=_HIDDEN)
-    return replace(solution, value=value, stats=stats)
+        return replace(solution, value=no_elasticity(d, volume, np.inf), status=Status.ill_conditioned, note=_HIDDEN)
+    return solution if value is solution.value else replace(solution, value=value)
 
 
 def change_to_equilibrium(
