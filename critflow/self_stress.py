@@ -1,10 +1,14 @@
-"""Counts of self-stresses and zero modes, with the gap of singular values behind them, and certificates.
+"""Whether a self-stress is the only one of a configuration, and whether it stabilises the zero modes.
 
-Maxwell–Calladine: N_0 − N_s = d N − N_b, with N_0 zero modes, N_s self-stresses and N free vertices
-(`Maxwell-Calladine`); a periodic network counts all its vertices, so that N_0 includes the d translations.  Pins are
-fixed to the ground: with pins no zero mode is trivial, not even a rotation about a single pin.
+A self-stress balances at every vertex.  Where z edges meet whose directions have rank r, balanced stresses have z − r
+degrees of freedom: one where three edges of the plane, or four in space, meet in general directions.  There every
+self-stress is a multiple of the known one, by a factor shared by vertices with a common stressed edge, so a connected
+network of such vertices has no other.  The cost is a few sums over the edges, without a matrix.  Where this fails,
+self-stresses are counted by the singular values of the rigidity matrix R next to zero (`Spectrum`).
 
-Where edges are slack these are the counts of the taut part, its vertices and edges; the slack part is floppy.
+A stress stabilises if P(σ) is positive on the null space of R.  For σ > 0 it is positive everywhere, and nothing is
+computed.  Otherwise the inertia of one saddle matrix proves it at any size; where it does not, as its regularisation
+hides singular values of R that are small but not zero, the zero modes themselves decide.
 """
 
 from __future__ import annotations
@@ -25,11 +29,6 @@ from critflow.result import InputError
 from critflow.saddles import Saddle
 from critflow.sparse import FixedPattern, block_laplacian, edge_blocks, spread_columns
 
-# Singular values of the rigidity matrix R next to zero, and its null vectors on either side.
-#
-# Small networks by a dense decomposition.  Of large ones the inertia of RᵀR − t² is the number of singular values below
-# t, without a dense matrix; the null vectors follow by inverse iteration of a block of that size.
-
 # s below this counts as zero unless the caller gives a tolerance: the smallest other s is 0.1 in standard networks of
 # 1,000 vertices and falls as 1/√N_v; rounding leaves 1e-12.
 ZERO_MODE = 1e-6
@@ -47,199 +46,7 @@ _SHIFT, _MOST_ITERATIONS, _CONVERGED = 0.01, 6, 1e-6
 # Squared singular values near the first of these are resolved best in the search for the smallest that is not zero;
 # the others follow where it does not converge within this number of restarts times edges, as for long chains.
 _MODERATE, _RESTARTS_TIMES_SIZE = (1e-3, 1e-6, 1e-9), 3_000_000
-
-
-class Spectrum:
-    """Number of singular values of R that count as zero, the gap around them, and the null vectors.
-
-    coordinates  (N_v, d), with the rounding errors that R inherits
-    tolerance    values below count as zero; None: `ZERO_MODE`, and they must be zero to rounding
-
-    bond_vectors, lengths     L (N_b, d) and |L| (N_b,)
-    n_coordinates, n_motions  number of free coordinates, and of zero modes among them
-    gap                       largest value that counts as zero and the smallest that does not, or limits of them
-    pattern                   of RᵀR
-    dense                     whether all values are computed
-
-    Raises `InputError` for a tolerance that is not positive, or too small for a large network.
-    """
-
-    def __init__(self, network: Network, coordinates: Array, tolerance: float | None = None):
-        self._tolerance = ZERO_MODE if tolerance is None else tolerance
-        if not self._tolerance > 0:
-            raise InputError(f"the tolerance must be positive, not {self._tolerance}: 1e-6 separates most networks")
-        self.bond_vectors = network.bond_vectors(coordinates)
-        self.lengths = length = np.linalg.norm(self.bond_vectors, axis=1)
-        self.dense = network.n_edges <= DENSE_EDGES
-        self._largest_rounding = np.inf
-        if tolerance is None:
-            # Norm of the change of all rows, each √2 times a direction.
-            reach = float(max(np.abs(coordinates).max(), np.abs(network.boundary_vectors).max()))
-            rounding = EPS * float(np.linalg.norm(np.sqrt(2) * (1 + reach / length)))
-            self._largest_rounding = max(ROUNDING_MARGIN * rounding, 0.0 if self.dense else ITERATION_ERROR)
-        self.n_coordinates = network.dimension * len(network.free)
-        unit = self.bond_vectors / length[:, None]
-        self._R = spread_columns(network, unit)
-        self._network = network
-        if not self.dense:
-            self._count(network, unit)
-            return
-        left, values, right = np.linalg.svd(self._R.toarray())
-        rank = int(np.count_nonzero(values >= self._tolerance))
-        self._null = (left.T[rank:], right[rank:])
-        self.n_motions = self.n_coordinates - rank
-        self.gap = float(values[rank]) if rank < len(values) else 0.0, float(values[rank - 1]) if rank else np.nan
-
-    @property
-    def n_self_stresses(self) -> int:
-        """N_s, by the number of zero modes."""
-        return self.n_motions + self._network.n_edges - self.n_coordinates
-
-    @cached_property
-    def pattern(self) -> FixedPattern:
-        return block_laplacian(self._network)
-
-    def _count(self, network: Network, unit: Array) -> None:
-        tolerance = self._tolerance
-        if tolerance < SQUARED_ROUNDING:
-            raise InputError(
-                f"singular values below {SQUARED_ROUNDING:.0e} are below the rounding of RᵀR, which counts networks "
-                f"of more than {DENSE_EDGES} edges: raise the tolerance from {tolerance:.1e}"
-            )
-        self._values = edge_blocks(np.ones(network.n_edges), unit, np.zeros(network.n_edges))
-        counted, fewest = self._below(tolerance), max(self.n_coordinates - network.n_edges, 0)
-        self.n_motions = max(counted, fewest)
-        clear = self._below(CLEAR_GAP * tolerance) == counted >= fewest
-        self.gap = (0.0, CLEAR_GAP * tolerance if clear else tolerance)
-
-    def _below(self, threshold: float) -> int:
-        """Number of singular values below a threshold: negative eigenvalues of RᵀR − threshold² (Sylvester)."""
-        return self.pattern.factorize(self._values, -(threshold**2)).n_negative
-
-    def doubt(self, largest_zero: float, smallest_nonzero: float) -> str:
-        """The reason why a count with this gap cannot be trusted, or an empty string."""
-        tolerance = self._tolerance
-        if largest_zero > tolerance / CLEAR_GAP:
-            near = largest_zero
-        elif smallest_nonzero < CLEAR_GAP * tolerance:
-            near = smallest_nonzero
-        elif largest_zero > self._largest_rounding:
-            return (
-                f"a singular value of {largest_zero:.1e} is neither zero to rounding nor far from it: give a tolerance "
-                "that decides whether it counts as zero, or move the configuration"
-            )
-        else:
-            return ""
-        return (
-            f"a singular value of {near:.1e} lies so close to the tolerance {tolerance:.1e} that the counts are not "
-            "certain: choose a tolerance inside a gap, or move the configuration"
-        )
-
-    def null_space(self, count: int, of_stresses: bool) -> tuple[Array, tuple[float, float]]:
-        """An orthonormal basis of unit tensions (count, N_b) or motions (count, d·n_free), and the gap."""
-        if self.dense:
-            return self._null[0 if of_stresses else 1], self.gap
-        vectors, largest = self.null_vectors(count, of_stresses)
-        return vectors.T, (largest, self._smallest_nonzero(vectors, of_stresses))
-
-    def null_vectors(self, count: int, of_stresses: bool) -> tuple[Array, float]:
-        """Orthonormal vectors (n, count) of a null space, random ones of a larger one, and the norm of R on them."""
-        M = self._R.T if of_stresses else self._R
-        amplified = self._filter(_SHIFT * self._tolerance**2, of_stresses)
-        vectors = np.random.default_rng(0).standard_normal((M.shape[1], count))
-        largest = 0.0
-        for _ in range(_MOST_ITERATIONS if count else 0):
-            vectors = np.linalg.qr(amplified(vectors))[0]
-            largest = float(np.linalg.svd(M @ vectors, compute_uv=False)[0])
-            if largest < _CONVERGED * self._tolerance:
-                break
-        return vectors, largest
-
-    def _smallest_nonzero(self, null: Array, of_stresses: bool) -> float:
-        """The smallest singular value outside a null space (n, count), by Lanczos iteration."""
-        most_restarts = max(_RESTARTS_TIMES_SIZE // len(null), 20)
-        for shift in _MODERATE:
-            moderate = self._filter(shift, of_stresses)
-
-            def outside(vector: Array, resolve: Callable[[Array], Array] = moderate) -> Array:
-                rest = resolve(vector[:, None])[:, 0]
-                return rest - null @ (null.T @ rest)
-
-            operator = LinearOperator((len(null), len(null)), matvec=outside, dtype=float)
-            start = np.random.default_rng(1).standard_normal(len(null))
-            try:
-                weights = eigsh(
-                    operator, k=1, which="LA", v0=start, tol=1e-9, maxiter=most_restarts, return_eigenvectors=False
-                )
-            except ArpackNoConvergence:
-                continue
-            return float(np.sqrt(max(shift * (1 / float(weights[0]) - 1), 0.0)))
-        return self.gap[1]
-
-    def _filter(self, shift: float, of_stresses: bool) -> Callable[[Array], Array]:
-        """The map shift/(s² + shift) of the singular values s, on tensions or on motions (n, count)."""
-        factor, R = self.pattern.factorize(self._values, shift), self._R
-        if of_stresses:
-            return lambda v: v - np.asarray(R @ factor.solve(np.asarray(R.T @ v)))
-        return lambda v: shift * factor.solve(v)
-
-
-def edge_without_length(lengths: Array) -> str:
-    """A sentence where an edge is so short that it has no direction, else an empty string."""
-    if lengths.min() > COLLAPSED * lengths.mean():
-        return ""
-    return f"edge {int(lengths.argmin())} has no length, so no direction: move its ends apart, or remove it"
-
-
-# Whether a given stress stabilises the zero modes of a configuration (prestress stability).
-#
-# P(σ) must be positive on the null space of the rigidity matrix R.  For σ > 0 it is positive everywhere, and nothing is
-# computed.  Otherwise the inertia of one saddle matrix proves it at any size; where it does not, as its regularisation
-# hides singular values of R that are small but not zero, the zero modes themselves decide.
-
 LARGEST_FORM = 2000  # most zero modes whose stiffness under one stress is found by all eigenvalues: some seconds
-
-
-def stabilises(network: Network, coordinates: Array, L: Array, sigma: Array) -> bool | None:
-    """Whether P(σ) is positive on all zero modes of coordinates (N_v, d) with bond vectors L; None: undecided.
-
-    sigma  (N_b,), exact as given: a self-stress that was computed has components of rounding, whose signs say nothing
-    """
-    if (sigma > 0).all() or Saddle(network).stable(sigma, L):
-        return True
-    if edge_without_length(np.linalg.norm(L, axis=1)):
-        return None
-    spectrum = Spectrum(network, coordinates)
-    if spectrum.n_motions * spectrum.n_coordinates > LARGEST_DENSE or spectrum.n_motions > LARGEST_FORM:
-        return None
-    modes, gap = spectrum.null_space(spectrum.n_motions, of_stresses=False)
-    if spectrum.doubt(*gap):
-        return None
-    if not len(modes):
-        return True
-    form = forms_on_modes(network.free_incidence, sigma[None], modes.reshape(len(modes), -1, network.dimension))[0]
-    least = float(np.linalg.eigvalsh(form)[0])
-    margin = STABLE_MARGIN * float(np.mean(np.abs(sigma)))
-    return least > 0 if abs(least) > margin else None
-
-
-def forms_on_modes(incidence: sp.csr_array, stresses: Array, modes: Array) -> Array:
-    """Zᵀ P(σ) Z of stresses (n, N_b) on orthonormal motions Z (m, n_vertices, d), (n, m, m).
-
-    incidence  of the edges on the vertices that move, (N_b, n_vertices)
-    """
-    stretch = np.concatenate([np.asarray(incidence @ component.T) for component in np.moveaxis(modes, 2, 0)])
-    return np.stack([stretch.T @ (weights[:, None] * stretch) for weights in np.tile(stresses, modes.shape[2])])
-
-
-# Uniqueness of the self-stress of a configuration: proved vertex by vertex, and counted where that fails.
-#
-# A self-stress balances at every vertex.  Where z edges meet whose directions have rank r, balanced stresses have z − r
-# degrees of freedom: one where three edges of the plane, or four in space, meet in general directions.  There every
-# self-stress is a multiple of the known one, by a factor shared by vertices with a common stressed edge, so a connected
-# network of such vertices has no other.  The cost is a few sums over the edges, without a matrix; a count by singular
-# values (`spectrum`) costs a factorisation.
-
 UNKNOWN_ERROR = 1e-8  # relative error assumed for bond vectors without error bounds
 # Two directions differ if they do by this number times their errors, plus the rounding of products.
 DIRECTION_MARGIN, DIRECTION_ROUNDING = 10.0, 1e-14
@@ -317,3 +124,169 @@ def _freedom(network: Network, units: Array, errors: Array) -> NDArray[np.int64]
     # Eigenvalues are squares of the singular values of the directions, so half of the digits remain.
     rounding = 2 * DIRECTION_MARGIN * wrong + DIRECTION_ROUNDING * met
     return met - (np.linalg.eigvalsh(spread) > rounding[:, None]).sum(axis=1)
+
+
+def stabilises(network: Network, coordinates: Array, L: Array, sigma: Array) -> bool | None:
+    """Whether P(σ) is positive on all zero modes of coordinates (N_v, d) with bond vectors L; None: undecided.
+
+    sigma  (N_b,), exact as given: a self-stress that was computed has components of rounding, whose signs say nothing
+    """
+    if (sigma > 0).all() or Saddle(network).stable(sigma, L):
+        return True
+    if edge_without_length(np.linalg.norm(L, axis=1)):
+        return None
+    spectrum = Spectrum(network, coordinates)
+    if spectrum.n_motions * spectrum.n_coordinates > LARGEST_DENSE or spectrum.n_motions > LARGEST_FORM:
+        return None
+    modes, gap = spectrum.null_space(spectrum.n_motions, of_stresses=False)
+    if spectrum.doubt(*gap):
+        return None
+    if not len(modes):
+        return True
+    form = forms_on_modes(network.free_incidence, sigma[None], modes.reshape(len(modes), -1, network.dimension))[0]
+    least = float(np.linalg.eigvalsh(form)[0])
+    margin = STABLE_MARGIN * float(np.mean(np.abs(sigma)))
+    return least > 0 if abs(least) > margin else None
+
+
+def forms_on_modes(incidence: sp.csr_array, stresses: Array, modes: Array) -> Array:
+    """Zᵀ P(σ) Z of stresses (n, N_b) on orthonormal motions Z (m, n_vertices, d), (n, m, m).
+
+    incidence  of the edges on the vertices that move, (N_b, n_vertices)
+    """
+    stretch = np.concatenate([np.asarray(incidence @ component.T) for component in np.moveaxis(modes, 2, 0)])
+    return np.stack([stretch.T @ (weights[:, None] * stretch) for weights in np.tile(stresses, modes.shape[2])])
+
+
+def edge_without_length(lengths: Array) -> str:
+    """A sentence where an edge is so short that it has no direction, else an empty string."""
+    if lengths.min() > COLLAPSED * lengths.mean():
+        return ""
+    return f"edge {int(lengths.argmin())} has no length, so no direction: move its ends apart, or remove it"
+
+
+class Spectrum:
+    """Number of singular values of R that count as zero, the gap around them, and the null vectors.
+
+    Small networks by a dense decomposition.  Of large ones the inertia of RᵀR − t² is the number of singular values
+    below t, without a dense matrix; the null vectors follow by inverse iteration of a block of that size.
+
+    coordinates  (N_v, d), with the rounding errors that R inherits
+    tolerance    values below count as zero; None: `ZERO_MODE`, and they must be zero to rounding
+
+    bond_vectors, lengths       L (N_b, d) and |L| (N_b,)
+    n_coordinates               number of free coordinates
+    n_motions, n_self_stresses  numbers of zero modes among them, and of self-stresses
+    gap                         largest value that counts as zero and the smallest that does not, or limits of them
+    pattern                     of RᵀR
+    dense                       whether all values are computed
+
+    Raises `InputError` for a tolerance that is not positive, or too small for a large network.
+    """
+
+    def __init__(self, network: Network, coordinates: Array, tolerance: float | None = None):
+        t = self._tolerance = ZERO_MODE if tolerance is None else tolerance
+        if not t > 0:
+            raise InputError(f"the tolerance must be positive, not {t}: 1e-6 separates most networks")
+        self.network, self.dense = network, network.n_edges <= DENSE_EDGES
+        self.bond_vectors = network.bond_vectors(coordinates)
+        self.lengths = np.linalg.norm(self.bond_vectors, axis=1)
+        self._largest_rounding = np.inf
+        if tolerance is None:
+            # Norm of the change of all rows, each √2 times a direction.
+            reach = float(max(np.abs(coordinates).max(), np.abs(network.boundary_vectors).max()))
+            rounding = EPS * float(np.linalg.norm(np.sqrt(2) * (1 + reach / self.lengths)))
+            self._largest_rounding = max(ROUNDING_MARGIN * rounding, 0.0 if self.dense else ITERATION_ERROR)
+        unit, n_edges = self.bond_vectors / self.lengths[:, None], network.n_edges
+        self._R = spread_columns(network, unit)
+        self.n_coordinates = self._R.shape[1]
+        if self.dense:
+            left, values, right = np.linalg.svd(self._R.toarray())
+            rank = int(np.count_nonzero(values >= t))
+            self._null = (left.T[rank:], right[rank:])
+            self.n_motions = self.n_coordinates - rank
+            self.gap = float(values[rank]) if rank < len(values) else 0.0, float(values[rank - 1]) if rank else np.nan
+        else:
+            if t < SQUARED_ROUNDING:
+                raise InputError(
+                    f"singular values below {SQUARED_ROUNDING:.0e} are below the rounding of RᵀR, which counts "
+                    f"networks of more than {DENSE_EDGES} edges: raise the tolerance from {t:.1e}"
+                )
+            self._values = edge_blocks(np.ones(n_edges), unit, np.zeros(n_edges))
+            # Singular values below a limit are negative eigenvalues of RᵀR − limit² (Sylvester).
+            limits, fewest = (t, CLEAR_GAP * t), max(self.n_coordinates - n_edges, 0)
+            below = [self.pattern.factorize(self._values, -(limit**2)).n_negative for limit in limits]
+            self.n_motions = max(below[0], fewest)
+            self.gap = (0.0, CLEAR_GAP * t if below[1] == below[0] >= fewest else t)
+        self.n_self_stresses = self.n_motions + n_edges - self.n_coordinates
+
+    @cached_property
+    def pattern(self) -> FixedPattern:
+        return block_laplacian(self.network)
+
+    def doubt(self, largest_zero: float, smallest_nonzero: float) -> str:
+        """The reason why a count with this gap cannot be trusted, or an empty string."""
+        tolerance = self._tolerance
+        if largest_zero > tolerance / CLEAR_GAP:
+            near = largest_zero
+        elif smallest_nonzero < CLEAR_GAP * tolerance:
+            near = smallest_nonzero
+        elif largest_zero > self._largest_rounding:
+            return (
+                f"a singular value of {largest_zero:.1e} is neither zero to rounding nor far from it: give a tolerance "
+                "that decides whether it counts as zero, or move the configuration"
+            )
+        else:
+            return ""
+        return (
+            f"a singular value of {near:.1e} lies so close to the tolerance {tolerance:.1e} that the counts are not "
+            "certain: choose a tolerance inside a gap, or move the configuration"
+        )
+
+    def null_space(self, count: int, of_stresses: bool) -> tuple[Array, tuple[float, float]]:
+        """An orthonormal basis of unit tensions (count, N_b) or motions (count, d·n_free), and the gap."""
+        if self.dense:
+            return self._null[0 if of_stresses else 1], self.gap
+        vectors, largest = self.null_vectors(count, of_stresses)
+        return vectors.T, (largest, self._smallest_nonzero(vectors, of_stresses))
+
+    def null_vectors(self, count: int, of_stresses: bool) -> tuple[Array, float]:
+        """Orthonormal vectors (n, count) of a null space, random ones of a larger one, and the norm of R on them."""
+        M = self._R.T if of_stresses else self._R
+        amplified = self._filter(_SHIFT * self._tolerance**2, of_stresses)
+        vectors = np.random.default_rng(0).standard_normal((M.shape[1], count))
+        largest = 0.0
+        for _ in range(_MOST_ITERATIONS if count else 0):
+            vectors = np.linalg.qr(amplified(vectors))[0]
+            largest = float(np.linalg.svd(M @ vectors, compute_uv=False)[0])
+            if largest < _CONVERGED * self._tolerance:
+                break
+        return vectors, largest
+
+    def _smallest_nonzero(self, null: Array, of_stresses: bool) -> float:
+        """The smallest singular value outside a null space (n, count), by Lanczos iteration."""
+        most_restarts = max(_RESTARTS_TIMES_SIZE // len(null), 20)
+        for shift in _MODERATE:
+            moderate = self._filter(shift, of_stresses)
+
+            def outside(vector: Array, resolve: Callable[[Array], Array] = moderate) -> Array:
+                rest = resolve(vector[:, None])[:, 0]
+                return rest - null @ (null.T @ rest)
+
+            operator = LinearOperator((len(null), len(null)), matvec=outside, dtype=float)
+            start = np.random.default_rng(1).standard_normal(len(null))
+            try:
+                weights = eigsh(
+                    operator, k=1, which="LA", v0=start, tol=1e-9, maxiter=most_restarts, return_eigenvectors=False
+                )
+            except ArpackNoConvergence:
+                continue
+            return float(np.sqrt(max(shift * (1 / float(weights[0]) - 1), 0.0)))
+        return self.gap[1]
+
+    def _filter(self, shift: float, of_stresses: bool) -> Callable[[Array], Array]:
+        """The map shift/(s² + shift) of the singular values s, on tensions or on motions (n, count)."""
+        factor, R = self.pattern.factorize(self._values, shift), self._R
+        if of_stresses:
+            return lambda v: v - np.asarray(R @ factor.solve(np.asarray(R.T @ v)))
+        return lambda v: shift * factor.solve(v)

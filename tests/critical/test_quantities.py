@@ -16,6 +16,7 @@ from refusals import refused
 from critflow import (
     CriticalManifold,
     InputError,
+    Quantity,
     lattice,
     optimize,
     properties,
@@ -137,3 +138,18 @@ def test_bad_quantities_are_refused():
         require_exact_hessian(CriticalManifold(network), quantity(network, "C_B"))
     with pytest.raises(InputError, match="dimensions"):
         transition_modulus(network, np.eye(3))
+
+
+class Mean(Quantity):
+    """A quantity of a user, not a dataclass."""
+
+    def __init__(self, power):
+        self.power = power
+
+    def evaluate(self, balance):
+        raise NotImplementedError
+
+
+def test_a_quantity_that_is_no_dataclass_prints_its_name():
+    assert repr(Mean(2)) == str(Mean(2)) == "Mean()"
+    assert repr(PENALISED) == "PenalisedModulus(modulus=TransitionModulus(...), threshold=0.2)"

@@ -13,7 +13,31 @@ import numpy as np
 from critflow.deformation import strain_basis
 from critflow.manifold import CriticalManifold
 from critflow.networks import Array, Network
-from critflow.quantities import Balanced, Partials, SpringResponse, WorkAndCost, largest_value
+from critflow.numerics import dot
+from critflow.quantities import Balanced, Partials, SpringResponse, largest_value
+
+
+class WorkAndCost:
+    """W and D of one strain at a balance, with the derivatives of functions f(W, D) of them by σ and L."""
+
+    def __init__(self, balance: Balanced, A: Array):
+        self.sigma, self.L, self.k, self.A = balance.sigma, balance.bond_vectors, balance.network.stiffness, A
+        self.AL = self.L @ A
+        self.hdot = dot(self.L, self.AL)
+        self.flexibility = dot(self.L, self.L) / self.k
+        self.square = self.sigma * self.sigma
+        self.work, self.cost = (self.sigma @ self.hdot).item(), (self.square @ self.flexibility).item()
+
+    def partials(self, f_W: float, f_D: float) -> Partials:
+        """∂O/∂σ and ∂O/∂L of f(W, D)."""
+        by_sigma = f_W * self.hdot + 2 * f_D * self.sigma * self.flexibility
+        by_L = (2 * f_W * self.sigma)[:, None] * self.AL + (2 * f_D * self.square / self.k)[:, None] * self.L
+        return by_sigma, by_L
+
+    @property
+    def by_stiffness(self) -> Array:
+        """−∂D/∂k, (N_b,)."""
+        return np.asarray(self.square * self.flexibility / self.k)
 
 
 @dataclass(frozen=True, eq=False, repr=False)

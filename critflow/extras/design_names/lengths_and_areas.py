@@ -8,15 +8,26 @@ import numpy as np
 
 from critflow.manifold import CriticalManifold
 from critflow.networks import Array, IntArray, Network
-from critflow.quantities import Balanced, Mask, OfLengths, Partials, divisors
+from critflow.quantities import Balanced, Partials, Quantity, divisors
 from critflow.result import InputError
+from critflow.taut_part import Mask
+
+
+class _Geometric(Quantity):
+    """A quantity of bond vectors alone."""
+
+    def by_stiffness(self, balance: Balanced) -> Array:
+        return np.zeros_like(balance.sigma)
 
 
 @dataclass(frozen=True, repr=False)
-class EdgeLength(OfLengths):
+class EdgeLength(_Geometric):
     """The length |L_α| of one edge."""
 
     edge: int
+
+    def extreme(self, manifold: CriticalManifold, positive: bool = True) -> tuple[float, float]:
+        return 0.0, np.inf
 
     def unit(self, network: Network) -> float:
         return network.spacing
@@ -37,7 +48,7 @@ class EdgeLength(OfLengths):
 
 
 @dataclass(frozen=True, repr=False)
-class FaceArea(OfLengths):
+class FaceArea(_Geometric):
     """The area ½ Σ_(i<j) s_i × s_j of one face of a planar network, of its sides s in turn."""
 
     face: int
@@ -53,9 +64,6 @@ class FaceArea(OfLengths):
         sides, before, by_L = self._gradient(balance, balance.bond_vectors)
         area = 0.5 * np.sum(before[:, 0] * sides[:, 1] - before[:, 1] * sides[:, 0]).item()
         return area, (np.zeros_like(balance.sigma), by_L)
-
-    def extreme(self, manifold: CriticalManifold, positive: bool = True) -> tuple[float, float]:
-        return -np.inf, np.inf
 
     def in_part(self, network: Network, kept: Mask) -> FaceArea | None:
         edges, signs = self.walk(network)
