@@ -12,18 +12,32 @@ import numpy as np
 
 from critflow.deformation import strain_basis
 from critflow.manifold import CriticalManifold
-from critflow.networks import Array, IntArray, Network
-from critflow.quantities import (
-    Balanced,
-    Mask,
-    OfLengths,
-    Partials,
-    SpringResponse,
-    WorkAndCost,
-    divisors,
-    largest_value,
-)
-from critflow.result import InputError
+from critflow.networks import Array, Network
+from critflow.numerics import dot
+from critflow.quantities import Balanced, Partials, SpringResponse, largest_value
+
+
+class WorkAndCost:
+    """W and D of one strain at a balance, with the derivatives of functions f(W, D) of them by σ and L."""
+
+    def __init__(self, balance: Balanced, A: Array):
+        self.sigma, self.L, self.k, self.A = balance.sigma, balance.bond_vectors, balance.network.stiffness, A
+        self.AL = self.L @ A
+        self.hdot = dot(self.L, self.AL)
+        self.flexibility = dot(self.L, self.L) / self.k
+        self.square = self.sigma * self.sigma
+        self.work, self.cost = (self.sigma @ self.hdot).item(), (self.square @ self.flexibility).item()
+
+    def partials(self, f_W: float, f_D: float) -> Partials:
+        """∂O/∂σ and ∂O/∂L of f(W, D)."""
+        by_sigma = f_W * self.hdot + 2 * f_D * self.sigma * self.flexibility
+        by_L = (2 * f_W * self.sigma)[:, None] * self.AL + (2 * f_D * self.square / self.k)[:, None] * self.L
+        return by_sigma, by_L
+
+    @property
+    def by_stiffness(self) -> Array:
+        """−∂D/∂k, (N_b,)."""
+        return np.asarray(self.square * self.flexibility / self.k)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -110,106 +124,3 @@ def modulus_form(manifold: CriticalManifold, strains: Array) -> Array:
             form[a, b] = form[b, a] = largest_value(manifold, strains[a] + strains[b])
     single = np.diag(form) / 4
     return np.asarray(0.5 * (form - single[:, None] - single[None]))
-
-
-# The length of an edge and the area of a face.
-
-
-@dataclass(frozen=True, repr=False)
-class EdgeLength(OfLengths):
-    """The length |L_α| of one edge."""
-
-    edge: int
-
-    def unit(self, network: Network) -> float:
-        return network.spacing
-
-    @property
-    def name(self) -> str:
-        return f"length[{self.edge}]"
-
-    def evaluate(self, balance: Balanced) -> tuple[float, Partials]:
-        by_L = np.zeros_like(balance.bond_vectors)
-        L = balance.bond_vectors[self.edge]
-        length = np.sqrt(L @ L)
-        by_L[self.edge] = L / divisors(length)
-        return length.item(), (np.zeros_like(balance.sigma), by_L)
-
-    def in_part(self, network: Network, kept: Mask) -> EdgeLength | None:
-        return EdgeLength(int(np.count_nonzero(kept[: self.edge]))) if kept[self.edge] else None
-
-
-@dataclass(frozen=True, repr=False)
-class FaceArea(OfLengths):
-    """The area ½ Σ_(i<j) s_i × s_j of one face of a planar network, of its sides s in turn."""
-
-    face: int
-
-    def unit(self, network: Network) -> float:
-        return network.spacing * network.spacing
-
-    @property
-    def name(self) -> str:
-        return f"area[{self.face}]"
-
-    def evaluate(self, balance: Balanced) -> tuple[float, Partials]:
-        sides, before, by_L = self._gradient(balance, balance.bond_vectors)
-        area = 0.5 * np.sum(before[:, 0] * sides[:, 1] - before[:, 1] * sides[:, 0]).item()
-        return area, (np.zeros_like(balance.sigma), by_L)
-
-    def extreme(self, manifold: CriticalManifold, positive: bool = True) -> tuple[float, float]:
-        return -np.inf, np.inf
-
-    def in_part(self, network: Network, kept: Mask) -> FaceArea | None:
-        edges, signs = self.walk(network)
-        number = np.cumsum(kept) - 1
-        return _WalkedArea(self.face, number[edges], signs) if kept[edges].all() else None
-
-    def walk(self, network: Network) -> tuple[IntArray, IntArray]:
-        """The edges of the face in turn, and +1 where one is walked from tail to head, else −1."""
-        faces = network.faces
-        if faces is None or not self.face < faces.n_faces:
-            raise InputError(f"{self.name} needs a planar network with known faces: this one has no such face")
-        walk = slice(faces.starts[self.face], faces.starts[self.face + 1])
-        return faces.edges[walk], faces.signs[walk]
-
-    def _gradient(self, balance: Balanced, vectors: Array) -> tuple[Array, Array, Array]:
-        """The sides, the sums of those before each, and ∂/∂L (N_b, 2) of the area with edges of these vectors."""
-        edges, directions = self.walk(balance.network)
-        signs = directions[:, None]
-        sides = signs * vectors[edges]
-        before = np.cumsum(sides, axis=0) - sides
-        # v × s = (J v)·s
-        x, y = (2 * before + sides - sides.sum(axis=0)).T
-        by_L = np.zeros_like(vectors)
-        np.add.at(by_L, edges, 0.5 * signs * np.stack([-y, x], axis=1))
-        return sides, before, by_L
-
-
-@dataclass(frozen=True, eq=False, repr=False)
-class _WalkedArea(FaceArea):
-    """The area of a face of a whole network, by the edges of a part and their directions along its walk."""
-
-    edges: IntArray
-    directions: IntArray
-
-    def walk(self, network: Network) -> tuple[IntArray, IntArray]:
-        return self.edges, self.directions
-
-
-def edge_length(network: Network, edge: str) -> EdgeLength:
-    """The length of an edge by its number."""
-    return EdgeLength(_counted(f"length[{edge}]", edge, network.n_edges, "edges"))
-
-
-def face_area(network: Network, face: str) -> FaceArea:
-    """The area of a face by its number."""
-    count = 0 if network.faces is None else network.faces.n_faces
-    return FaceArea(_counted(f"area[{face}]", face, count, "faces"))
-
-
-def _counted(name: str, number: str, count: int, noun: str) -> int:
-    """A number below a count."""
-    if int(number) >= count:
-        raise InputError(f"{name} does not exist: the network has {count} {noun}, counted from 0")
-    return int(number)

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from derivatives import assert_derivative
-from problems import NETWORKS, dense_rigidity, random_stress, triangular_lattice, voronoi_3d
+from problems import NETWORKS, Factorisations, dense_rigidity, random_stress, triangular_lattice, voronoi_3d
 from refusals import refused
 
 from critflow import (
@@ -20,8 +20,8 @@ from critflow import (
     three_bar_linkage,
     voronoi_network,
 )
+from critflow.extras.certificates.spaces import zero_modes
 from critflow.manifold import critical_configuration
-from critflow.self_stress import zero_modes
 from critflow.sparse import rigidity_matrix
 
 
@@ -309,3 +309,13 @@ def test_the_rounding_of_a_file_is_reported_with_the_way_back(decimals):
     # The same network out of balance by more than its digits is floppy for another reason.
     displaced = np.round(network.positions + 0.1 * np.random.default_rng(0).standard_normal((100, 2)), decimals)
     assert "decimals" not in rigidity(network, displaced).reason
+
+
+@pytest.mark.parametrize("n_vertices", [60, 500])
+def test_a_certificate_of_tensions_factorises_no_system(n_vertices, monkeypatch):
+    """Tension alone shows that the zero modes are stabilised; large networks are counted by inertias of RᵀR."""
+    network = voronoi_network(n_vertices, seed=1)
+    critical = CriticalManifold(network).configuration(np.ones(network.n_edges))
+    counts = Factorisations(monkeypatch)(network, lambda: certify(critical))
+    assert set(counts) <= {"Hessian"} and counts["Hessian"] <= 4
+    assert certify(critical).rigid
