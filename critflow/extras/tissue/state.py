@@ -53,18 +53,23 @@ class TissueState(SpringState):
         """Row sums (N_b,) of Aᵀ κ A: a matrix without negative entries is at most the diagonal of these."""
         return np.asarray(self.faces.overlap.sum(axis=1))
 
-    def couplings(self, stiffness: Array, sigma: Array) -> sp.coo_array:
-        """K = Aᵀ κ A/(|L||L|) − σ/|L|² (N_b, N_b) of stresses σ (N_b,)."""
+    @property
+    def modified_stiffness(self) -> sp.coo_array:
+        """K = Aᵀ κ A/(|L||L|) − σ/|L|², (N_b, N_b)."""
+        return self.couplings(self.sigma)
+
+    def convex_parts(self) -> tuple[sp.coo_array, Array]:
+        """K and σ without the geometric softening of compressed edges."""
+        tension = np.maximum(self.sigma, 0.0)
+        return self.couplings(tension), tension
+
+    def couplings(self, sigma: Array) -> sp.coo_array:
+        """K of stresses σ (N_b,)."""
         pairs, length = self.faces.overlap, self.lengths
         values = pairs.data / (length[pairs.row] * length[pairs.col])
         same = pairs.row == pairs.col
         values[same] -= (sigma / length**2)[pairs.row[same]]
         return sp.coo_array((values, (pairs.row, pairs.col)), shape=pairs.shape)
-
-    @property
-    def axial_stiffness(self) -> sp.coo_array:
-        """∂²E/∂|L|∂|L| = Aᵀ κ A, (N_b, N_b)."""
-        return self.faces.overlap
 
     def pattern(self) -> FixedPattern:
         """The pattern of the Hessian, with a block for each two edges of one face."""
