@@ -13,13 +13,14 @@ matrix that it selects itself, and states keep bond vectors with a relative roun
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
 from critflow.arguments import of_kind
 from critflow.calls import running
 from critflow.double_double import two_sum
-from critflow.minimisers import Fire, Function, Point, minimise
+from critflow.minimisers import Function, Point, fire, minimise
 from critflow.networks import Array
 from critflow.numerics import EPS, largest, quasi_random
 from critflow.refinement import Displacement, inverse_norm
@@ -252,9 +253,10 @@ def unbalanced_force(state: SpringState) -> float:
 def by_fire(state: State, pattern: FixedPattern, tolerance: float, max_steps: int | None) -> Equilibrium[State]:
     """The state at which FIRE ends, with its distance to the exact equilibrium, by Newton's method where it is far."""
     # No squared frequency exceeds twice the sum of the stiffnesses at a vertex.
+    time_step, longest = TIME_STEP * 2 / np.sqrt(state.largest_stiffness), LONGEST_MOVE * float(state.lengths.mean())
     end = minimise(
         Relaxation(state),
-        Fire(TIME_STEP * 2 / np.sqrt(state.largest_stiffness), LONGEST_MOVE * float(state.lengths.mean())),
+        partial(fire, time_step=time_step, max_move=longest),
         np.zeros(state.forces.size),
         tolerance * state.stiffness_scale * state.length_scale,
         FIRE_STEPS if max_steps is None else max_steps,

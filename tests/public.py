@@ -11,12 +11,12 @@ NAMES = sorted(critflow.__all__)
 """The names at the top level."""
 
 IN_MODULES = {
-    "self_stress": ("zero_modes",),
     "taut_part": ("backbone",),
     "isogonal": ("face_modes",),
     "quantity_names": ("stress_hessian", "flat_directions"),
     "quantities": ("transition_modulus",),
     "extras.cables.rigidity_surface": ("strain_plane",),
+    "extras.certificates.spaces": ("zero_modes",),
     "extras.design_stiffness.stiffnesses": ("isotropic_targets",),
     "extras.hessian.splits": ("geometric_split", "hookean_split", "bond_operator"),
     "extras.local.diagonals": ("face_diagonals", "response_name"),

@@ -7,7 +7,7 @@ from scipy.optimize import brentq
 
 import critflow as cf
 from critflow.extras.anisotropy.tensors import voigt
-from critflow.pruning import carrying_part
+from critflow.extras.pruning.pruning import carrying_part
 from critflow.taut_part import backbone
 from critflow.workflow import stable_rng
 
