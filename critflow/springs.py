@@ -241,11 +241,6 @@ EdgeMatrix: TypeAlias = Array | sp.coo_array
 """A symmetric matrix over edges: its diagonal (N_b,), or all of it (N_b, N_b) sparse."""
 
 
-def times(matrix: EdgeMatrix, values: Array) -> Array:
-    """The product of a matrix over edges with values (..., N_b)."""
-    return matrix * values if isinstance(matrix, np.ndarray) else np.asarray((matrix @ values.T).T)
-
-
 @dataclass(frozen=True, eq=False, repr=False)
 class SpringState(Record):
     """Springs in a configuration: rest lengths ℓ (N_b,), coordinates x (N_v, d), bond vectors L (N_b, d), their law.
@@ -321,10 +316,10 @@ class SpringState(Record):
         """Stiffnesses (N_b,) that limit the resistance of the edges to a change of |L|: E''."""
         return self.spring_stiffness
 
-    @property
+    @cached_property
     def modified_stiffness(self) -> EdgeMatrix:
         """K = ∂²E/∂h∂h, (E'' − σ)/|L|²."""
-        return (self.edge_stiffness - self.sigma) / self.lengths**2
+        return read_only((self.edge_stiffness - self.sigma) / self.lengths**2)
 
     def convex_parts(self) -> tuple[EdgeMatrix, Array]:
         """K and σ without the geometric softening of compressed edges, σ < 0, and without negative E''."""
@@ -333,7 +328,7 @@ class SpringState(Record):
 
     def resistance(self, hdot: Array) -> Array:
         """K ḣ for changes ḣ of h, both (m, N_b)."""
-        return times(self.modified_stiffness, hdot)
+        return np.asarray(self.modified_stiffness * hdot)
 
     def pattern(self) -> FixedPattern:
         """The pattern of the Hessian, of this state and all others of the same graph."""

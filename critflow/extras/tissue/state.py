@@ -7,6 +7,7 @@ edges, τ = Aᵀ T, and couple the edges of each face (`face_springs`).
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 import scipy.sparse as sp
@@ -53,10 +54,14 @@ class TissueState(SpringState):
         """Row sums (N_b,) of Aᵀ κ A: a matrix without negative entries is at most the diagonal of these."""
         return np.asarray(self.faces.overlap.sum(axis=1))
 
-    @property
+    @cached_property
     def modified_stiffness(self) -> sp.coo_array:
         """K = Aᵀ κ A/(|L||L|) − σ/|L|², (N_b, N_b)."""
         return self.couplings(self.sigma)
+
+    def resistance(self, hdot: Array) -> Array:
+        """K ḣ for changes ḣ of h, both (m, N_b)."""
+        return np.asarray((self.modified_stiffness @ hdot.T).T)
 
     def convex_parts(self) -> tuple[sp.coo_array, Array]:
         """K and σ without the geometric softening of compressed edges."""
