@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Generic, Protocol, Self, TypeVar
 
 import numpy as np
@@ -12,7 +13,7 @@ from scipy.sparse.linalg import LinearOperator
 from critflow.arguments import of_kind
 from critflow.calls import running
 from critflow.double_double import two_sum
-from critflow.minimisers import Fire, Function, Point, minimise
+from critflow.minimisers import Function, Point, fire, minimise
 from critflow.networks import Array
 from critflow.numerics import EPS, largest, quasi_random
 from critflow.refinement import Displacement, inverse_norm
@@ -419,9 +420,10 @@ def _by_newton(
 
 def _by_fire(state: State, pattern: FixedPattern, tolerance: float, max_steps: int | None) -> Equilibrium[State]:
     # No squared frequency exceeds twice the sum of the stiffnesses at a vertex.
+    time_step, longest = _TIME_STEP * 2 / np.sqrt(state.largest_stiffness), _LONGEST_MOVE * float(state.lengths.mean())
     end = minimise(
         Relaxation(state),
-        Fire(_TIME_STEP * 2 / np.sqrt(state.largest_stiffness), _LONGEST_MOVE * float(state.lengths.mean())),
+        partial(fire, time_step=time_step, max_move=longest),
         np.zeros(state.forces.size),
         tolerance * state.stiffness_scale * state.length_scale,
         _FIRE_STEPS if max_steps is None else max_steps,

@@ -170,9 +170,13 @@ CALLS = {
             *(InputError, "start must be a CriticalConfiguration", "not a CriticalManifold", MAKES_ONE),
         ),
         "path from a word": (lambda: cf.strain_path("best", [0.1]), InputError, "start must be", "not 'best'"),
-        "solver of a path a word": (
-            lambda: cf.strain_path(BEST, [0.01], solver="newton"),
-            *(InputError, "solver must be a PathSolver", "not 'newton'"),
+        "method of a path unknown": (
+            lambda: cf.strain_path(BEST, [0.01], method="steepest"),
+            *(InputError, "no relaxation method is called 'steepest'", "'newton'"),
+        ),
+        "tolerance of a path a word": (
+            lambda: cf.strain_path(BEST, [0.01], tolerance="fine"),
+            *(InputError, "tolerance must be a number", "not 'fine'"),
         ),
         "elasticity of a number": (
             lambda: cf.elasticity(3),

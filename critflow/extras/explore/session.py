@@ -18,7 +18,7 @@ from critflow.extras.explore.source import Source
 from critflow.isogonal import IsogonalModes, face_modes
 from critflow.manifold import CriticalConfiguration
 from critflow.networks import Array
-from critflow.paths import PathSolver, StrainPath, strain_path
+from critflow.paths import StrainPath, strain_path
 from critflow.pruning import pruned
 from critflow.result import InputError, Solution
 from critflow.springs import SpringState
@@ -58,7 +58,6 @@ class State:
             [gamma],
             deformation=deformation,
             measure="moduli" if moduli else "energy",
-            solver=PathSolver(pattern=self.model.pattern),
             throw=False,
         )
 

@@ -8,18 +8,18 @@ from derivatives import assert_derivative
 from problems import PERIODIC_KINDS, at, dense_bond_vectors, random_stress
 
 from critflow import CriticalManifold, InputError, Quantity, Status, optimize, voronoi_network
-from critflow.descent import SignedStressObjective, StressObjective
+from critflow.descent import Descent, SignedDescent
 from critflow.optima import objective_of
 from critflow.quantities import LengthVariance, TensionVariance
 
 
 @pytest.mark.parametrize(
     "chart, goal_name",
-    [*((StressObjective, name) for name in ("V_L", "V_tau", "B_0", "G_0")), (SignedStressObjective, "G_0")],
+    [*((Descent, name) for name in ("V_L", "V_tau", "B_0", "G_0")), (SignedDescent, "G_0")],
 )
 @pytest.mark.parametrize("kind", PERIODIC_KINDS)
 def test_derivatives_by_the_unknowns_are_those_of_differences(kind, chart, goal_name):
-    network, signed = PERIODIC_KINDS[kind](), chart is SignedStressObjective
+    network, signed = PERIODIC_KINDS[kind](), chart is SignedDescent
     goal = objective_of(network, goal_name, None if signed else 0.1)
     objective = chart(CriticalManifold(network), goal)
     # Not scaled to Σσ² = N_b, and with compressed edges where they are allowed.
@@ -45,7 +45,7 @@ def test_derivatives_by_the_unknowns_are_those_of_differences(kind, chart, goal_
 
 
 def test_the_value_does_not_depend_on_the_scale():
-    objective = StressObjective(CriticalManifold(voronoi_network(100, seed=1)), LengthVariance())
+    objective = Descent(CriticalManifold(voronoi_network(100, seed=1)), LengthVariance())
     x = np.log(np.abs(np.random.default_rng(1).standard_normal(150)))
     np.testing.assert_allclose(objective.sigma(x + 500), objective.sigma(x), rtol=1e-12)
     assert abs(objective.at(x).gradient.sum()) < 1e-14
@@ -91,7 +91,7 @@ class Filled(Own):
 def products(goal):
     manifold = CriticalManifold(voronoi_network(40, seed=1))
     x, direction = np.log(random_stress(60, 1)), np.random.default_rng(3).standard_normal(60)
-    objective = StressObjective(manifold, goal)
+    objective = Descent(manifold, goal)
     return objective.hessian_product(objective.at(x), direction)
 
 

@@ -1,4 +1,4 @@
-"""The largest modulus over stresses of any sign: a bound that nothing passes, a configuration that attains it."""
+"""Optima in closed form: the largest moduli with their bounds and errors, and the least C_B."""
 
 import numpy as np
 import pytest
@@ -10,13 +10,19 @@ from critflow import (
     InputError,
     SolveError,
     Status,
+    foam_network,
     lattice,
     optimize,
+    quantity,
     upper_bound,
     voronoi_network,
 )
-from critflow.optima import largest_modulus, least_compressed_length
+from critflow.numerics import EPS
+from critflow.optima import largest_modulus
 from critflow.quantities import dilation, pure_shear, transition_modulus
+from workflows.benchmarks import reference
+from workflows.benchmarks.high_precision import MP, dot, numbers
+from workflows.shear.compression import least_compressed_length
 
 
 def bound_of(network, strain):
@@ -203,3 +209,71 @@ def test_the_bound_is_never_below_the_value_that_attains_it(n_vertices):
     for seed in range(12):
         best = optimize(voronoi_network(n_vertices=n_vertices, seed=seed), "B_0")
         assert best.objective <= best.bound <= best.objective * (1 + 1e-12)
+
+
+# Errors against sixty digits, from both sides, at stiffnesses other than one
+
+
+SMALL = [with_random_stiffness(voronoi_network(12, seed), seed + 1) for seed in range(4)]
+
+
+@pytest.mark.parametrize("name", ["modulus[uniaxial]", "G_0"])
+def test_the_error_of_a_closed_form_covers_value_and_bound(name):
+    for network in SMALL:
+        optimum = optimize(network, name, "closed_form", signs="any")
+        exact = reference.configuration(network, optimum.value.sigma)
+        stress = (exact.sigma[:, None] * exact.bond_vectors).T @ exact.bond_vectors
+        energy = (exact.sigma**2 * dot(exact.bond_vectors, exact.bond_vectors) / numbers(network.stiffness)).sum()
+        work = stress[0, 0] if "uniaxial" in name else stress[0, 1]
+        value = work**2 / (reference.volume(network) * energy)
+        rounding = EPS * network.n_edges * optimum.bound
+        assert abs(MP.mpf(optimum.objective) - value) <= optimum.objective_error
+        # The largest value lies between that of this stress and the bound.
+        assert abs(optimum.bound - optimum.objective) + 0.9 * rounding <= optimum.objective_error
+        assert optimum.objective_error < 10 * EPS * optimum.stats.condition
+
+
+@pytest.mark.parametrize("network", SMALL)
+def test_the_error_of_the_largest_bulk_modulus_covers_its_value(network):
+    optimum = optimize(network, "B_0")
+    exact = reference.configuration(network, network.stiffness)
+    energy = (numbers(network.stiffness) * dot(exact.bond_vectors, exact.bond_vectors)).sum()
+    value = energy / (network.dimension**2 * reference.volume(network))
+    assert abs(MP.mpf(optimum.objective) - value) <= optimum.objective_error < 1e-11
+
+
+# The least C_B over positive stresses is that of the largest B_0
+
+
+SPRINGS = {
+    "plane": lambda: voronoi_network(60, seed=1),
+    "plane, other springs": lambda: with_random_stiffness(voronoi_network(40, seed=2), 3),
+    "plane, stretched": lambda: voronoi_network(40, seed=2).deformed([[1.0, 0.6], [0.0, 3.0]]),
+    "space": lambda: foam_network(52, seed=1),
+}
+
+
+@pytest.mark.parametrize("name", SPRINGS)
+def test_the_least_growth_is_at_the_stiffest_from_every_start(name):
+    manifold, random = CriticalManifold(SPRINGS[name]()), np.random.default_rng(0)
+    network, d = manifold.network, manifold.network.dimension
+    stiffest = optimize(manifold, "B_0")
+    least = (3 / d - 2) * stiffest.objective
+    for options in ({}, {"start": 0.1 + random.random(network.n_edges)}, {"starts": 3, "rng": random}):
+        found = optimize(manifold, "C_B", **options)
+        assert found.ok and found.stats.method == "closed_form"
+        assert found.objective == pytest.approx(least, rel=1e-11)
+        assert found.objective_error < 1e-11 * abs(least) and found.stats.residual < 1e-11
+        np.testing.assert_allclose(found.value.sigma, stiffest.value.sigma, rtol=1e-13)
+    assert optimize(manifold, "C_B", "closed_form").objective == found.objective
+    for _ in range(5):
+        sigma = network.stiffness * np.exp(random.uniform(0, 2) * random.standard_normal(network.n_edges))
+        assert quantity(network, "C_B").evaluate(manifold.configuration(sigma))[0] > least
+
+
+def test_other_extremes_of_growth_have_no_closed_form():
+    network = voronoi_network(20, seed=1)
+    for objective in ("C_G", "stiffening[dilation]"):
+        with pytest.raises(InputError, match="closed form"):
+            optimize(network, objective, "closed_form")
+    assert optimize(network, "C_B", "lbfgs", max_steps=5, throw=False).stats.method == "lbfgs"

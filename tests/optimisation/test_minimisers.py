@@ -1,11 +1,13 @@
 """Minimisers: a table of methods × functions of vectors with known minima, and the statuses of the driver."""
 
+from functools import partial
+
 import numpy as np
 import pytest
 from problems import Analytic, quadratic
 
 from critflow import Status
-from critflow.minimisers import LBFGS, METHODS, Fire, Newton, Pairs, minimise
+from critflow.minimisers import METHODS, Pairs, fire, minimise, newton
 
 
 def rosenbrock():
@@ -46,7 +48,7 @@ def barrier():
 
 PROBLEMS = {"quadratic": quadratic, "Rosenbrock": rosenbrock, "double well": double_well, "barrier": barrier}
 # A stable time step of FIRE is below 2/√(largest curvature).
-BY_NAME = {"fire": Fire(time_step=0.01, max_move=0.1), "lbfgs": LBFGS(), "newton": Newton()}
+BY_NAME = {**METHODS, "fire": partial(fire, time_step=0.01, max_move=0.1)}
 
 
 @pytest.mark.parametrize("problem", PROBLEMS)
@@ -58,10 +60,6 @@ def test_minima_with_known_answers(method, problem):
     assert end.point.residual < 1e-10
     # A gradient of 1e-10 over the smallest curvature: 0.4 in the valley of Rosenbrock's function, 1 elsewhere.
     np.testing.assert_allclose(end.point.x, minimum, rtol=0, atol=1e-9)
-
-
-def test_the_table_has_all_methods():
-    assert {name: type(method) for name, method in BY_NAME.items()} == METHODS
 
 
 @pytest.mark.parametrize("method", METHODS)
@@ -104,7 +102,7 @@ def test_a_wrong_gradient_stalls(method):
 
 def test_newton_converges_superlinearly():
     function, start, minimum = rosenbrock()
-    ends = [minimise(function, Newton(), start, 1e-300, steps).point.x for steps in range(10, 40)]
+    ends = [minimise(function, newton, start, 1e-300, steps).point.x for steps in range(10, 40)]
     errors = np.array([np.linalg.norm(x - minimum) for x in ends])
     small = np.flatnonzero((errors[:-2] < 1e-2) & (errors[:-2] > 1e-7))
     assert len(small) >= 2
@@ -118,7 +116,8 @@ def test_a_step_that_raises_the_value_is_refused_where_the_model_predicts_roundi
         lambda x: 1e6 + (x[0] > 0.5), lambda x: np.array([-1e-9 * (x[0] < 0.5)]), lambda x: np.array([[1e-9]])
     )
     start = function.at(np.zeros(1))
-    assert Newton().step(function, start, 10.0)[0].value == start.value
+    point, _ = next(newton(function, start))
+    assert point.value == start.value
 
 
 @pytest.mark.parametrize("n_pairs", [0, 1, 4, 5, 6, 13])
@@ -138,5 +137,5 @@ def test_the_direction_of_l_bfgs_is_that_of_the_updates_of_bfgs(n_pairs):
         projector = np.eye(n) - np.outer(dx, dgradient) / (dx @ dgradient)
         inverse = projector @ inverse @ projector.T + np.outer(dx, dx) / (dx @ dgradient)
     np.testing.assert_allclose(pairs.direction(gradient, diagonal), -inverse @ gradient, rtol=1e-10, atol=1e-12)
-    pairs.clear()
-    np.testing.assert_array_equal(pairs.direction(gradient, diagonal), -gradient)
+    if not changes:
+        np.testing.assert_array_equal(pairs.direction(gradient, diagonal), -gradient)
