@@ -308,8 +308,8 @@ class TransitionModulus(SpringResponse):
         work, cost = (sigma @ hdot).item(), (square @ flexibility).item()
         # ∂μ/∂W = 2W/(V D) and ∂μ/∂D = −W²/(V D²).
         ratio = work / cost
-        by_sigma = 2 * ratio * hdot + 2 * (-ratio * ratio) * sigma * flexibility
-        by_L = (2 * (2 * ratio) * sigma)[:, None] * AL + (2 * (-ratio * ratio) * square / k)[:, None] * L
+        by_sigma = 2 * ratio * hdot - 2 * ratio * ratio * sigma * flexibility
+        by_L = (4 * ratio * sigma)[:, None] * AL - (2 * ratio * ratio * square / k)[:, None] * L
         return work * ratio / volume, (by_sigma / volume, by_L / volume)
 
     def by_stiffness(self, balance: Balanced) -> Array:
