@@ -20,6 +20,7 @@ from .extras.graphs.packings import packing_network as packing_network
 from .extras.graphs.regular_networks import regular_network as regular_network
 from .extras.inference.nearest import nearest_critical as nearest_critical
 from .extras.local.local_response import local_response as local_response
+from .extras.pruning.pruning import pruned as pruned
 from .extras.targets.targets import design as design
 from .extras.tensegrity.signed_stress import stability as stability
 from .extras.tissue.tissue import critical_from_perimeters as critical_from_perimeters
@@ -43,7 +44,6 @@ from .pictures import draw as draw
 from .points import delaunay_network as delaunay_network
 from .points import foam_network as foam_network
 from .points import voronoi_network as voronoi_network
-from .pruning import pruned as pruned
 from .quantities import Quantity as Quantity
 from .quantity_names import properties as properties
 from .quantity_names import quantity as quantity

@@ -2,7 +2,7 @@
 
 LAYERS = (
     *("result", "calls", "arguments", "extensions", "minimisers", "checks", "deformation", "faces", "networks"),
-    *("digits", "pruning", "points", "lattices", "numerics", "sparse", "saddles", "double_double", "refinement"),
+    *("points", "lattices", "numerics", "sparse", "saddles", "double_double", "refinement"),
     *("manifold", "taut_part", "quantities", "quantity_names", "isogonal", "self_stress", "springs"),
     *("equilibria", "cones", "taut_edges", "lengths", "descent", "optima", "linear_response", "elastic", "growth"),
     *("paths", "workflow", "pictures", "extras", "command", "__main__"),

@@ -92,7 +92,6 @@ CALLS = {
     ),
     "properties": lambda p, r: critflow.properties(critical_of(p), r.choice([["V_tau", "V_L"], ["B_0", "C_B"]])),
     "quantity": lambda p, r: critflow.quantity(p.network, "V_L"),
-    "pruned": lambda p, r: critflow.pruned(p.network, numbers(r, len(p.sigma)) < 0.5),
 }
 
 # Public functions that these do not reach; each has tests of its own.

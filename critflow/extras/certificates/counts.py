@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike
 
 from critflow.arguments import of_kind
 from critflow.calls import running
-from critflow.digits import rounding_note
+from critflow.extras.pruning.digits import rounding_note
 from critflow.networks import Array, IntArray, Network, validated_coordinates
 from critflow.numerics import LARGEST_DENSE, REGULARISATION, STABLE_MARGIN
 from critflow.result import InputError, Record, Solution, Stats, Status

@@ -72,11 +72,7 @@ def pruned(network: Network | ArrayLike, kept: ArrayLike | None = None, **argume
 class _Loose(Network):
     """Edges and a boundary, of which some edges need not carry tension."""
 
-    @staticmethod
-    def _check_support(
-        edges: IntArray, offsets: IntArray, cell: Array | None, pins: Mapping[int, Array], n_vertices: int
-    ) -> None:
-        pass
+    _supported = False
 
 
 class CarryingPart(NamedTuple):

@@ -2,10 +2,18 @@
 
 import numpy as np
 import pytest
+from fuzzing import answers_or_explains
 from problems import pinned_grid, square_octagon
+from random_graphs import random_graph
+from random_problems import numbers
+from refusals import refused
 
 from critflow import CriticalManifold, lattice, pruned
+from critflow.checks import blocks, opened_edges
+from critflow.extras.pruning.pruning import carrying_part
 from critflow.result import NetworkError
+
+CELL = square_octagon().cell
 
 
 def test_hanging_parts_are_removed():
@@ -64,3 +72,30 @@ def test_a_chain_between_pins_that_are_one_place_of_the_cell_carries_nothing(ima
     else:
         with pytest.raises(NetworkError, match="no edge can carry"):
             pruned(chain.pop("edges"), **chain)
+
+
+def test_the_edges_of_no_block_that_collapses_are_kept():
+    rng = np.random.default_rng(3)
+    for _ in range(150):
+        graph = edges, offsets, cell, pins, n_vertices = random_graph(rng)
+        collapsed = ~opened_edges(*blocks(*graph))
+        part = carrying_part(edges, offsets, pins, n_vertices, cell)
+        assert not collapsed[part.edges].any()
+        assert len(part.edges) + part.separate == (~collapsed).sum()
+        assert part.bridges + part.closed == collapsed.sum()
+
+
+CASES = {
+    "arguments of another": (lambda: pruned(lattice("honeycomb", 2, 2), cell=np.eye(2)), "cell"),
+    "numbers": (lambda: pruned(square_octagon(), np.arange(6)), "mask"),
+    "nothing": (lambda: pruned(square_octagon(), np.zeros(6, bool)), "tension"),
+    "a tree": (lambda: pruned([[0, 1], [1, 2]], cell=CELL), "tension"),
+    "edges not whole": (lambda: pruned([[0, 0.5]], cell=CELL), "whole"),
+    "no boundary": (lambda: pruned([[0, 1]]), "cell"),
+}
+
+test_bad_input_raises_one_sentence = refused(CASES)
+
+test_answers_or_explains = answers_or_explains(
+    {"pruned": lambda p, r: pruned(p.network, numbers(r, len(p.sigma)) < 0.5)}
+)

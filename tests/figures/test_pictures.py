@@ -1,4 +1,4 @@
-"""Figures: every edge is drawn once, whole and in its cell."""
+"""Pictures: every edge is drawn once, whole and in its cell, in any units."""
 
 from dataclasses import replace
 
@@ -7,19 +7,49 @@ import numpy as np
 import pytest
 from matplotlib.collections import PathCollection
 from matplotlib.figure import Figure
-from problems import critical_of, oblique, pinned_grid, random_stress, sheared, slack_lattice
+from problems import NETWORKS, critical_of, oblique, pinned_grid, random_stress, sheared, slack_lattice
 from scipy.spatial import cKDTree
+from units import same_in_units
 
-from critflow import CriticalManifold, draw, foam_network, lattice, spring_state, voronoi_network
+from critflow import CriticalManifold, draw, lattice, spring_state, voronoi_network
 from critflow.pictures import (
-    draw_in_depth,
     draw_network,
     face_polygons,
-    network_figure,
+    images_in_cell,
     periodic_segments,
     shade_faces,
     unit_pressure_tensions,
 )
+
+
+def sorted_rows(pieces):
+    flat = np.round(pieces.reshape(len(pieces), -1), 9) + 0.0
+    return flat[np.lexsort(flat.T)]
+
+
+def test_lines_have_an_image_for_each_border_that_they_cross():
+    inside, crossing = [[0.2, 0.3], [0.6, 0.5]], [[0.8, 0.5], [1.3, 0.6]]
+    pieces, lines = images_in_cell(np.array([inside, crossing]))
+    np.testing.assert_array_equal(np.sort(lines), [0, 1, 1])
+    expected = [inside, crossing, np.array(crossing) - [1, 0]]
+    np.testing.assert_allclose(sorted_rows(pieces), sorted_rows(np.array(expected)))
+
+
+@pytest.mark.parametrize("dimension", [2, 3])
+def test_images_do_not_depend_on_the_one_given(dimension):
+    rng = np.random.default_rng(1)
+    starts = rng.random((30, 1, dimension))
+    ends = np.concatenate([starts, starts + rng.uniform(-1.4, 1.4, (30, 1, dimension))], axis=1)
+    here = images_in_cell(ends)
+    there = images_in_cell(ends + rng.integers(-3, 4, (30, 1, dimension)))
+    np.testing.assert_allclose(sorted_rows(here[0]), sorted_rows(there[0]), atol=1e-8)
+    np.testing.assert_array_equal(np.bincount(here[1]), np.bincount(there[1]))
+    # Each piece meets the cell, and together they cover each line as often as its length has it.
+    along = np.linspace(0, 1, 2001)[:, None, None]
+    points = here[0][:, 0] + along * (here[0][:, 1] - here[0][:, 0])
+    inside = ((points > 0) & (points < 1)).all(axis=2).mean(axis=0)
+    np.testing.assert_allclose(np.bincount(here[1], inside), 1, atol=5e-3)
+
 
 matplotlib.use("Agg")
 
@@ -140,32 +170,6 @@ def test_colours_follow_tensions_and_mark_compression():
     np.testing.assert_allclose(ends[1] - ends[0], strongest, rtol=0, atol=1e-12)
 
 
-def test_three_dimensional_networks_are_drawn_by_depth():
-    network = foam_network(60, seed=1)
-    sigma = random_stress(network.n_edges, 2)
-    sigma[7] = -0.01
-    critical = CriticalManifold(network).configuration(sigma)
-    axes = Figure().add_subplot()
-    bar = draw_in_depth(axes, *of_network(network), critical.coordinates, critical.tensions)
-    edges, frame = axes.collections
-    segments, widths = np.array(edges.get_segments()), np.asarray(edges.get_linewidths())
-    assert len(segments) == len(widths) == network.n_edges
-    assert len(frame.get_segments()) == 12
-    # Projection on the plane of two unit vectors; the order of the edges is by depth.
-    across, up = np.array([0.94, -0.34, 0]), np.array([0.09, 0.25, 0.96])
-    drawn = np.linalg.norm(segments[:, 1] - segments[:, 0], axis=1)
-    projected = np.hypot(critical.bond_vectors @ across, critical.bond_vectors @ up)
-    np.testing.assert_allclose(np.sort(drawn), np.sort(projected), atol=1e-12)
-    # Far edges come first and are pale; the compressed one is not blue.
-    colours = np.asarray(edges.get_colors())[:, :3]
-    assert colours[:50].mean() > colours[-50:].mean() + 0.2
-    assert np.count_nonzero(colours[:, 0] > colours[:, 2] + 1e-3) == 1
-    assert bar.norm.vmin == 0 and bar.norm.vmax > 0
-    figure = network_figure(*of_network(network), critical.coordinates, critical.sigma, critical.lengths, "foam")
-    figure.canvas.draw()
-    assert len(figure.axes) == 2 and figure.axes[0].get_title() == "foam"
-
-
 @pytest.mark.parametrize("name", ["voronoi", "oblique", "sheared", "honeycomb"])
 def test_face_polygons_follow_the_edges(name):
     critical = configuration(name)
@@ -237,3 +241,21 @@ def test_values_of_vertices_are_areas_of_discs(make):
         else network.positions @ np.linalg.inv(network.cell) % 1 @ network.cell
     )
     np.testing.assert_allclose(discs.get_offsets(), places, rtol=0, atol=1e-12)
+
+
+def lines(network, units):
+    critical = critical_of(network)
+    graph = network.edges, network.offsets, network.cell
+    segments, edge = periodic_segments(*graph, critical.coordinates)
+    drawn = draw_network(Figure().add_subplot(), *graph, critical.coordinates, critical.tensions)
+    polygons = face_polygons(network.faces, network.edges, critical.coordinates, critical.bond_vectors)
+    tension = unit_pressure_tensions(critical.sigma, critical.lengths, network.volume)
+    return {
+        "number": (edge, drawn.get_linewidths()),
+        "length": (segments, np.array(drawn.get_segments()), *drawn.get_clim(), np.concatenate(polygons), tension),
+    }
+
+
+test_figures_in_other_units = same_in_units(
+    {name: (lines, NETWORKS[name]) for name in ("voronoi", "oblique", "sheared")}
+)
