@@ -11,7 +11,7 @@ Random rest lengths (`random_lengths`) have s = 0.1, not the 0.3 of the paper, s
 import numpy as np
 
 import critflow as cf
-from critflow.equilibria import geometric_split
+from critflow.extras.hessian.splits import geometric_split
 from critflow.extras.weak.soft_spectrum import soft_spectrum
 from critflow.extras.weak.weak_equilibrium import weak_equilibrium
 from critflow.extras.weak.weak_modulus import WeakModulus

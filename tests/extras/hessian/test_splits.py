@@ -1,23 +1,24 @@
 """Both splits of the Hessian, differences of forces, and the bond operator by its definition."""
 
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
 from derivatives import assert_derivative
-from problems import NETWORKS, random_stress, triangular_lattice, with_random_stiffness
+from problems import NETWORKS, critical_of, random_stress, triangular_lattice, with_random_stiffness
+from units import same_in_units
 
 from critflow import (
     CriticalManifold,
     PowerLaw,
     SolveError,
     Status,
-    rigidity,
     spring_state,
     three_bar_linkage,
     voronoi_network,
 )
-from critflow.equilibria import bond_operator, geometric_split, hookean_split
+from critflow.extras.hessian.splits import bond_operator, geometric_split, hookean_split
 from critflow.self_stress import Spectrum
 from critflow.sparse import block_laplacian
 
@@ -108,11 +109,11 @@ def test_unstressed_bond_operator_is_a_projection():
         root = np.sqrt(network.stiffness)
         X = bond_operator(spring_state(network, lengths, y)) @ np.diag(root)
         projector = root[:, None] * X
-        counts = rigidity(network, y).value
+        spectrum = Spectrum(network, y)
         np.testing.assert_allclose(projector @ projector, projector, rtol=0, atol=1e-11)
-        assert np.trace(projector) == pytest.approx(network.n_edges - counts.n_self_stresses, abs=1e-10)
-        # Tensions τ = σ|L| of self-stresses: no displacement results from them.
-        tensions = counts.self_stresses * lengths
+        assert np.trace(projector) == pytest.approx(network.n_edges - spectrum.n_self_stresses, abs=1e-10)
+        # No displacement results from the tensions of self-stresses.
+        tensions, _ = spectrum.null_space(spectrum.n_self_stresses, of_stresses=True)
         assert np.abs(projector @ (tensions / root).T).max() < 1e-10
 
 
@@ -123,3 +124,25 @@ def test_buckled_springs_have_no_bond_operator():
     with pytest.raises(SolveError, match="2 negative") as refusal:
         bond_operator(pushed)
     assert refusal.value.solution.status is Status.unstable
+
+
+def splits(network, units, size):
+    """Both splits, and the bond operator where the springs do not buckle."""
+    critical = critical_of(network, 1)
+    state = spring_state(network, size * critical.lengths, critical.coordinates)
+    one, other = geometric_split(state), hookean_split(state)
+    matrices = (*(each.hessian.toarray() for each in (one, other)), one.prestress.data, other.prestress.data)
+    return {"number": (other.response.data,), "length": (one.response.data,), "stiffness": matrices}
+
+
+def operator(network, units, size):
+    critical = critical_of(network, 1)
+    X = bond_operator(spring_state(network, size * critical.lengths, critical.coordinates)) @ np.eye(network.n_edges)
+    return {"number": (X * units.stiffness,)}
+
+
+NETWORK = NETWORKS["voronoi, random stiffness"]
+test_splits_in_other_units = same_in_units(
+    {f"splits {size}": (partial(splits, size=size), NETWORK) for size in (0.95, 1.0, 1.05)}
+    | {f"operator {size}": (partial(operator, size=size), NETWORK) for size in (0.98, 1.0)}
+)
