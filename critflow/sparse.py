@@ -335,8 +335,9 @@ class FixedPattern:
 class Factor:
     """L D Lᵀ of one matrix A, for any number of right-hand sides; no other factorisation changes its answers."""
 
+    _solver: Backend | None = None
+
     def __init__(self, pattern: FixedPattern, matrix: sp.csc_matrix):
-        self._solver: Backend | None = None
         # The upper triangle of A + shift, which stands in for A where the shift is not zero.
         self._pattern, self._matrix, self._shift = pattern, matrix, 0.0
         self._pivots: Array | None = None
