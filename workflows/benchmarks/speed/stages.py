@@ -130,4 +130,4 @@ def _optimum(manifold: CriticalManifold) -> Any:
 def _coefficients(network: Network, critical: CriticalConfiguration) -> tuple[Any, str]:
     """C_B and C_G from the analysis of their matrix on, and the solver behind."""
     manifold = CriticalManifold(network)
-    return stiffening(critical, throw=False), manifold.system(critical.sigma).pattern.backend
+    return stiffening(critical, throw=False), manifold.saddle.pattern.backend
