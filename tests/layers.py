@@ -3,5 +3,5 @@
 LAYERS = (
     *("result", "calls", "arguments", "extensions", "minimisers", "networks", "generators", "linalg", "precision"),
     *("critical", "certificates", "springs", "lengths", "optimisation", "response", "paths"),
-    *("workflow", "figures", "extras", "command", "__main__"),
+    *("engine", "figures", "extras", "command", "__main__"),
 )

@@ -18,6 +18,7 @@ from numpy.typing import ArrayLike
 
 from critflow.arguments import of_kind
 from critflow.calls import running
+from critflow.engine.settings import require_folder
 from critflow.figures.depth import draw_in_depth
 from critflow.figures.plot import (
     COLOURS,
@@ -31,7 +32,6 @@ from critflow.figures.polygons import face_polygons, shade_faces
 from critflow.figures.shades import varied, widely
 from critflow.networks.network import Array, Network
 from critflow.result import InputError, Solution
-from critflow.workflow.output import require_folder
 
 # Colour of edges without values.
 _PLAIN = "0.35"

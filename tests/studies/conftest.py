@@ -7,7 +7,7 @@ import xarray as xr
 from extras_there import skip_without, used_by_file
 
 from critflow.command.main import main
-from critflow.workflow.load import named_studies
+from critflow.engine.code_digest import named_studies
 
 SETTINGS = {
     "allostery": (

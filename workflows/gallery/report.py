@@ -4,11 +4,11 @@ import numpy as np
 from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 
+from critflow.engine.study import plural
 from critflow.figures.plot import draw_network, periodic_segments
 from critflow.figures.polygons import face_polygons, shade_faces
 from critflow.networks.faces import planar_faces
 from critflow.result import Status
-from critflow.workflow.study import plural
 
 from ..paper.statements import Measurement
 from ..paper.verdicts import claims_of

@@ -17,9 +17,9 @@ import numpy as np
 import critflow as cf
 from critflow.critical.isogonal import affine_bulk_modulus, face_modes
 from critflow.critical.properties import flat_directions
+from critflow.engine import Axis, Study, stable_rng
 from critflow.generators.random_networks import check_voronoi
 from critflow.result import StudyError
-from critflow.workflow import Axis, Study, stable_rng
 
 from ..paper.committed import committed_run
 from ..shared.checks import check_network, check_positive

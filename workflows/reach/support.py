@@ -11,8 +11,8 @@ import numpy as np
 
 import critflow as cf
 from critflow.critical.transition import PenalisedModulus, transition_modulus
-from critflow.workflow import Claim
-from critflow.workflow.study import plural
+from critflow.engine import Claim
+from critflow.engine.study import plural
 
 from ..shared.figures import counted, legend_below, lettered, panels
 from ..shared.reports import finite, parameters, series

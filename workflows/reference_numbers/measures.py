@@ -7,8 +7,8 @@ from scipy.optimize import brentq
 
 import critflow as cf
 from critflow.critical.backbone import backbone
+from critflow.engine import stable_rng
 from critflow.networks.pruning import carrying_part
-from critflow.workflow import stable_rng
 
 # Length of the stored curves.
 POINTS = 8

@@ -18,12 +18,12 @@ import numpy as np
 
 from critflow import CriticalManifold, Solution, optimize, upper_bound, voronoi_network
 from critflow.critical.transition import pure_shear, transition_modulus
+from critflow.engine import Axis, Coordinate, Study, Variable, stable_rng
 from critflow.generators.random_networks import check_voronoi
 from critflow.optimisation.compressed_length import least_compressed_length
 from critflow.optimisation.largest_modulus import largest_modulus
 from critflow.response.elasticity import elasticity
 from critflow.result import Status, StudyError
-from critflow.workflow import Axis, Coordinate, Study, Variable, stable_rng
 
 from ..paper.committed import committed_run
 from ..shared.checks import check_network

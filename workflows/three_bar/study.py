@@ -8,8 +8,8 @@ import numpy as np
 
 from critflow import CriticalManifold, Status, rigidity, three_bar_linkage
 from critflow.critical.edge_lengths import COLLAPSED
+from critflow.engine import Axis, Coordinate, Study, decimals, stable_rng
 from critflow.result import StudyError
-from critflow.workflow import Axis, Coordinate, Study, decimals, stable_rng
 
 from ..paper.committed import committed_run
 from ..shared.reports import PAPER

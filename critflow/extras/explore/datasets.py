@@ -9,12 +9,12 @@ from typing import Any
 import numpy as np
 
 from critflow.critical.manifold import CriticalConfiguration
+from critflow.engine.dataset import opened_dataset
 from critflow.extras.explore.model import Model
 from critflow.extras.explore.source import Opening, check_size, imported_lines, opened
 from critflow.extras.files.convert import network_from
 from critflow.networks.network import Array
 from critflow.result import InputError, Status
-from critflow.workflow.dataset import opened_dataset
 
 # Variables on the axes of the plane until others are chosen.
 _FIRST = ("B_0", "C_B")

@@ -12,10 +12,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from critflow.engine.settings import stored_configuration
 from critflow.networks.checks import floats, integers
 from critflow.networks.digits import Digits, digits_of
 from critflow.result import EnvironmentFailure, InputError, Record
-from critflow.workflow.selected import stored_configuration
 
 Array = NDArray[np.float64]
 IntArray = NDArray[np.int64]

@@ -11,8 +11,8 @@ import numpy as np
 
 from critflow import CriticalManifold, Network, delaunay_network, lattice, voronoi_network
 from critflow.critical.manifold import critical_configuration
+from critflow.engine import stable_rng
 from critflow.springs.state import SpringState, spring_state
-from critflow.workflow import stable_rng
 
 from ...shared.populations import OPTIMA
 from .. import reference

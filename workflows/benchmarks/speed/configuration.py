@@ -17,9 +17,9 @@ import scipy.sparse as sp
 
 from critflow import CriticalConfiguration, CriticalManifold, Network, voronoi_network
 from critflow.critical.transition import dilation, transition_modulus
+from critflow.engine import stable_rng
 from critflow.linalg.backends import available_backends
 from critflow.precision.double_double import Extended
-from critflow.workflow import stable_rng
 
 from ..timing import Answer, Method, Run, Task, peer
 from . import references

@@ -26,11 +26,11 @@ from scipy.optimize import minimize
 
 from critflow import CriticalManifold, Network, Status, optimize, voronoi_network
 from critflow.critical.quantity import evaluate
+from critflow.engine import stable_rng
 from critflow.lengths.cone import fit_lengths
 from critflow.minimisers import Point
 from critflow.optimisation.descent import StressObjective
 from critflow.optimisation.optimize import objective_of
-from critflow.workflow import stable_rng
 
 from ...shared.populations import LABELS, OPTIMA
 from ..timing import Answer, Method, Run, Task, peer

@@ -19,11 +19,11 @@ import numpy as np
 from critflow import Network, Status, optimize, stiffening
 from critflow.critical.manifold import CriticalConfiguration, CriticalManifold, critical_configuration
 from critflow.critical.variances import LengthVariance
+from critflow.engine import stable_rng
 from critflow.generators.random_networks import STANDARD_HARD_CORE
 from critflow.generators.random_points import random_sequential_addition
 from critflow.generators.tessellations import voronoi_tessellation
 from critflow.response.elasticity import elasticity
-from critflow.workflow import stable_rng
 
 from ..timing import Method, Timing, stopwatch
 
