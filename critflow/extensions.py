@@ -3,10 +3,10 @@
     needs       other extras that it imports
     numeric     false where nothing of it decides the numbers of a study
     kinds       classes of the scene that its package teaches to functions which are `extensible`
-    quantities  name, such as "onset[D]" -> "module:factory" within its folder, as in `critical.vocabulary`
+    quantities  name, such as "onset[D]" -> "module:factory" within its folder, as in `quantity_names`
     commands    name -> "module:function" within its folder
     functions   name -> "module:function" within its folder, of a service that the scene calls by `provided`
-    backends    name -> place and crossovers of a sparse solver, as `critflow.linalg.backends` describes
+    backends    name -> place and crossovers of a sparse solver, as `critflow.sparse` describes
     iterations  likewise of an iterative one
 
 The scene reads the declarations and imports an extra when one of its names is used.  It names none of them, so that a

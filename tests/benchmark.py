@@ -17,7 +17,7 @@ import time
 import numpy as np
 
 from critflow import CriticalManifold, optimize, quantity, strain_path, voronoi_network
-from critflow.paths.strain_path import PathSolver
+from critflow.paths import PathSolver
 
 SEEDS = range(5)
 

@@ -19,7 +19,7 @@ from scipy.sparse.linalg import LinearOperator
 
 import critflow
 from critflow import CritflowError, CriticalManifold, Hookean, Network, PowerLaw, Solution, WormLike
-from critflow.linalg.factor import FixedPattern
+from critflow.sparse import FixedPattern
 
 # Factorisations of one call on at most eight vertices; the largest number seen is a third of it.
 BUDGET = 3000

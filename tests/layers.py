@@ -1,7 +1,9 @@
-"""The layers of the package, in one place: each imports only those before it."""
+"""The layers of the package, in one place: each module or folder imports only those before it."""
 
 LAYERS = (
-    *("result", "calls", "arguments", "extensions", "minimisers", "networks", "generators", "linalg", "precision"),
-    *("critical", "certificates", "springs", "lengths", "optimisation", "response", "paths"),
-    *("engine", "figures", "extras", "command", "__main__"),
+    *("result", "calls", "arguments", "extensions", "minimisers", "checks", "deformation", "faces", "networks"),
+    *("digits", "pruning", "points", "lattices", "numerics", "sparse", "saddles", "double_double", "refinement"),
+    *("manifold", "taut_part", "quantities", "quantity_names", "design_names", "isogonal", "self_stress", "springs"),
+    *("equilibria", "cones", "taut_edges", "lengths", "descent", "optima", "linear_response", "elastic", "growth"),
+    *("certificate", "paths", "engine", "pictures", "extras", "command", "__main__"),
 )

@@ -24,9 +24,9 @@ from critflow import (
     spring_state,
     voronoi_network,
 )
-from critflow.critical.manifold import critical_configuration
-from critflow.linalg.factor import FixedPattern
+from critflow.manifold import critical_configuration
 from critflow.minimisers import Function, Point
+from critflow.sparse import FixedPattern
 from workflows.benchmarks import reference
 
 SQRT3 = np.sqrt(3.0)

@@ -7,7 +7,7 @@ import pytest
 from derivatives import assert_derivative, second_derivative
 
 from critflow import Deformation, Status, elasticity, equilibrium, stiffening, strain_path
-from critflow.networks.deformation import strain_basis
+from critflow.deformation import strain_basis
 
 
 def random_strain(dimension):

@@ -19,13 +19,13 @@ from critflow import (
     upper_bound,
     voronoi_network,
 )
-from critflow.precision.refinement import Refinement
-from critflow.response.linear_response import strains_of
+from critflow.linear_response import strains_of
+from critflow.refinement import Refinement
 
 NETWORKS = {"planar": voronoi_network, "foam": foam_network}
 SPRINGS, STRAIN = "Hessian", [0.001, 0.002, 0.003]
 # The package calls functions by the names of these modules.
-OPTIMIZE, PATH = sys.modules["critflow.optimisation.optimize"], sys.modules["critflow.paths.continuation"]
+OPTIMIZE, PATH = sys.modules["critflow.optima"], sys.modules["critflow.paths"]
 
 
 @pytest.fixture(scope="module", params=NETWORKS)
@@ -94,7 +94,7 @@ def test_a_closed_form_has_no_descent(factorised, monkeypatch, network, manifold
 
 
 def test_coefficients_need_one_system_and_no_path(factorised, monkeypatch, network, manifold, critical):
-    monkeypatch.setattr(sys.modules["critflow.paths.unknowns"], "relaxed", forbidden)
+    monkeypatch.setattr(sys.modules["critflow.paths"], "relaxed", forbidden)
     answers = []
     counts = factorised(network, lambda: answers.append(stiffening(critical, manifold=manifold)))
     # P(σ) refines the coordinates.

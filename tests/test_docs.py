@@ -31,10 +31,10 @@ from extras_there import PUBLIC, absent, left_out_without_services, mentioned, s
 from PIL import Image
 
 import critflow
+from critflow import sparse as backends
 from critflow.command.main import main
-from critflow.critical.vocabulary import ALIASES
 from critflow.extensions import extras
-from critflow.linalg import backends
+from critflow.quantity_names import ALIASES
 from workflows.pages.paper import EQUATIONS, named
 
 ROOT = Path(__file__).parents[1]
@@ -225,10 +225,10 @@ def test_the_pages_on_theory_name_the_function_of_every_equation():
 
 # Modules that define the bounds of these functions, and those that are imported from their module.
 DELEGATES = {
-    "CriticalManifold": ("precision/refinement.py",),
-    "critical_from_lengths": ("lengths/lengths_end.py",),
-    "optimize": ("optimisation/optimum.py",),
-    "strain_path": ("springs/equilibrium.py",),
+    "CriticalManifold": ("refinement.py",),
+    "critical_from_lengths": ("lengths.py",),
+    "optimize": ("descent.py",),
+    "strain_path": ("equilibria.py",),
 }
 
 

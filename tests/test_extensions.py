@@ -66,8 +66,8 @@ def test_a_service_of_an_extra_that_needs_one_that_is_not_installed():
 
 def test_what_an_extra_writes_in_brackets_goes_to_its_factory(monkeypatch):
     """Names in other words than EDGE, FACE and D, such as a pair of vertices."""
-    declared = {"share[I-J]": "critflow.critical.lengths_and_areas:edge_length"}
-    monkeypatch.setattr("critflow.critical.vocabulary.quantities", lambda: declared)
+    declared = {"share[I-J]": "critflow.design_names:edge_length"}
+    monkeypatch.setattr("critflow.quantity_names.quantities", lambda: declared)
     network = lattice("honeycomb", 2, 2)
     with pytest.raises(ValueError, match="3-5:1:0"):  # this factory knows whole numbers alone
         quantity(network, "share[3-5:1:0]")

@@ -33,12 +33,12 @@ from random_problems import a_problem, numbers
 
 import critflow
 from critflow import CritflowError, CriticalManifold, PowerLaw, WormLike
-from critflow.certificates.spaces import zero_modes
-from critflow.critical.backbone import backbone
-from critflow.critical.isogonal import face_modes
-from critflow.critical.properties import flat_directions, stress_hessian
-from critflow.critical.transition import transition_modulus
-from critflow.springs.hessian import bond_operator, geometric_split, hookean_split
+from critflow.equilibria import bond_operator, geometric_split, hookean_split
+from critflow.isogonal import face_modes
+from critflow.quantities import transition_modulus
+from critflow.quantity_names import flat_directions, stress_hessian
+from critflow.self_stress import zero_modes
+from critflow.taut_part import backbone
 from workflows.benchmarks import reference
 
 OBJECTIVES = ("length_variance", "tension_variance", "bulk_modulus", "shear_modulus")

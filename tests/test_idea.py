@@ -16,7 +16,7 @@ import pandas as pd
 import pytest
 
 import critflow as cf
-from critflow.critical.transition import PenalisedModulus
+from critflow.quantities import PenalisedModulus
 
 PAGE = Path(__file__).parents[1] / "docs" / "idea.md"
 LINES = 180

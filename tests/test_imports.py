@@ -20,7 +20,7 @@ SOURCES = {
 # Layers without xarray, files, figures and processes.
 PHYSICS = LAYERS[: LAYERS.index("engine")]
 # The engine computes cases of any kind.
-WITHOUT = {"engine": {*PHYSICS, "figures"} - {"result", "extensions", "calls"}}
+WITHOUT = {"engine": {*PHYSICS, "pictures"} - {"result", "extensions", "calls"}}
 # Modules of the scene that still import an extra.  This list may only become shorter.
 ARROWS: set[str] = set()
 # Modules that still import a later layer.
@@ -33,10 +33,9 @@ ALLOWED = {
 # Modules that may import a solver package, guard it from other threads or, for the C library MKL, search the disk.
 SOLVERS = {
     "critflow.calls": {"contextlib", "sys", "threading", "threadpoolctl", "time"},
-    "critflow.linalg.backends": {"qdldl"},
+    "critflow.sparse": {"qdldl", "threading"},
     "critflow.extensions": {"importlib", "pathlib", "tomllib"},
-    "critflow.linalg.factor": {"threading"},
-    "critflow.lengths.cone": {"clarabel"},
+    "critflow.cones": {"clarabel"},
 }
 
 LONGEST, MOST_PARAMETERS, MOST_NAMES = 60, 8, 60
@@ -118,7 +117,7 @@ def test_figures_and_files_have_one_layer_each():
         if layer(name) in ("engine", "command", "extras"):
             continue
         assert not roots & HEAVY, name
-        if layer(name) != "figures":
+        if layer(name) != "pictures":
             assert "matplotlib" not in roots, name
 
 

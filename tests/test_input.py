@@ -24,8 +24,8 @@ from critflow import (
     three_bar_linkage,
     voronoi_network,
 )
-from critflow.generators.random_points import random_sequential_addition
-from critflow.networks.deformation import deformation_of
+from critflow.deformation import deformation_of
+from critflow.points import random_sequential_addition
 
 NETWORK = square_octagon()
 EDGES, OFFSETS, CELL = NETWORK.edges.copy(), NETWORK.offsets.copy(), NETWORK.cell.copy()

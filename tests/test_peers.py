@@ -27,12 +27,12 @@ from critflow import (
     strain_path,
     voronoi_network,
 )
-from critflow.certificates.spaces import zero_modes
+from critflow.deformation import strain_basis
+from critflow.equilibria import geometric_split
 from critflow.extras.design_stiffness.stiffnesses import isotropic_targets
 from critflow.extras.tensegrity.second_order import second_order_rigidity
 from critflow.extras.weak.soft_spectrum import soft_spectrum
-from critflow.networks.deformation import strain_basis
-from critflow.springs.hessian import geometric_split
+from critflow.self_stress import zero_modes
 from workflows.benchmarks.lammps import Lammps
 
 # SymPy before 1.15 calls a function that mpmath 1.4 deprecates.

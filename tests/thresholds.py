@@ -11,13 +11,13 @@ import numpy as np
 from threadpoolctl import threadpool_info
 
 import critflow as cf
-from critflow.certificates.counts import BALANCED as BALANCED_CERTIFICATE
-from critflow.certificates.spectrum import CLEAR_GAP, ZERO_MODE
-from critflow.lengths.taut_edges import FITTED
-from critflow.networks.network import Network
-from critflow.optimisation.largest_modulus import BALANCED as AT_BOUND
-from critflow.response.tensor import TRUSTED_ERROR
-from critflow.springs.equilibrium import FINEST_TOLERANCE
+from critflow.equilibria import FINEST_TOLERANCE
+from critflow.linear_response import TRUSTED_ERROR
+from critflow.networks import Network
+from critflow.optima import BALANCED as AT_BOUND
+from critflow.self_stress import BALANCED as BALANCED_CERTIFICATE
+from critflow.self_stress import CLEAR_GAP, ZERO_MODE
+from critflow.taut_edges import FITTED
 
 MOST = 0.1
 """The largest ratio that the rule allows."""

@@ -12,7 +12,7 @@ from matplotlib.patches import Polygon
 
 from critflow import CriticalManifold, Status, voronoi_network
 from critflow.engine import Claim, Coordinate, Study, decimals, stable_rng
-from critflow.figures.plot import COLOURS
+from critflow.pictures import COLOURS
 
 from .shared.checks import voronoi_check
 from .shared.reports import PAPER

@@ -16,9 +16,9 @@ from matplotlib.figure import Figure
 from critflow import Status, voronoi_network
 from critflow.engine import Axis, Coordinate, Study, decimals
 from critflow.engine.study import plural
-from critflow.figures.plot import draw_network, unit_pressure_tensions
-from critflow.generators.random_networks import check_voronoi
-from critflow.paths.strain_path import check_strains
+from critflow.paths import check_strains
+from critflow.pictures import draw_network, unit_pressure_tensions
+from critflow.points import check_voronoi
 
 from .paper.committed import committed_run
 from .paper.verdicts import claims_of

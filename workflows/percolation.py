@@ -20,7 +20,7 @@ from matplotlib.figure import Figure
 from critflow import CriticalManifold, Status, critical_from_lengths, upper_bound, voronoi_network
 from critflow.engine import Axis, Claim, Coordinate, Study, Variable, stable_rng
 from critflow.engine.study import plural
-from critflow.generators.random_networks import check_voronoi
+from critflow.points import check_voronoi
 from critflow.result import StudyError
 
 from .shared.checks import check_network

@@ -153,7 +153,7 @@ def show(file: Path, settings: Sequence[str], out: Path | None) -> None:
 
     The configuration that --set chooses, with its certificate."""
     from critflow.engine.dataset import opened_dataset
-    from critflow.figures.drawing import require_picture
+    from critflow.pictures import require_picture
 
     if file.is_dir():
         raise InputError(f"{file} is a folder: give the dataset NAME.nc in it")
@@ -174,10 +174,10 @@ def show_configuration(case: xr.Dataset, path: Path) -> str:
     """
     import matplotlib.pyplot as plt
 
-    from critflow.critical.manifold import CriticalConfiguration
-    from critflow.figures.depth import network_figure
-    from critflow.networks.network import Network
-    from critflow.response.certificate import certificate_text
+    from critflow.certificate import certificate_text
+    from critflow.manifold import CriticalConfiguration
+    from critflow.networks import Network
+    from critflow.pictures import network_figure
 
     outcome = Status(int(case["status"]))
     if outcome in (Status.failed, Status.missing):

@@ -52,7 +52,7 @@ _JOINED = {
     "design_pruning": "topology",
     "design_topology": "topology",
 }
-_NOT_NUMERIC = ("command", "figures", "engine", "studies", "extras", "__init__.py", "__main__.py")
+_NOT_NUMERIC = ("command", "pictures.py", "engine", "studies", "extras", "__init__.py", "__main__.py")
 _EXTRAS = "critflow.extras"
 _WORD = re.compile(r"(\w+)(\[|$)")  # a text that may be the name of a quantity, or of variables of a design
 _ALL = "*"  # all that a module defines

@@ -4,7 +4,7 @@ It requires compressed edges, dashed here; the value is known in closed form.
 """
 
 import critflow as cf
-from critflow.critical.transition import transition_modulus
+from critflow.quantities import transition_modulus
 
 network = cf.voronoi_network(n_vertices=100, seed=7)
 stiffest = cf.optimize(network, "G_0", signs="any")

@@ -8,7 +8,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 import critflow as cf
-from critflow.critical.isogonal import face_modes
+from critflow.isogonal import face_modes
 
 network = cf.voronoi_network(n_vertices=60, seed=3)
 modes = face_modes(cf.optimize(network, "B_0").value)

@@ -6,7 +6,7 @@ A linear program over the isogonal modes; no edge is shorter than 0.15.
 import numpy as np
 
 import critflow as cf
-from critflow.critical.isogonal import face_modes
+from critflow.isogonal import face_modes
 
 network = cf.voronoi_network(n_vertices=100, seed=6)
 modes = face_modes(cf.optimize(network, "B_0").value)

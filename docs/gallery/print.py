@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 
 import critflow as cf
 from critflow.extras.design_stiffness.stiffnesses import isotropic_targets
-from critflow.figures.plot import add_cell, periodic_segments
+from critflow.pictures import add_cell, periodic_segments
 
 network = cf.delaunay_network(24, seed=1)
 lengths = np.linalg.norm(network.bond_vectors(network.positions), axis=1)

@@ -14,8 +14,8 @@ from matplotlib.colors import Normalize
 from PIL import Image
 
 from critflow import Cable, critical_strain, equilibrium, fibre_network, spring_state, strain_path
-from critflow.figures.plot import TENSION_MAP, add_cell, add_edges, periodic_segments
-from critflow.networks.deformation import deformation_of
+from critflow.deformation import deformation_of
+from critflow.pictures import TENSION_MAP, add_cell, add_edges, periodic_segments
 
 FLOPPY, RIGID, LAST = 14, 24, 0.12  # frames before and after the onset; strain of the last one past it
 

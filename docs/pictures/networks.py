@@ -14,7 +14,7 @@ from critflow import (
     regular_network,
     voronoi_network,
 )
-from critflow.figures.plot import draw_network
+from critflow.pictures import draw_network
 
 SHEARED = [[1.5, 0.0], [0.6, 1.0]]
 NETWORKS = {

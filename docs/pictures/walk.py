@@ -9,7 +9,7 @@ from matplotlib.cm import ScalarMappable
 from matplotlib.colors import Normalize
 
 from critflow import CriticalManifold, draw, elasticity, optimize, voronoi_network
-from critflow.figures.plot import TENSION_MAP
+from critflow.pictures import TENSION_MAP
 
 network = voronoi_network(n_vertices=100, seed=3)
 manifold = CriticalManifold(network)

@@ -6,7 +6,7 @@ import pytest
 from problems import TRIANGULAR_BULK_MODULUS, TRIANGULAR_SHEAR_MODULUS, random_stress
 
 from critflow import CriticalManifold, Network, critical_from_lengths, lattice, upper_bound, voronoi_network
-from critflow.precision.double_double import lengths
+from critflow.double_double import lengths
 from workflows.benchmarks import reference
 from workflows.benchmarks.reference import MP
 from workflows.benchmarks.speed import references

@@ -13,8 +13,8 @@ import xarray as xr
 
 from critflow.command.main import main
 from critflow.engine.code_digest import load_study
-from critflow.linalg.factor import FixedPattern
 from critflow.result import Status
+from critflow.sparse import FixedPattern
 from workflows.benchmarks.speed import curves, report, sizes, stages
 from workflows.benchmarks.speed.stages import STAGES
 from workflows.benchmarks.speed.tasks import TASKS

@@ -20,9 +20,9 @@ from critflow import (
     three_bar_linkage,
     voronoi_network,
 )
-from critflow.certificates.spaces import zero_modes
-from critflow.critical.manifold import critical_configuration
-from critflow.linalg.matrices import rigidity_matrix
+from critflow.manifold import critical_configuration
+from critflow.self_stress import zero_modes
+from critflow.sparse import rigidity_matrix
 
 
 def dense_counts(network, x):

@@ -13,8 +13,8 @@ from critflow import (
     self_stresses,
     three_bar_linkage,
 )
-from critflow.critical.manifold import CriticalConfiguration
-from critflow.critical.transition import pure_shear, transition_modulus
+from critflow.manifold import CriticalConfiguration
+from critflow.quantities import pure_shear, transition_modulus
 
 
 def braced_grid() -> Network:

@@ -7,8 +7,8 @@ import pytest
 from problems import NETWORKS, random_stress, stressed_lines
 
 from critflow import CriticalManifold, InputError, Network, elasticity, rigidity, stiffening, voronoi_network
-from critflow.certificates.uniqueness import only_self_stress
-from critflow.critical.manifold import CriticalConfiguration
+from critflow.manifold import CriticalConfiguration
+from critflow.self_stress import only_self_stress
 
 
 @pytest.mark.parametrize("n", [1, 2, 3, 4])

@@ -8,11 +8,8 @@ from problems import NETWORKS, critical_of, random_stress, stressed_lines, taut_
 from units import same_in_units
 
 from critflow import certify, lattice, rigidity, self_stresses, voronoi_network
-from critflow.certificates.counts import stiffness_error
-from critflow.certificates.spaces import zero_modes
-from critflow.certificates.spectrum import edge_without_length
-from critflow.certificates.uniqueness import only_self_stress
-from critflow.critical.manifold import critical_configuration
+from critflow.manifold import critical_configuration
+from critflow.self_stress import edge_without_length, only_self_stress, stiffness_error, zero_modes
 
 
 def counted(network, x, **options):

@@ -5,8 +5,8 @@ import pytest
 from problems import slack_lattice, taut_rows
 
 from critflow import CriticalConfiguration, InputError, Network, voronoi_network
-from critflow.critical.backbone import backbone
-from critflow.critical.manifold import critical_configuration
+from critflow.manifold import critical_configuration
+from critflow.taut_part import backbone
 
 # A cable of two edges between the pins 0 and 1, and two slack edges from its middle to a third pin.
 HUNG = Network([[0, 3], [3, 1], [3, 4], [4, 2]], pins={0: [1, 1], 1: [3, 1], 2: [2, 0]})

@@ -5,7 +5,7 @@ import pytest
 from units import in_units
 
 from critflow import CriticalManifold, quantity, voronoi_network
-from critflow.critical.quantity import StressedBonds
+from critflow.quantities import StressedBonds
 
 NETWORK = voronoi_network(8, seed=0)
 PLAIN = CriticalManifold(NETWORK)

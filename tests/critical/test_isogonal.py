@@ -22,7 +22,7 @@ from critflow import (
     upper_bound,
     voronoi_network,
 )
-from critflow.critical.isogonal import affine_bulk_modulus, face_modes
+from critflow.isogonal import affine_bulk_modulus, face_modes
 
 
 @cache

@@ -29,7 +29,7 @@ from critflow import (
     upper_bound,
     voronoi_network,
 )
-from critflow.critical.quantity import derivatives_along
+from critflow.quantities import derivatives_along
 
 # Lengths are of order one and P is well conditioned (below 1e3), so both evaluations agree to about 1e-13.
 ATOL = 2e-13

@@ -8,10 +8,9 @@ from derivatives import assert_derivative
 from problems import random_stress
 
 from critflow import CriticalManifold, optimize, voronoi_network
-from critflow.critical import transition
-from critflow.critical.quantity import evaluate
-from critflow.critical.transition import PENALTY_THRESHOLD, PenalisedModulus, TransitionModulus, pure_shear
-from critflow.optimisation.optimize import objective_of
+from critflow import quantities as transition
+from critflow.optima import objective_of
+from critflow.quantities import PENALTY_THRESHOLD, PenalisedModulus, TransitionModulus, evaluate, pure_shear
 
 NETWORK = voronoi_network(20, seed=1)
 

@@ -15,7 +15,7 @@ from critflow import (
     stiffening,
     voronoi_network,
 )
-from critflow.networks.deformation import DEFORMATIONS
+from critflow.deformation import DEFORMATIONS
 from workflows.benchmarks import reference
 from workflows.benchmarks.high_precision import MP, dot, numbers, roots
 

@@ -26,15 +26,18 @@ from critflow import (
     upper_bound,
     voronoi_network,
 )
-from critflow.critical.quantity import (
+from critflow.extensions import quantities
+from critflow.quantities import (
+    PenalisedModulus,
+    TransitionModulus,
     evaluate,
     has_exact_hessian,
+    pure_shear,
     require_exact_hessian,
     takes_complex_steps,
+    transition_modulus,
 )
-from critflow.critical.transition import PenalisedModulus, TransitionModulus, pure_shear, transition_modulus
-from critflow.critical.vocabulary import ALIASES, names
-from critflow.extensions import quantities
+from critflow.quantity_names import ALIASES, names
 
 KINDS = {name: make() for name, make in PERIODIC_KINDS.items()}
 MANIFOLDS = {name: CriticalManifold(network) for name, network in KINDS.items()}

@@ -7,13 +7,11 @@ from problems import NETWORKS, critical_of, random_stress, slack_lattice, vorono
 from units import same_in_units
 
 from critflow import CriticalManifold, isogonal_modes, properties
-from critflow.critical.backbone import backbone
-from critflow.critical.isogonal import affine_bulk_modulus, face_modes
-from critflow.critical.manifold import critical_configuration
-from critflow.critical.modulus_error import transition_modulus_error
-from critflow.critical.properties import flat_directions
-from critflow.critical.transition import PenalisedModulus, TransitionModulus, pure_shear
-from critflow.critical.vocabulary import quantity
+from critflow.isogonal import affine_bulk_modulus, face_modes
+from critflow.manifold import critical_configuration
+from critflow.quantities import PenalisedModulus, TransitionModulus, pure_shear, transition_modulus_error
+from critflow.quantity_names import flat_directions, quantity
+from critflow.taut_part import backbone
 
 # Quantities of a network, and the power of the unit of stiffness and of length that they have in d dimensions.
 POWERS = {

@@ -112,8 +112,8 @@ def test_the_extras_of_a_case_are_those_that_it_names(version, change, names):
 
 
 def test_the_scene_counts_and_the_engine_figures_and_unused_extras_do_not(tmp_path, monkeypatch):
-    names = ("critical/manifold.py", "arguments.py", "extras/weak/state.py")
-    names += ("engine/run.py", "figures/plot.py", "command/main.py", "extras/local/state.py", "studies/ensemble.py")
+    names = ("manifold.py", "arguments.py", "extras/weak/state.py")
+    names += ("engine/run.py", "pictures.py", "command/main.py", "extras/local/state.py", "studies/ensemble.py")
     for name in names:
         (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
         (tmp_path / name).write_text("x = 1")

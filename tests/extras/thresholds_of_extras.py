@@ -8,7 +8,7 @@ import numpy as np
 import critflow as cf
 from critflow.extras.fronts.pareto import FRONT_CERTIFIED
 from critflow.extras.targets.constrained import RESTORED
-from critflow.networks.network import Network
+from critflow.networks import Network
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 

@@ -11,9 +11,15 @@ from problems import critical_of, oblique, pinned_grid, random_stress, sheared, 
 from scipy.spatial import cKDTree
 
 from critflow import CriticalManifold, draw, foam_network, lattice, spring_state, voronoi_network
-from critflow.figures.depth import draw_in_depth, network_figure
-from critflow.figures.plot import draw_network, periodic_segments, unit_pressure_tensions
-from critflow.figures.polygons import face_polygons, shade_faces
+from critflow.pictures import (
+    draw_in_depth,
+    draw_network,
+    face_polygons,
+    network_figure,
+    periodic_segments,
+    shade_faces,
+    unit_pressure_tensions,
+)
 
 matplotlib.use("Agg")
 

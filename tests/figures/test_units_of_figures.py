@@ -6,9 +6,7 @@ from problems import NETWORKS, critical_of
 from units import same_in_units
 
 from critflow import foam_network
-from critflow.figures.depth import draw_in_depth
-from critflow.figures.plot import draw_network, periodic_segments, unit_pressure_tensions
-from critflow.figures.polygons import face_polygons
+from critflow.pictures import draw_in_depth, draw_network, face_polygons, periodic_segments, unit_pressure_tensions
 
 
 def lines(network, units):

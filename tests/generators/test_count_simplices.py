@@ -3,10 +3,8 @@
 import numpy as np
 import pytest
 
-from critflow.generators import foams
-from critflow.generators.foams import count_simplices
-from critflow.generators.random_points import random_sequential_addition
-from critflow.generators.tessellations import voronoi_tessellation
+from critflow import points as foams
+from critflow.points import count_simplices, random_sequential_addition, voronoi_tessellation
 
 
 def with_a_hole(seed):

@@ -5,9 +5,7 @@ import pytest
 from problems import digest
 
 from critflow import foam_network, voronoi_network
-from critflow.generators.foams import check_foam
-from critflow.generators.random_networks import check_voronoi
-from critflow.generators.random_points import random_sequential_addition
+from critflow.points import check_foam, check_voronoi, random_sequential_addition
 
 # Dimension and size, and limits of the mean edge length: 6 edges a face of area 2 give (2/√3)^(1/2)·... ≈ 0.88 for
 # hexagons, and 0.79 for truncated octahedra, with one vertex per unit of volume.

@@ -4,9 +4,8 @@ import numpy as np
 import pytest
 from problems import digest
 
-from critflow.generators import random_points
-from critflow.generators.random_networks import STANDARD_HARD_CORE
-from critflow.generators.random_points import points_in_cell, random_sequential_addition
+from critflow import points as random_points
+from critflow.points import STANDARD_HARD_CORE, points_in_cell, random_sequential_addition
 
 
 def periodic_distances(points: np.ndarray) -> np.ndarray:

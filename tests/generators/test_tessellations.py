@@ -7,8 +7,7 @@ import pytest
 from units import same_in_units
 
 from critflow import Network, delaunay_network, lattice, voronoi_network
-from critflow.generators.random_points import points_in_cell, random_sequential_addition
-from critflow.networks.periodic_cell import near_images, short_cell
+from critflow.points import near_images, points_in_cell, random_sequential_addition, short_cell
 
 CELLS = {
     "rectangular": [[4.0, 0.0], [0.0, 1.0]],

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from critflow import CriticalManifold, Network, voronoi_network
-from critflow.lengths.cone import fit_lengths
+from critflow.cones import fit_lengths
 
 NETWORK = voronoi_network(100, seed=1)
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from critflow import Status, critical_from_lengths, voronoi_network
-from critflow.lengths import from_lengths
+from critflow import lengths as from_lengths
 
 
 def uneven(network, spread, seed):

@@ -9,8 +9,8 @@ from hypothesis import strategies as st
 from problems import NETWORKS, dense_free, voronoi_3d
 
 from critflow import CriticalManifold, Network, SolveError, Status, critical_from_lengths, voronoi_network
+from critflow.cones import fit_lengths
 from critflow.engine import stable_rng
-from critflow.lengths.cone import fit_lengths
 
 NETWORK = voronoi_network(100, seed=1)
 
@@ -82,7 +82,7 @@ def test_the_cone_program_is_solved_for_many_slack_edges_only(monkeypatch, n_ver
         requested.append(tolerance)
         return fit_lengths(incidence, offsets, target, tolerance)
 
-    monkeypatch.setattr(sys.modules["critflow.lengths.from_lengths"], "fit_lengths", fit)
+    monkeypatch.setattr(sys.modules["critflow.lengths"], "fit_lengths", fit)
     network = voronoi_network(n_vertices, seed=seed)
     target = np.exp(spread * np.random.default_rng(seed).standard_normal(network.n_edges))
     solution = critical_from_lengths(network, target, throw=False)

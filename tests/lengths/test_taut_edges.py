@@ -8,14 +8,12 @@ import scipy.sparse as sp
 from problems import dense_free, random_stress
 
 from critflow import CriticalConfiguration, CriticalManifold, Network, critical_from_lengths, voronoi_network
-from critflow.lengths.boundary import Expansion
-from critflow.lengths.cone import fit_lengths
-from critflow.lengths.lengths_end import newton_error
-from critflow.lengths.taut_edges import OnsetState, newton_taut, taut_part
-from critflow.lengths.taut_set import _shortening, placed, polish_taut
-from critflow.linalg.matrices import balanced_part
-from critflow.linalg.saddle import Saddle
-from critflow.linalg.vectors import norms
+from critflow.cones import fit_lengths
+from critflow.lengths import newton_error
+from critflow.numerics import norms
+from critflow.saddles import Saddle
+from critflow.sparse import balanced_part
+from critflow.taut_edges import Expansion, OnsetState, _shortening, newton_taut, placed, polish_taut, taut_part
 
 NETWORK = voronoi_network(40, seed=1)
 CRITICAL = CriticalManifold(NETWORK).configuration(random_stress(60, 1))

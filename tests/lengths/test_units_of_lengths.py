@@ -8,10 +8,9 @@ from problems import NETWORKS, hung_ring, random_stress, slack_lattice, voronoi_
 from units import Units, same_in_units
 
 from critflow import CriticalManifold, critical_from_lengths, voronoi_network
-from critflow.lengths.boundary import Expansion
-from critflow.lengths.cone import fit_lengths
-from critflow.lengths.length_iteration import iterate_lengths
-from critflow.lengths.taut_edges import OnsetState, newton_taut
+from critflow.cones import fit_lengths
+from critflow.lengths import iterate_lengths
+from critflow.taut_edges import Expansion, OnsetState, newton_taut
 
 
 def lengths(network, spread, seed=1):

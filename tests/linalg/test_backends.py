@@ -5,9 +5,8 @@ import pytest
 from problems import random_stress
 
 from critflow import CriticalManifold, InputError, voronoi_network
-from critflow.linalg import backends
-from critflow.linalg.backends import BACKENDS, CROSSOVERS, available_backends, choose_backend, eliminating_backends
-from critflow.linalg.factor import FixedPattern
+from critflow import sparse as backends
+from critflow.sparse import BACKENDS, CROSSOVERS, FixedPattern, available_backends, choose_backend, eliminating_backends
 
 INSTALLED = tuple(eliminating_backends())
 

@@ -8,8 +8,7 @@ import pytest
 from problems import random_stress
 
 from critflow import voronoi_network
-from critflow.linalg.backends import eliminating_backends
-from critflow.linalg.matrices import laplacian
+from critflow.sparse import eliminating_backends, laplacian
 
 NETWORK = voronoi_network(300, seed=2)
 RIGHT = np.random.default_rng(3).standard_normal((len(NETWORK.free), 2))

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from problems import NETWORKS, grounded, random_stress
 
-from critflow.linalg.matrices import laplacian
+from critflow.sparse import laplacian
 
 
 @pytest.mark.parametrize("signed", [False, True], ids=["positive", "signed"])

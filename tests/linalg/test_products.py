@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import scipy.sparse as sp
 
-from critflow.linalg.vectors import product
+from critflow.numerics import product
 
 MATRIX = sp.csr_array(sp.random_array((7, 5), density=0.5, rng=1))
 VECTORS = np.random.default_rng(1).random((10, 6))

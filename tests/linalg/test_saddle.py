@@ -5,8 +5,8 @@ import pytest
 from problems import NETWORKS, dense_bond_vectors, grounded, random_stress
 
 from critflow import CriticalManifold, voronoi_network
-from critflow.linalg.backends import eliminating_backends
-from critflow.linalg.saddle import CondensedSaddle, Saddle
+from critflow.saddles import CondensedSaddle, Saddle
+from critflow.sparse import eliminating_backends
 
 
 def assert_solved(network, sigma, L, u, multipliers, forces, elongations, atol=1e-10):

@@ -6,8 +6,8 @@ import numpy as np
 from problems import NETWORKS, dense_bond_vectors, random_stress
 from units import same_in_units
 
-from critflow.linalg.matrices import laplacian
-from critflow.linalg.saddle import CondensedSaddle, Saddle
+from critflow.saddles import CondensedSaddle, Saddle
+from critflow.sparse import laplacian
 
 
 def stress(network, units, signed=False):

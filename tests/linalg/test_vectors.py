@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from critflow.linalg.vectors import norms, power_of_two, quasi_random
+from critflow.numerics import norms, power_of_two, quasi_random
 
 
 def test_no_value_repeats_and_no_symmetry_maps_it_to_itself():

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from critflow import CriticalManifold, Network
-from critflow.networks.blocks import blocks, opened_edges
-from critflow.networks.pruning import carrying_part
+from critflow.checks import blocks, opened_edges
+from critflow.pruning import carrying_part
 from critflow.result import NetworkError
 
 CELL = np.array([[2.0, 0.0], [0.5, 1.0]])

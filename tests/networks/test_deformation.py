@@ -5,7 +5,7 @@ import pytest
 from derivatives import assert_derivative
 
 from critflow import Deformation
-from critflow.networks.deformation import DEFORMATIONS, deformation_of, strain_basis
+from critflow.deformation import DEFORMATIONS, deformation_of, strain_basis
 
 A = np.array([[0.3, -0.8], [0.1, 0.5]])
 

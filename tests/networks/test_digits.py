@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from critflow.networks.digits import digits_of
+from critflow.digits import digits_of
 
 X = np.random.default_rng(3).uniform(-14, 14, (50, 2))
 X[0] = 0.00123456789, 14.0

@@ -5,7 +5,7 @@ import pytest
 from problems import NETWORKS, PERIODIC, dense_incidence, face_areas, oblique, pinned_grid, random_stress
 
 from critflow import CriticalManifold, Network, lattice, three_bar_linkage, voronoi_network
-from critflow.networks.faces import planar_faces
+from critflow.faces import planar_faces
 from critflow.result import NetworkError
 
 

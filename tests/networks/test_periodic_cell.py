@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from critflow.networks.periodic_cell import images_in_cell
+from critflow.points import images_in_cell
 
 
 def sorted_rows(pieces):

@@ -6,10 +6,9 @@ from problems import NETWORKS
 from units import same_in_units
 
 from critflow import Network, voronoi_network
-from critflow.networks.blocks import blocks, opened_edges
-from critflow.networks.checks import doubtful_offsets
-from critflow.networks.faces import planar_faces
-from critflow.networks.periodic_cell import near_images, short_cell
+from critflow.checks import blocks, doubtful_offsets, opened_edges
+from critflow.faces import planar_faces
+from critflow.points import near_images, short_cell
 from critflow.result import NetworkError
 
 

@@ -18,11 +18,10 @@ from critflow import (
     quantity,
     voronoi_network,
 )
-from critflow.critical.quantity import evaluate
-from critflow.critical.transition import pure_shear, transition_modulus
+from critflow.descent import StressObjective, _improves
 from critflow.minimisers import LBFGS, Minimum, Point, minimise
-from critflow.optimisation.descent import StressObjective, _improves
-from critflow.optimisation.optimize import objective_of
+from critflow.optima import objective_of
+from critflow.quantities import evaluate, pure_shear, transition_modulus
 
 NETWORK = voronoi_network(100, seed=1)
 

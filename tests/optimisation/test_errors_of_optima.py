@@ -4,7 +4,7 @@ import pytest
 from problems import with_random_stiffness
 
 from critflow import optimize, voronoi_network
-from critflow.linalg.tolerances import EPS
+from critflow.numerics import EPS
 from workflows.benchmarks import reference
 from workflows.benchmarks.high_precision import MP, dot, numbers
 

@@ -15,9 +15,8 @@ from critflow import (
     upper_bound,
     voronoi_network,
 )
-from critflow.critical.transition import dilation, pure_shear, transition_modulus
-from critflow.optimisation.compressed_length import least_compressed_length
-from critflow.optimisation.largest_modulus import largest_modulus
+from critflow.optima import largest_modulus, least_compressed_length
+from critflow.quantities import dilation, pure_shear, transition_modulus
 
 
 def bound_of(network, strain):

@@ -15,9 +15,8 @@ from critflow import (
     upper_bound,
     voronoi_network,
 )
-from critflow.critical.quantity import evaluate
-from critflow.critical.transition import pure_shear
-from critflow.optimisation.optimize import objective_of
+from critflow.optima import objective_of
+from critflow.quantities import evaluate, pure_shear
 
 NETWORK = voronoi_network(100, seed=1)
 

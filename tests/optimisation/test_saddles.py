@@ -5,8 +5,8 @@ import pytest
 from problems import Analytic, quadratic
 
 from critflow import Status
+from critflow.descent import minimise_past_saddles, negative_curvature_direction, step_off_saddle
 from critflow.minimisers import LBFGS, Newton, minimise
-from critflow.optimisation.saddles import minimise_past_saddles, negative_curvature_direction, step_off_saddle
 
 
 def saddle(negative, n=12):

@@ -8,9 +8,9 @@ from derivatives import assert_derivative
 from problems import PERIODIC_KINDS, at, dense_bond_vectors, random_stress
 
 from critflow import CriticalManifold, InputError, Quantity, Status, optimize, voronoi_network
-from critflow.critical.variances import LengthVariance, TensionVariance
-from critflow.optimisation.descent import SignedStressObjective, StressObjective
-from critflow.optimisation.optimize import objective_of
+from critflow.descent import SignedStressObjective, StressObjective
+from critflow.optima import objective_of
+from critflow.quantities import LengthVariance, TensionVariance
 
 
 @pytest.mark.parametrize(

@@ -7,11 +7,9 @@ from problems import NETWORKS, hung_ring
 from units import Units, same_in_units
 
 from critflow import CriticalManifold, Network, foam_network, optimize, voronoi_network
-from critflow.critical.transition import pure_shear
-from critflow.optimisation.compressed_length import least_compressed_length
-from critflow.optimisation.descent import StressObjective
-from critflow.optimisation.largest_modulus import largest_modulus
-from critflow.optimisation.optimize import objective_of
+from critflow.descent import StressObjective
+from critflow.optima import largest_modulus, least_compressed_length, objective_of
+from critflow.quantities import pure_shear
 
 
 def optimum(network, units, name, method="auto", **options):

@@ -5,10 +5,10 @@ import pytest
 from problems import critical_of, partly_compressed, relaxed_directly, stiff_lattice
 
 from critflow import CriticalManifold, SolveError, Status, WormLike, critical_from_lengths, strain_path
+from critflow import paths as continuation
 from critflow import voronoi_network as voronoi
-from critflow.networks.deformation import deformation_of
-from critflow.paths import continuation
-from critflow.paths.tangent import Predictor
+from critflow.deformation import deformation_of
+from critflow.paths import Predictor
 
 
 def test_path_ends_with_the_range_of_its_law():

@@ -33,11 +33,11 @@ from critflow import (
     strain_path,
 )
 from critflow import voronoi_network as voronoi
-from critflow.critical.backbone import backbone
-from critflow.critical.manifold import critical_configuration
-from critflow.networks.deformation import DEFORMATIONS, deformation_of
-from critflow.paths.strain_path import PathSolver
-from critflow.springs.state import SpringState
+from critflow.deformation import DEFORMATIONS, deformation_of
+from critflow.manifold import critical_configuration
+from critflow.paths import PathSolver
+from critflow.springs import SpringState
+from critflow.taut_part import backbone
 from workflows.benchmarks import reference
 
 STRAINS = np.array([1e-6, 1e-5, 1e-4, 0.001, 0.002, 0.003, 0.01, 0.05])

@@ -9,12 +9,9 @@ from problems import NETWORKS, critical_of, partly_compressed, slack_lattice, st
 from units import same_in_units
 
 from critflow import Cable, CriticalManifold, WormLike, equilibrium, lattice, spring_state, strain_path
-from critflow.critical.manifold import critical_configuration
-from critflow.networks.deformation import deformation_of
-from critflow.paths.continuation import keeps_lengths, weakly_stressed
-from critflow.paths.start import balanced
-from critflow.paths.tangent import tangent_of_springs
-from critflow.paths.unknowns import loosened
+from critflow.deformation import deformation_of
+from critflow.manifold import critical_configuration
+from critflow.paths import balanced, keeps_lengths, loosened, tangent_of_springs, weakly_stressed
 
 
 def of_path(solution, units):

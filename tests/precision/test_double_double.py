@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from rationals import DIGITS, exact, fractions
 
-from critflow.precision.double_double import (
+from critflow.double_double import (
     Extended,
     add,
     divide,

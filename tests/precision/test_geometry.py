@@ -7,9 +7,8 @@ import pytest
 from problems import NETWORKS, random_stress
 from rationals import DIGITS, exact, fractions
 
-from critflow.precision.double_double import extended, lengths, multiply, two_sum
-from critflow.precision.geometry import ExtendedGeometry
-from critflow.precision.residual import exact_bond_vectors, exact_forces
+from critflow.double_double import extended, lengths, multiply, two_sum
+from critflow.refinement import ExtendedGeometry, exact_bond_vectors, exact_forces
 
 
 @pytest.mark.parametrize("name", ["voronoi", "voronoi 3D", "own images", "pinned grid", "sheared"])

@@ -22,9 +22,9 @@ from critflow import (
     three_bar_linkage,
     voronoi_network,
 )
-from critflow.critical.backbone import backbone
-from critflow.precision.double_double import extended
-from critflow.precision.refinement import Refinement
+from critflow.double_double import extended
+from critflow.refinement import Refinement
+from critflow.taut_part import backbone
 from workflows.benchmarks import reference
 
 NETWORK = voronoi_network(12, seed=1)

@@ -5,8 +5,8 @@ import pytest
 from problems import NETWORKS, random_stress, strained
 
 from critflow import CriticalManifold, equilibrium, three_bar_linkage, voronoi_network
-from critflow.linalg.matrices import laplacian
-from critflow.precision.residual import exact_displacement, inverse_norm
+from critflow.refinement import exact_displacement, inverse_norm
+from critflow.sparse import laplacian
 from workflows.benchmarks import reference
 
 ROUNDING = np.finfo(float).eps

@@ -7,9 +7,8 @@ from problems import NETWORKS, random_stress, strained
 from units import same_in_units
 
 from critflow import CriticalManifold, equilibrium
-from critflow.precision.double_double import extended
-from critflow.precision.refinement import Refinement
-from critflow.precision.residual import exact_bond_vectors, exact_displacement, exact_forces, inverse_norm
+from critflow.double_double import extended
+from critflow.refinement import Refinement, exact_bond_vectors, exact_displacement, exact_forces, inverse_norm
 
 
 def refined(network, units, distance, signed=False):

@@ -17,10 +17,9 @@ from problems import (
 )
 
 from critflow import CriticalManifold, Network, Status, elasticity, lattice, strain_path, voronoi_network
-from critflow.critical.backbone import backbone
-from critflow.critical.modulus_error import transition_modulus_error
-from critflow.critical.transition import dilation, pure_shear
-from critflow.networks.deformation import strain_basis
+from critflow.deformation import strain_basis
+from critflow.quantities import dilation, pure_shear, transition_modulus_error
+from critflow.taut_part import backbone
 
 
 @pytest.mark.parametrize("name", UNPINNED)

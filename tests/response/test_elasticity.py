@@ -43,13 +43,12 @@ from critflow import (
     three_bar_linkage,
     voronoi_network,
 )
-from critflow.linalg.tolerances import EPS
-from critflow.networks.deformation import strain_basis
-from critflow.paths.tangent import _edge_rounding as rounding_along_path
-from critflow.response.elasticity import under_stress
-from critflow.response.linear_response import _rounding as rounding_of_response
-from critflow.response.linear_response import linear_response
-from critflow.response.tensor import Elasticity, Errors
+from critflow.deformation import strain_basis
+from critflow.elastic import under_stress
+from critflow.linear_response import Elasticity, Errors, linear_response
+from critflow.linear_response import _rounding as rounding_of_response
+from critflow.numerics import EPS
+from critflow.paths import _edge_rounding as rounding_along_path
 
 
 def stretched(network, gamma=0.05, F=None, law=None, seed=2):

@@ -5,7 +5,7 @@ import pytest
 from problems import NETWORKS, strained
 
 from critflow import elasticity, equilibrium
-from critflow.response.linear_response import _rounding, accumulated_rounding
+from critflow.linear_response import _rounding, accumulated_rounding
 
 
 @pytest.mark.parametrize("name", ["voronoi", "pinned grid", "voronoi 3D"])

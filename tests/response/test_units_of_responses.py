@@ -18,8 +18,8 @@ from critflow import (
     spring_state,
     stiffening,
 )
-from critflow.critical.manifold import critical_configuration
-from critflow.response.linear_response import linear_response
+from critflow.linear_response import linear_response
+from critflow.manifold import critical_configuration
 
 
 def of_response(found, d, units):

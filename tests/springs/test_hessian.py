@@ -17,9 +17,9 @@ from critflow import (
     three_bar_linkage,
     voronoi_network,
 )
-from critflow.certificates.spaces import zero_modes
-from critflow.linalg.matrices import block_laplacian
-from critflow.springs.hessian import bond_operator, geometric_split, hookean_split
+from critflow.equilibria import bond_operator, geometric_split, hookean_split
+from critflow.self_stress import zero_modes
+from critflow.sparse import block_laplacian
 
 NAMES = ["voronoi, random stiffness", "voronoi 3D", "own images", "oblique", "pinned star", "pinned grid"]
 

@@ -24,7 +24,7 @@ from critflow import (
     strain_path,
     voronoi_network,
 )
-from critflow.springs.laws import checked_law
+from critflow.springs import checked_law
 
 LAWS = [Hookean(), *map(PowerLaw, (2, 2.5, 3, 4, 7.5)), *map(WormLike, (2.0, 0.3, 0.01))]
 REST, K = np.array([0.7, 1.0, 1.9]), np.array([0.5, 1.0, 3.0])

@@ -5,7 +5,7 @@ import pytest
 from problems import triangular_lattice
 
 from critflow import CriticalManifold, Network, Status, equilibrium, lattice, spring_state, voronoi_network
-from critflow.springs.minimum import minimum_factor
+from critflow.equilibria import minimum_factor
 
 METHODS = ["newton", "fire"]
 

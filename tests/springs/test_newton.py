@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from critflow import Status
-from critflow.springs.newton import newton
+from critflow.equilibria import newton
 
 
 class Factor:

@@ -6,7 +6,7 @@ from derivatives import assert_derivative
 from problems import NETWORKS, dense_free, grounded, random_stress, with_random_stiffness
 
 from critflow import Cable, CriticalManifold, Hookean, Network, PowerLaw, WormLike, spring_state, voronoi_network
-from critflow.linalg.matrices import block_laplacian
+from critflow.sparse import block_laplacian
 
 
 class Undeclared(Hookean):

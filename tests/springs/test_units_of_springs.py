@@ -7,8 +7,7 @@ from problems import NETWORKS, random_stress, triangular_lattice, voronoi_3d, wi
 from units import same_in_units
 
 from critflow import Cable, CriticalManifold, Hookean, PowerLaw, WormLike, equilibrium, lattice, spring_state
-from critflow.springs.hessian import bond_operator, geometric_split, hookean_split
-from critflow.springs.minimum import minimum_factor, stability_of
+from critflow.equilibria import bond_operator, geometric_split, hookean_split, minimum_factor, stability_of
 
 
 def springs(network, size=0.98, off=0.0, law=None):

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from critflow import upper_bound, voronoi_network
-from critflow.critical.transition import pure_shear, transition_modulus
+from critflow.quantities import pure_shear, transition_modulus
 from critflow.result import Status
 from workflows.shared.power_laws import exponent
 

@@ -4,7 +4,7 @@ import numpy as np
 from matplotlib.collections import LineCollection
 
 from critflow.extras.local.drawing import add_response, response_legend
-from critflow.figures.plot import periodic_segments
+from critflow.pictures import periodic_segments
 
 from ..shared.figures import counted, legend_below, lettered, panels
 from ..shared.populations import LABELS, PAPER_POPULATIONS

@@ -12,8 +12,8 @@ from typing import Any
 import numpy as np
 
 from critflow import Hookean, PowerLaw, write_network
-from critflow.networks.network import Array
-from critflow.springs.state import SpringState
+from critflow.networks import Array
+from critflow.springs import SpringState
 
 from .timing import peer
 

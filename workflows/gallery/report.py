@@ -5,9 +5,8 @@ from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 
 from critflow.engine.study import plural
-from critflow.figures.plot import draw_network, periodic_segments
-from critflow.figures.polygons import face_polygons, shade_faces
-from critflow.networks.faces import planar_faces
+from critflow.faces import planar_faces
+from critflow.pictures import draw_network, face_polygons, periodic_segments, shade_faces
 from critflow.result import Status
 
 from ..paper.statements import Measurement

@@ -15,10 +15,10 @@ from functools import lru_cache
 import numpy as np
 
 import critflow as cf
-from critflow.critical.isogonal import affine_bulk_modulus, face_modes
-from critflow.critical.properties import flat_directions
 from critflow.engine import Axis, Study, stable_rng
-from critflow.generators.random_networks import check_voronoi
+from critflow.isogonal import affine_bulk_modulus, face_modes
+from critflow.points import check_voronoi
+from critflow.quantity_names import flat_directions
 from critflow.result import StudyError
 
 from ..paper.committed import committed_run

@@ -10,7 +10,7 @@ import critflow as cf
 from critflow.engine import Claim
 from critflow.engine.study import plural
 from critflow.extras.cables.rigidity_surface import strain_plane
-from critflow.figures.plot import COLOURS
+from critflow.pictures import COLOURS
 
 from ..shared.figures import counted, legend_below, lettered, panels
 from ..shared.populations import LABELS, NAMES, PAPER_POPULATIONS, configuration

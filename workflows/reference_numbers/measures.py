@@ -6,9 +6,9 @@ import numpy as np
 from scipy.optimize import brentq
 
 import critflow as cf
-from critflow.critical.backbone import backbone
 from critflow.engine import stable_rng
-from critflow.networks.pruning import carrying_part
+from critflow.pruning import carrying_part
+from critflow.taut_part import backbone
 
 # Length of the stored curves.
 POINTS = 8

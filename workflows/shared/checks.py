@@ -3,8 +3,8 @@
 import os
 
 from critflow import InputError
-from critflow.generators.random_networks import check_voronoi
-from critflow.networks.deformation import DEFORMATIONS
+from critflow.deformation import DEFORMATIONS
+from critflow.points import check_voronoi
 from critflow.result import StudyError
 
 # Peak memory of a network with the analysis of its matrices, measured at 100,000 and 400,000 vertices.

@@ -9,8 +9,8 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Polygon
 
 from critflow.engine.study import plural
-from critflow.figures.plot import COLOURS
-from critflow.networks.network import Array
+from critflow.networks import Array
+from critflow.pictures import COLOURS
 
 # A figure is printed 17 cm wide, with text of 9 points.
 WIDTH, TEXT, RESOLUTION = 17 / 2.54, 9, 200

@@ -5,13 +5,13 @@ from dataclasses import replace
 import numpy as np
 
 from critflow import CriticalManifold, InputError, Status, stiffening, strain_path
-from critflow.critical.backbone import backbone
-from critflow.critical.manifold import require_one_self_stress
-from critflow.lengths.taut_set import NO_STRESS
-from critflow.networks.deformation import deformation_of
-from critflow.paths.strain_path import PathSolver
-from critflow.response.at_transition import elasticity_at_transition
-from critflow.response.coefficients import NO_STIFFENING
+from critflow.deformation import deformation_of
+from critflow.elastic import elasticity_at_transition
+from critflow.growth import NO_STIFFENING
+from critflow.manifold import require_one_self_stress
+from critflow.paths import PathSolver
+from critflow.taut_edges import NO_STRESS
+from critflow.taut_part import backbone
 
 from .reports import parameters as parameters_of
 from .structure import relative_variance

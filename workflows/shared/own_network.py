@@ -13,9 +13,9 @@ from pathlib import Path
 import numpy as np
 
 from critflow import CritflowError, CriticalManifold, Network
-from critflow.critical.manifold import require_one_self_stress
 from critflow.extensions import provided
-from critflow.networks.faces import planar_faces
+from critflow.faces import planar_faces
+from critflow.manifold import require_one_self_stress
 from critflow.result import NetworkError, StudyError
 
 _DIGEST = re.compile(r"(.+)@([0-9a-f]{16})")

@@ -9,7 +9,7 @@ import numpy as np
 
 from critflow import CriticalConfiguration, CriticalManifold, Solution, critical_from_lengths, optimize
 from critflow.engine import AxisLabel, stable_rng
-from critflow.figures.plot import COLOURS
+from critflow.pictures import COLOURS
 
 from .strain_protocol import critical_in_printed_box
 

@@ -4,7 +4,7 @@ import json
 
 import numpy as np
 
-from critflow.figures.plot import COLOURS
+from critflow.pictures import COLOURS
 from critflow.result import Status
 
 PAPER = (

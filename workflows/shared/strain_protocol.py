@@ -8,13 +8,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from critflow import CriticalManifold, Status, critical_from_lengths, equilibrium, spring_state
-from critflow.critical.manifold import CriticalConfiguration, critical_configuration
-from critflow.lengths.lengths_end import FromLengths
-from critflow.lengths.taut_edges import unknown_configuration
-from critflow.lengths.taut_set import NO_STRESS
-from critflow.linalg.matrices import balanced_part
-from critflow.networks.network import Array
+from critflow.lengths import FromLengths
+from critflow.manifold import CriticalConfiguration, critical_configuration
+from critflow.networks import Array
 from critflow.result import Stats
+from critflow.sparse import balanced_part
+from critflow.taut_edges import NO_STRESS, unknown_configuration
 
 ENERGY_THRESHOLD = 1e-4  # energy above which the paper calls a network rigid, k = 1
 STRAIN_STEPS = 2000  # steps after which the protocol stops: a strain of 20 in the default steps

@@ -8,8 +8,8 @@ same expression would be the smaller number q below.
 import numpy as np
 from numpy.typing import NDArray
 
-from critflow.critical.manifold import CriticalConfiguration
-from critflow.networks.network import Array
+from critflow.manifold import CriticalConfiguration
+from critflow.networks import Array
 from critflow.result import InputError
 
 

@@ -5,7 +5,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import LogLocator, NullFormatter
 
-from critflow.figures.plot import COLOURS, COMPRESSED, draw_network
+from critflow.pictures import COLOURS, COMPRESSED, draw_network
 
 from ..shared.figures import WIDTH, counted, lettered, page, panels, readable
 from ..shared.populations import LABELS, PAPER_POPULATIONS

@@ -17,12 +17,11 @@ from functools import lru_cache
 import numpy as np
 
 from critflow import CriticalManifold, Solution, optimize, upper_bound, voronoi_network
-from critflow.critical.transition import pure_shear, transition_modulus
+from critflow.elastic import elasticity
 from critflow.engine import Axis, Coordinate, Study, Variable, stable_rng
-from critflow.generators.random_networks import check_voronoi
-from critflow.optimisation.compressed_length import least_compressed_length
-from critflow.optimisation.largest_modulus import largest_modulus
-from critflow.response.elasticity import elasticity
+from critflow.optima import largest_modulus, least_compressed_length
+from critflow.points import check_voronoi
+from critflow.quantities import pure_shear, transition_modulus
 from critflow.result import Status, StudyError
 
 from ..paper.committed import committed_run

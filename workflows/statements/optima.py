@@ -6,7 +6,7 @@ Each function takes a `Sample` and returns a number and whether the statement ho
 import numpy as np
 
 import critflow as cf
-from critflow.critical.isogonal import face_modes
+from critflow.isogonal import face_modes
 
 from .sample import rank
 

@@ -6,8 +6,8 @@ Each function takes a `Sample` and returns a number and whether the statement ho
 import numpy as np
 
 import critflow as cf
+from critflow.equilibria import geometric_split
 from critflow.extras.weak.weak_equilibrium import weak_equilibrium
-from critflow.springs.hessian import geometric_split
 
 from .sample import rank
 

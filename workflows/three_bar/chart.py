@@ -12,8 +12,8 @@ from typing import Self
 import numpy as np
 from numpy.typing import ArrayLike
 
-from critflow.critical.manifold import CriticalConfiguration, CriticalManifold
-from critflow.networks.network import Array
+from critflow.manifold import CriticalConfiguration, CriticalManifold
+from critflow.networks import Array
 
 
 @dataclass(frozen=True, eq=False)

@@ -7,7 +7,7 @@ gradient 1/r and Hessian −1/r³.
 import numpy as np
 from matplotlib.figure import Figure
 
-from critflow.figures.plot import COLOURS
+from critflow.pictures import COLOURS
 
 from .figures import CURVE, chart_lines, frame, span_of, title
 

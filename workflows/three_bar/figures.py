@@ -7,7 +7,7 @@ from matplotlib.patches import Rectangle
 from mpl_toolkits.mplot3d import proj3d
 from scipy.interpolate import RectBivariateSpline
 
-from critflow.figures.plot import COLOURS, COMPRESSED
+from critflow.pictures import COLOURS, COMPRESSED
 
 from ..shared.figures import heading, page, readable
 from ..shared.reports import parameters

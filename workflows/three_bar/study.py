@@ -7,8 +7,8 @@ other grids follow one sheet each in signed lengths r_α ∝ 1/σ_α, which add 
 import numpy as np
 
 from critflow import CriticalManifold, Status, rigidity, three_bar_linkage
-from critflow.critical.edge_lengths import COLLAPSED
 from critflow.engine import Axis, Coordinate, Study, decimals, stable_rng
+from critflow.manifold import COLLAPSED
 from critflow.result import StudyError
 
 from ..paper.committed import committed_run

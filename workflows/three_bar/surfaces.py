@@ -8,7 +8,7 @@ from mpl_toolkits.mplot3d import Axes3D
 from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 from numpy.typing import ArrayLike
 
-from critflow.networks.network import Array
+from critflow.networks import Array
 
 
 def surface_quads(points: Array) -> Array:

@@ -1,6 +1,6 @@
 """The onset where every edge is taut, by the iteration for lengths in given ratios: no program, one solve a step.
 
-Stresses determine a network on any boundary, L → F(s) L, so that the iteration of `critflow.lengths.length_iteration`
+Stresses determine a network on any boundary, L → F(s) L, so that the iteration of `critflow.lengths`
 finds all lengths up to a factor; at each step the strain is that at which the mean of log(|L|/ℓ) vanishes.  Newton's
 method on all edges confirms the onset.
 """
@@ -12,12 +12,11 @@ from typing import NamedTuple
 import numpy as np
 
 from critflow.extras.cables.boundary_path import BoundaryPath
-from critflow.lengths.length_iteration import NEAR, iterate_lengths
-from critflow.lengths.taut_edges import FITTED, OnsetState, newton_taut
-from critflow.lengths.taut_set import stressed
-from critflow.linalg.vectors import dot
-from critflow.networks.network import Array
+from critflow.lengths import NEAR, iterate_lengths
+from critflow.networks import Array
+from critflow.numerics import dot
 from critflow.result import InputError
+from critflow.taut_edges import FITTED, OnsetState, newton_taut, stressed
 
 FLAT = 1e-9  # distance of the strain to that of a flat cell at which it ends too
 MEAN, MEAN_STEPS = 1e-4, 20  # relative error of the strain of the mean, and Newton's steps; three or four are needed

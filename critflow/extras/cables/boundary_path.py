@@ -10,10 +10,10 @@ from functools import cached_property
 
 import numpy as np
 
-from critflow.critical.manifold import CriticalManifold
-from critflow.lengths.boundary import Boundary
-from critflow.networks.deformation import Deformation
-from critflow.networks.network import Array, IntArray
+from critflow.deformation import Deformation
+from critflow.manifold import CriticalManifold
+from critflow.networks import Array, IntArray
+from critflow.taut_edges import Boundary
 
 
 @dataclass(frozen=True, eq=False)

@@ -14,12 +14,10 @@ import scipy.sparse as sp
 from scipy.sparse.csgraph import dijkstra
 
 from critflow.extras.cables.boundary_path import BoundaryPath
-from critflow.lengths.taut_edges import OnsetState, newton_taut
-from critflow.lengths.taut_set import settled
-from critflow.linalg.tolerances import EPS
-from critflow.linalg.vectors import norms
-from critflow.networks.network import Array
+from critflow.networks import Array
+from critflow.numerics import EPS, norms
 from critflow.result import InputError
+from critflow.taut_edges import OnsetState, newton_taut, settled
 
 # Relative decreases of the lengths that show a strain to be floppy where rounding alone is not enough.
 RETREATS = (1e-12, 3e-11, 1e-10, 3e-10)

@@ -11,11 +11,9 @@ from dataclasses import dataclass, replace
 
 from critflow.extras.cables.floppy import unstressed_part
 from critflow.extras.cables.slack import with_slack_placed
-from critflow.networks.network import Array
-from critflow.paths.continuation import Cell, Correction, Interval, PathPoint, PathProblem, Unknowns
-from critflow.paths.start import Beginning
-from critflow.paths.tangent import Tangent
-from critflow.springs.state import SpringState
+from critflow.networks import Array
+from critflow.paths import Beginning, Cell, Correction, Interval, PathPoint, PathProblem, Tangent, Unknowns
+from critflow.springs import SpringState
 
 
 @dataclass(frozen=True, eq=False)

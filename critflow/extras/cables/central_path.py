@@ -16,9 +16,9 @@ from dataclasses import replace
 import numpy as np
 
 from critflow.extras.cables.boundary_path import BoundaryPath
-from critflow.lengths.taut_edges import OnsetState, taut_part
-from critflow.networks.network import Array
+from critflow.networks import Array
 from critflow.result import InputError
+from critflow.taut_edges import OnsetState, taut_part
 
 CENTRAL_START = 1e-9  # σ h of an edge at the start of a central path, relative to ⟨σ⟩⟨ℓ²⟩: that where cone programs end
 CENTRAL_END = 1e-17  # the same at its end: stresses above 1e-8 of the mean are separated from slack

@@ -26,19 +26,18 @@ from numpy.typing import ArrayLike
 
 from critflow.arguments import of_kind
 from critflow.calls import running
-from critflow.critical.manifold import CriticalManifold
+from critflow.checks import edge_values
+from critflow.deformation import Deformable, deformation_of
 from critflow.extras.cables.all_taut import all_taut_onset
 from critflow.extras.cables.boundary_path import BoundaryPath
 from critflow.extras.cables.bounds import onset_bounds
 from critflow.extras.cables.central_path import follow_central_path, without_slack_stress
 from critflow.extras.cables.onset_end import SIDES_MEET, CriticalStrain, onset_at, wide, without_onset
 from critflow.extras.cables.search import Interior, NotFloppy, floppy_start, search_onset
-from critflow.lengths.taut_edges import OnsetState
-from critflow.lengths.taut_set import polish_taut, resolved, settled
-from critflow.networks.checks import edge_values
-from critflow.networks.deformation import Deformable, deformation_of
-from critflow.networks.network import Array, Network
+from critflow.manifold import CriticalManifold
+from critflow.networks import Array, Network
 from critflow.result import InputError, Solution, Status
+from critflow.taut_edges import OnsetState, polish_taut, resolved, settled
 
 # det F of a cell with free sides at which an onset without bounds is that of a flat cell: the program with ROUGH_CONE
 # leaves a tilt of about its root.

@@ -4,19 +4,28 @@ from __future__ import annotations
 
 import numpy as np
 
-from critflow.critical.manifold import CriticalManifold
+from critflow.deformation import Deformation
 from critflow.extras.cables.boundary_path import BoundaryPath
 from critflow.extras.cables.critical_strain import critical_strain
 from critflow.extras.cables.onset_start import cables_at_onset
 from critflow.extras.cables.search import NotFloppy, floppy_start
-from critflow.networks.deformation import Deformation
-from critflow.networks.network import Array
-from critflow.paths.continuation import Attempt, Interval, PathPoint, PathProblem, begin, refused
-from critflow.paths.start import BALANCED_START, balanced
-from critflow.paths.tangent import Predictor, Tangent
-from critflow.response.tensor import Elasticity, Errors
+from critflow.linear_response import Elasticity, Errors
+from critflow.manifold import CriticalManifold
+from critflow.networks import Array
+from critflow.paths import (
+    BALANCED_START,
+    Attempt,
+    Interval,
+    PathPoint,
+    PathProblem,
+    Predictor,
+    Tangent,
+    balanced,
+    begin,
+    refused,
+)
 from critflow.result import Status
-from critflow.springs.state import SpringState
+from critflow.springs import SpringState
 
 _AT_ONSET = "this strain lies between the bounds on the onset of rigidity: choose another"
 

@@ -24,14 +24,14 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from critflow.certificates.counts import rigidity
-from critflow.critical.backbone import Backbone, backbone
-from critflow.critical.manifold import CriticalConfiguration, critical_configuration
 from critflow.extras.cables.boundary_path import BoundaryPath
 from critflow.extras.cables.bounds import StrainBounds
-from critflow.lengths.taut_edges import FITTED, OnsetState, unknown_configuration
-from critflow.networks.network import Array, Network
+from critflow.manifold import CriticalConfiguration, critical_configuration
+from critflow.networks import Array, Network
 from critflow.result import Record, Solution, Stats, Status
+from critflow.self_stress import rigidity
+from critflow.taut_edges import FITTED, OnsetState, unknown_configuration
+from critflow.taut_part import Backbone, backbone
 
 ONSET_GAP = 1e-9  # largest gap of the bounds on a strain with status `ok`, relative to 1 + |γ|
 

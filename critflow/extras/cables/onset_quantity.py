@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from critflow.critical.quantity import Balanced, Partials, Quantity
-from critflow.networks.deformation import Deformation, deformation_of
-from critflow.networks.network import Network
+from critflow.deformation import Deformation, deformation_of
+from critflow.networks import Network
+from critflow.quantities import Balanced, Partials, Quantity
 from critflow.result import InputError
 
 

@@ -7,16 +7,14 @@ from functools import partial
 
 import numpy as np
 
-from critflow.critical.backbone import backbone
-from critflow.critical.edge_lengths import COLLAPSED
-from critflow.critical.manifold import CriticalConfiguration
 from critflow.extras.cables.onset_end import CriticalStrain
 from critflow.extras.cables.total_strain import total_strains
-from critflow.networks.network import Array
-from critflow.paths.start import Beginning, start_of
+from critflow.manifold import COLLAPSED, CriticalConfiguration
+from critflow.networks import Array
+from critflow.paths import Beginning, start_of
 from critflow.result import InputError
-from critflow.springs.laws import Cable, SpringLaw, checked_law
-from critflow.springs.state import SpringState
+from critflow.springs import Cable, SpringLaw, SpringState, checked_law
+from critflow.taut_part import backbone
 
 CONSISTENT_LENGTHS = 1e-6  # relative deviation of taut edges from their rest lengths; solutions have 1e-9
 OPENING = 1e-3  # displacements of floppy vertices that give collapsed slack edges a direction, in units of ⟨ℓ⟩

@@ -11,8 +11,8 @@ from dataclasses import replace
 import numpy as np
 import scipy.sparse as sp
 
-from critflow.lengths.cone import ConeSolution, length_unit, solve_cones
-from critflow.networks.network import Array
+from critflow.cones import ConeSolution, length_unit, solve_cones
+from critflow.networks import Array
 
 
 def farthest(incidence: sp.csr_array, offsets: Array, rates: Array, lengths: Array, tolerance: float) -> ConeSolution:

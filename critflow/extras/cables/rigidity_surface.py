@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from critflow.arguments import of_kind
 from critflow.calls import counted, running
 from critflow.extras.cables.critical_strain import critical_strain
-from critflow.networks.network import Array, Network
+from critflow.networks import Array, Network
 from critflow.result import InputError, Record, Status
 
 

@@ -25,6 +25,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from critflow.cones import ConeSolution, fit_lengths
+from critflow.deformation import Deformation
 from critflow.extras.cables.boundary_path import BoundaryPath
 from critflow.extras.cables.bounds import Forces, admissible
 from critflow.extras.cables.onset_end import (
@@ -38,14 +40,11 @@ from critflow.extras.cables.onset_end import (
     SIDES_MEET,
 )
 from critflow.extras.cables.programs import farthest, nearest
-from critflow.lengths.cone import ConeSolution, fit_lengths
-from critflow.lengths.length_iteration import iterate_lengths
-from critflow.lengths.taut_edges import OnsetState
-from critflow.lengths.taut_set import polish_taut, settled
-from critflow.linalg.vectors import norms
-from critflow.networks.deformation import Deformation
-from critflow.networks.network import Array
+from critflow.lengths import iterate_lengths
+from critflow.networks import Array
+from critflow.numerics import norms
 from critflow.result import InputError, Status
+from critflow.taut_edges import OnsetState, polish_taut, settled
 
 # Tolerance of the program that shows the start to be floppy, by coordinates with all |L| < ℓ: up to N_v = 10,000 these
 # are accurate to 1e-3, and a second program is rarely needed.

@@ -7,9 +7,9 @@ floppy vertices feel no force at all, and those of the taut part have a positive
 
 from __future__ import annotations
 
-from critflow.lengths.taut_set import placed
-from critflow.networks.network import Array
-from critflow.springs.state import SpringState
+from critflow.networks import Array
+from critflow.springs import SpringState
+from critflow.taut_edges import placed
 
 NO_TENSION = 1e-9  # σ of an edge that counts as slack, in units of the largest
 TIGHT = 0.999  # |L|/ℓ of a slack edge above which floppy vertices are placed anew

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from critflow.deformation import Deformation
 from critflow.extras.cables.onset_end import CriticalStrain
-from critflow.networks.deformation import Deformation
-from critflow.networks.network import Array
+from critflow.networks import Array
 
 # Distance of two gradients, relative to their size, below which they are the same, and the most steps to its strain.
 _SAME_GRADIENT, _MOST_STEPS = 1e-10, 50

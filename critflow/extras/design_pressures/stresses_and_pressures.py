@@ -9,12 +9,12 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import ArrayLike
 
-from critflow.critical.quantity import Quantity
+from critflow.checks import edge_values
 from critflow.extras.targets.problem import DesignOptions, DesignResult, Target, Variables, require_all_valid
 from critflow.extras.targets.stresses import Stresses
 from critflow.extras.tissue.pressures import PressureBalance, PressureManifold, PressurisedConfiguration
-from critflow.networks.checks import edge_values
-from critflow.networks.network import Array, Network
+from critflow.networks import Array, Network
+from critflow.quantities import Quantity
 from critflow.result import InputError
 
 

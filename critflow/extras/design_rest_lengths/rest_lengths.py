@@ -12,17 +12,17 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import ArrayLike
 
-from critflow.critical.quantity import Quantity
+from critflow.checks import edge_values
+from critflow.deformation import Deformation
 from critflow.extras.cables.critical_strain import critical_strain
 from critflow.extras.cables.onset_end import CriticalStrain
 from critflow.extras.targets.constrained import RESTORED, Minimum, Problem, minimise_constrained
 from critflow.extras.targets.problem import DesignOptions, DesignResult, Target, Variables
-from critflow.lengths.from_lengths import critical_from_lengths
-from critflow.networks.checks import edge_values
-from critflow.networks.deformation import Deformation
-from critflow.networks.network import Array
+from critflow.lengths import critical_from_lengths
+from critflow.networks import Array
+from critflow.quantities import Quantity
 from critflow.result import InputError, Solution, Status
-from critflow.springs.state import SpringState, spring_state
+from critflow.springs import SpringState, spring_state
 
 REACHED = 1e-10  # error of the strain of a designed onset that counts as reached
 

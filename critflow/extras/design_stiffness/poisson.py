@@ -14,10 +14,10 @@ from typing import Any
 
 import numpy as np
 
-from critflow.critical.quantity import Balanced, Partials, Quantity
+from critflow.deformation import strain_basis
 from critflow.extras.targets.problem import Target
-from critflow.networks.deformation import strain_basis
-from critflow.networks.network import Array, Network
+from critflow.networks import Array, Network
+from critflow.quantities import Balanced, Partials, Quantity
 from critflow.result import InputError
 
 NAME = "poisson"

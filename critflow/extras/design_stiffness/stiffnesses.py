@@ -14,18 +14,18 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from critflow.arguments import of_kind
-from critflow.certificates.counts import rigidity
-from critflow.critical.quantity import Quantity
+from critflow.checks import edge_values
+from critflow.deformation import strain_basis
 from critflow.extras.design_stiffness.poisson import NAME, TensorRatio, poisson_refusal, with_poisson
 from critflow.extras.rest.at_rest import response_at_rest
 from critflow.extras.targets.problem import DesignOptions, DesignResult, EdgeLimits, Target, Variables, limit_sizes
 from critflow.extras.targets.stress_form import tensor_weights
-from critflow.linalg.matrices import block_laplacian, edge_blocks
-from critflow.networks.checks import edge_values
-from critflow.networks.deformation import strain_basis
-from critflow.networks.network import Array, Network
+from critflow.networks import Array, Network
+from critflow.quantities import Quantity
 from critflow.result import InputError
-from critflow.springs.state import SpringState, spring_state
+from critflow.self_stress import rigidity
+from critflow.sparse import block_laplacian, edge_blocks
+from critflow.springs import SpringState, spring_state
 
 POSITIVE_TENSOR = 1e-12  # eigenvalues of a requested tensor below this part of the largest one count as zero
 

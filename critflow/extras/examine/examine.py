@@ -13,8 +13,9 @@ from numpy.typing import ArrayLike
 
 from critflow.arguments import of_kind
 from critflow.calls import running
-from critflow.certificates.counts import Rigidity, rigidity
-from critflow.certificates.spectrum import CLEAR_GAP
+from critflow.checks import edge_values
+from critflow.digits import Digits
+from critflow.elastic import elasticity
 from critflow.extras.cables.critical_strain import critical_strain
 from critflow.extras.cables.onset_end import CriticalStrain
 from critflow.extras.examine.report import UNFINISHED, Examination
@@ -25,13 +26,10 @@ from critflow.extras.fronts.leverage import edge_leverage
 from critflow.extras.inference.nearest import Nearest, nearest_critical
 from critflow.extras.tensegrity.second_order import second_order_rigidity
 from critflow.extras.tensegrity.signed_stress import signed_stress
-from critflow.linalg.tolerances import EPS
-from critflow.linalg.vectors import norms
-from critflow.networks.checks import edge_values
-from critflow.networks.digits import Digits
-from critflow.networks.network import Array, Network, validated_coordinates
-from critflow.response.elasticity import elasticity
+from critflow.networks import Array, Network, validated_coordinates
+from critflow.numerics import EPS, norms
 from critflow.result import CritflowError, InputError, NetworkError, Solution, SolveError, Status
+from critflow.self_stress import CLEAR_GAP, Rigidity, rigidity
 
 Result = TypeVar("Result")
 

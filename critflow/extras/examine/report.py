@@ -7,18 +7,17 @@ from functools import cached_property
 
 import numpy as np
 
-from critflow.certificates.counts import Rigidity, n_rotations
-from critflow.certificates.spaces import zero_modes
-from critflow.critical.manifold import CriticalConfiguration
+from critflow.checks import components
+from critflow.elastic import Elasticity
 from critflow.extras.cables.onset_end import CriticalStrain
 from critflow.extras.files.data import counted
 from critflow.extras.files.repair import described
 from critflow.extras.fronts.leverage import EdgeLeverage
 from critflow.extras.inference.nearest import Nearest
-from critflow.networks.blocks import components
-from critflow.networks.network import Array, Network
-from critflow.response.elasticity import Elasticity
+from critflow.manifold import CriticalConfiguration
+from critflow.networks import Array, Network
 from critflow.result import InputError, Record, Solution, Status
+from critflow.self_stress import Rigidity, n_rotations, zero_modes
 
 # Distance from the nearest critical configuration, in units of the mean edge length, up to which a network counts as
 # one that its program has relaxed to a tolerance: the loosest ones in use are 1e-3.

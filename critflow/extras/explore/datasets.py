@@ -8,12 +8,12 @@ from typing import Any
 
 import numpy as np
 
-from critflow.critical.manifold import CriticalConfiguration
 from critflow.engine.dataset import opened_dataset
 from critflow.extras.explore.model import Model
 from critflow.extras.explore.source import Opening, check_size, imported_lines, opened
 from critflow.extras.files.convert import network_from
-from critflow.networks.network import Array
+from critflow.manifold import CriticalConfiguration
+from critflow.networks import Array
 from critflow.result import InputError, Status
 
 # Variables on the axes of the plane until others are chosen.

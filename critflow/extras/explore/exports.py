@@ -11,7 +11,7 @@ from pathlib import Path
 from critflow.extras.explore.picture import QUANTITIES, edge_values
 from critflow.extras.explore.session import Session
 from critflow.extras.files.convert import write_network
-from critflow.figures.drawing import draw, saved
+from critflow.pictures import draw, saved
 from critflow.result import InputError
 
 # matplotlib keeps the current figure in one place.

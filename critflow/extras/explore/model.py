@@ -10,15 +10,14 @@ import scipy.sparse as sp
 from scipy.sparse.csgraph import minimum_spanning_tree
 
 from critflow import upper_bound
-from critflow.critical.manifold import CriticalManifold
 from critflow.engine import stable_rng
-from critflow.lengths.from_lengths import critical_from_lengths
-from critflow.linalg.factor import FixedPattern
-from critflow.linalg.matrices import block_laplacian
-from critflow.networks.faces import Faces, planar_faces
-from critflow.networks.network import Array, IntArray, Network
-from critflow.optimisation.optimize import optimize
+from critflow.faces import Faces, planar_faces
+from critflow.lengths import critical_from_lengths
+from critflow.manifold import CriticalManifold
+from critflow.networks import Array, IntArray, Network
+from critflow.optima import optimize
 from critflow.result import CritflowError, InputError
+from critflow.sparse import FixedPattern, block_laplacian
 
 OPTIMA = {"min_V_L": "V_L", "min_V_tau": "V_tau", "max_B_0": "B_0", "max_G_0": "G_0"}
 """The quantity of each population that is an optimum."""

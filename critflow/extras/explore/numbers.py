@@ -8,14 +8,14 @@ from typing import TypeVar
 
 import numpy as np
 
-from critflow.certificates.counts import certify, n_rotations, rigidity
-from critflow.critical.manifold import CriticalConfiguration, CriticalManifold
-from critflow.critical.vocabulary import quantity
-from critflow.linalg.tolerances import EPS
-from critflow.networks.network import Array, Network
-from critflow.response.elasticity import elasticity
-from critflow.response.stiffening import stiffening
+from critflow.elastic import elasticity
+from critflow.growth import stiffening
+from critflow.manifold import CriticalConfiguration, CriticalManifold
+from critflow.networks import Array, Network
+from critflow.numerics import EPS
+from critflow.quantity_names import quantity
 from critflow.result import CritflowError
+from critflow.self_stress import certify, n_rotations, rigidity
 
 T = TypeVar("T")
 PROOF, ESTIMATE = "proof", "estimate"

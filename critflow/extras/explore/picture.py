@@ -10,10 +10,9 @@ import numpy as np
 from matplotlib.colors import LinearSegmentedColormap
 from numpy.typing import NDArray
 
-from critflow.figures.plot import COMPRESSED, SLACK, TENSION_MAP, periodic_segments
-from critflow.figures.polygons import face_polygon, polygon_images
-from critflow.networks.faces import Faces
-from critflow.networks.network import Array, IntArray, Network
+from critflow.faces import Faces
+from critflow.networks import Array, IntArray, Network
+from critflow.pictures import COMPRESSED, SLACK, TENSION_MAP, face_polygon, periodic_segments, polygon_images
 
 SHADES = 32
 # Numbers of the two colours after the shades of tension.

@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 from critflow.extras.explore.model import OPTIMA, POPULATIONS, SPREAD
 from critflow.extras.explore.session import Session
-from critflow.response.stiffening import stiffening
+from critflow.growth import stiffening
 from critflow.result import InputError
 
 _IMPORTED = (
@@ -28,7 +28,7 @@ def script(session: Session) -> str:
     heads = ["import numpy as np"] * ("np." in text) + ["import xarray as xr"] * ("xr." in text)
     heads += [""] * bool(heads)
     heads.append(f"from critflow import {', '.join(name for name in _IMPORTED if f'{name}(' in text)}")
-    heads += ["from critflow.critical.isogonal import face_modes"] * ("face_modes(" in text)
+    heads += ["from critflow.isogonal import face_modes"] * ("face_modes(" in text)
     heads += ["from critflow.engine import stable_rng"] * ("stable_rng(" in text)
     return "\n".join([*heads, "", text, ""])
 

@@ -13,15 +13,15 @@ from typing import Any
 
 import numpy as np
 
-from critflow.critical.isogonal import IsogonalModes, face_modes
-from critflow.critical.manifold import CriticalConfiguration
 from critflow.extras.explore.model import POPULATIONS, Model, Observer
 from critflow.extras.explore.source import Source
-from critflow.networks.network import Array
-from critflow.networks.pruning import pruned
-from critflow.paths.strain_path import PathSolver, StrainPath, strain_path
+from critflow.isogonal import IsogonalModes, face_modes
+from critflow.manifold import CriticalConfiguration
+from critflow.networks import Array
+from critflow.paths import PathSolver, StrainPath, strain_path
+from critflow.pruning import pruned
 from critflow.result import InputError, Solution
-from critflow.springs.state import SpringState
+from critflow.springs import SpringState
 
 Change = tuple[Any, ...]
 # Largest |change of log σ| of an edge, and largest |γ|.

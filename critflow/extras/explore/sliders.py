@@ -9,7 +9,7 @@ import numpy as np
 from critflow.extras.explore.model import Dual, Model
 from critflow.extras.explore.picture import face_outlines
 from critflow.extras.explore.session import STEEPEST, Session, State, check_index
-from critflow.networks.network import Array, Network
+from critflow.networks import Array, Network
 from critflow.result import CritflowError, InputError
 
 # Part of the amplitude at which an edge loses its length that a slider reaches.

@@ -8,13 +8,13 @@ from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
-from critflow.critical.manifold import CriticalConfiguration, CriticalManifold
 from critflow.extras.explore.model import Model
 from critflow.extras.files.convert import network_from
 from critflow.extras.files.repair import ImportedNetwork
 from critflow.extras.inference.nearest import nearest_critical
-from critflow.generators.random_networks import voronoi_network
-from critflow.networks.network import Array
+from critflow.manifold import CriticalConfiguration, CriticalManifold
+from critflow.networks import Array
+from critflow.points import voronoi_network
 from critflow.result import CritflowError, InputError
 
 # Vertices beyond which a change takes seconds.

@@ -9,7 +9,6 @@ from typing import Any
 
 import numpy as np
 
-from critflow.critical.manifold import CriticalConfiguration
 from critflow.extras.explore import numbers
 from critflow.extras.explore.model import POPULATIONS
 from critflow.extras.explore.picture import (
@@ -22,7 +21,8 @@ from critflow.extras.explore.picture import (
 )
 from critflow.extras.explore.session import Session, State
 from critflow.extras.explore.sliders import Picked
-from critflow.networks.network import Array
+from critflow.manifold import CriticalConfiguration
+from critflow.networks import Array
 
 # Vertices beyond which a change takes longer than 50 ms.
 _LIVE = 3000

@@ -13,9 +13,9 @@ import numpy as np
 import scipy
 from numpy.typing import ArrayLike, NDArray
 
+from critflow.checks import doubtful_offsets
 from critflow.extras.files.data import Array, IntArray, NetworkData, bond_vectors_of, counted
-from critflow.networks.checks import doubtful_offsets
-from critflow.networks.faces import planar_faces
+from critflow.faces import planar_faces
 from critflow.result import InputError, NetworkError
 
 Pins = str | Sequence[int | str] | ArrayLike | None

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from critflow.arguments import of_kind, shown
+from critflow.checks import floats
 from critflow.extras.files.boundaries import Pins, hull_volume, with_offsets, with_pins
 from critflow.extras.files.data import NetworkData, from_zero
 from critflow.extras.files.formats import READ_PICTURES, format_of_object, is_frame, readable_format, writable_format
@@ -21,9 +22,8 @@ from critflow.extras.files.labels import from_labels, read_labels
 from critflow.extras.files.meshes import from_polygons
 from critflow.extras.files.repair import ImportedNetwork, check, imported, in_its_plane
 from critflow.extras.files.tables import has_centres, read_centres, read_tables
-from critflow.generators.random_networks import voronoi_network
-from critflow.networks.checks import floats
-from critflow.networks.network import Array, Network
+from critflow.networks import Array, Network
+from critflow.points import voronoi_network
 from critflow.result import CritflowError, InputError, NetworkError, Solution
 
 # Edges of copies that fit into the memory of a usual computer with their file.

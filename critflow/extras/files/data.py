@@ -12,9 +12,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from critflow.checks import floats, integers
+from critflow.digits import Digits, digits_of
 from critflow.engine.settings import stored_configuration
-from critflow.networks.checks import floats, integers
-from critflow.networks.digits import Digits, digits_of
 from critflow.result import EnvironmentFailure, InputError, Record
 
 Array = NDArray[np.float64]

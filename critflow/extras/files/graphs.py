@@ -10,8 +10,8 @@ from typing import Any
 
 import numpy as np
 
+from critflow.checks import floats
 from critflow.extras.files.data import EDGE_VALUES, Array, NetworkData, edge_values, optional, unread
-from critflow.networks.checks import floats
 from critflow.result import InputError
 
 _POSITIONS = ("pos", "position", "positions", "coordinates", "xyz", "coords")

@@ -9,9 +9,8 @@ import numpy as np
 import scipy
 from numpy.typing import ArrayLike, NDArray
 
+from critflow.checks import components, floats
 from critflow.extras.files.data import Array, IntArray, NetworkData, counted
-from critflow.networks.blocks import components
-from critflow.networks.checks import floats
 from critflow.result import InputError
 
 # Sides of pixels in a border inside a corner, at most.

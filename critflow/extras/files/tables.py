@@ -15,6 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from critflow.checks import integers
 from critflow.extras.files.data import (
     EDGE_VALUES,
     NUMBER,
@@ -27,7 +28,6 @@ from critflow.extras.files.data import (
     require_regular,
     unread,
 )
-from critflow.networks.checks import integers
 from critflow.result import CritflowError, InputError
 
 # Names of columns, in lower case, that are recognised in a header.

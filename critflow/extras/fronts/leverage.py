@@ -22,17 +22,15 @@ from numpy.typing import NDArray
 
 from critflow.arguments import of_kind
 from critflow.calls import running
-from critflow.critical.edge_lengths import NO_LENGTH
-from critflow.critical.manifold import CriticalConfiguration, CriticalManifold
-from critflow.critical.quantity import Quantity, require_valid
-from critflow.critical.vocabulary import quantity
 from critflow.extras.targets.stress_form import stress_form
-from critflow.linalg.factor import Factor
-from critflow.linalg.tolerances import EPS
-from critflow.linalg.vectors import dot, norms
-from critflow.networks.network import Array, IntArray, Network
-from critflow.response.tensor import TRUSTED_ERROR
+from critflow.linear_response import TRUSTED_ERROR
+from critflow.manifold import NO_LENGTH, CriticalConfiguration, CriticalManifold
+from critflow.networks import Array, IntArray, Network
+from critflow.numerics import EPS, dot, norms
+from critflow.quantities import Quantity, require_valid
+from critflow.quantity_names import quantity
 from critflow.result import InputError, Record, Solution, Stats, Status
+from critflow.sparse import Factor
 
 # Rounding of columns that were updated, and of refined ones, relative to r: 1 − σ_α r below its square times Σ|σ|/|σ_α|
 # is that of a bridge, and Σσ²|L|²/k below it times the terms of the sum that of a network that collapses.

@@ -19,16 +19,22 @@ from numpy.typing import ArrayLike, NDArray
 
 from critflow.arguments import of_kind
 from critflow.calls import counted, running
-from critflow.critical.edge_lengths import COLLAPSING, SOUND
-from critflow.critical.manifold import Balance, CriticalConfiguration, CriticalManifold, require_one_self_stress
-from critflow.critical.vocabulary import quantity
+from critflow.descent import FADED
 from critflow.extras.targets.constrained import Minimum, Point, minimise_constrained
 from critflow.extras.targets.problem import POWERS, Target, edge_limits, parse_targets, require_all_valid
 from critflow.extras.targets.stress_form import same
 from critflow.extras.targets.stresses import Stresses
-from critflow.linalg.vectors import norms
-from critflow.networks.network import Array, Network
-from critflow.optimisation.descent_end import FADED
+from critflow.manifold import (
+    COLLAPSING,
+    SOUND,
+    Balance,
+    CriticalConfiguration,
+    CriticalManifold,
+    require_one_self_stress,
+)
+from critflow.networks import Array, Network
+from critflow.numerics import norms
+from critflow.quantity_names import quantity
 from critflow.result import InputError, Solution, Stats, Status
 
 FRONT_CERTIFIED = 1e-5  # largest relative residual of the first-order conditions of a certified point

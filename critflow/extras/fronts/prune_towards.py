@@ -22,16 +22,14 @@ from scipy.linalg.blas import dger
 
 from critflow.arguments import generator, of_kind
 from critflow.calls import running, tell
-from critflow.critical.edge_lengths import NO_LENGTH
-from critflow.critical.manifold import CriticalConfiguration, CriticalManifold
-from critflow.critical.quantity import require_valid
 from critflow.extras.fronts.leverage import Mask, value_of_part, values_after
 from critflow.extras.targets.problem import Target, parse_targets
 from critflow.extras.targets.stress_form import stress_form
-from critflow.linalg.tolerances import LARGEST_DENSE
-from critflow.linalg.vectors import norms
-from critflow.networks.network import Array, IntArray, Network
-from critflow.networks.pruning import pruned
+from critflow.manifold import NO_LENGTH, CriticalConfiguration, CriticalManifold
+from critflow.networks import Array, IntArray, Network
+from critflow.numerics import LARGEST_DENSE, norms
+from critflow.pruning import pruned
+from critflow.quantities import require_valid
 from critflow.result import InputError, Solution, Stats, Status
 
 PRUNING_DRIFT = 1e-10  # error of rank-one updates from which P is factorised again: far below the digits of a design

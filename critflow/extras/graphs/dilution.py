@@ -9,8 +9,8 @@ import numpy as np
 
 from critflow.arguments import generator, of_kind
 from critflow.calls import running
-from critflow.networks.network import Network
-from critflow.networks.pruning import CarryingPart, carrying_part, part_of
+from critflow.networks import Network
+from critflow.pruning import CarryingPart, carrying_part, part_of
 from critflow.result import InputError
 
 

@@ -27,14 +27,13 @@ from scipy.sparse.linalg import ArpackNoConvergence, LinearOperator, eigsh, splu
 
 from critflow.arguments import of_kind
 from critflow.calls import running
-from critflow.critical.manifold import Balance, CriticalManifold
+from critflow.checks import edge_values
 from critflow.extensions import provided
-from critflow.linalg.factor import Entries, FixedPattern
-from critflow.linalg.matrices import end_pairs, free_ends, spread_columns
-from critflow.linalg.tolerances import LARGEST_DENSE
-from critflow.networks.checks import edge_values
-from critflow.networks.network import Array, Network, validated_coordinates
+from critflow.manifold import Balance, CriticalManifold
+from critflow.networks import Array, Network, validated_coordinates
+from critflow.numerics import LARGEST_DENSE
 from critflow.result import InputError, Solution, Stats, Status
+from critflow.sparse import Entries, FixedPattern, end_pairs, free_ends, spread_columns
 
 NEAREST_CONVERGED = 1e-9  # change of log σ in a step of Gauss and Newton below which it has converged
 NEAREST_ROUGH = 1e-3  # the same with a regularisation that is then left out

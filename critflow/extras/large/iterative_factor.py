@@ -10,8 +10,8 @@ from functools import partial
 import numpy as np
 
 from critflow.extras.large import multigrid
-from critflow.linalg.factor import REDUCED, Array, Factor, FixedPattern, by_columns
 from critflow.result import InputError
+from critflow.sparse import REDUCED, Array, Factor, FixedPattern, by_columns
 
 
 class MultigridFactor(Factor):

@@ -27,9 +27,8 @@ from numpy.typing import NDArray
 from scipy.linalg.blas import daxpy, saxpy
 from scipy.sparse.csgraph import reverse_cuthill_mckee
 
-from critflow.linalg.factor import REDUCED
-from critflow.linalg.tolerances import EPS
-from critflow.linalg.vectors import KERNELS, product, quasi_random
+from critflow.numerics import EPS, KERNELS, product, quasi_random
+from critflow.sparse import REDUCED
 
 INSTALLED = find_spec("pyamg") is not None
 MOST_STEPS = 400  # of one solve; 20 to 80 suffice where stresses span up to four decades

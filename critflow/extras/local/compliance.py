@@ -19,16 +19,15 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from critflow.critical.manifold import Balance
-from critflow.critical.quantity import Balanced
 from critflow.extras.local.pairs import Pair
-from critflow.linalg.factor import Factor
-from critflow.linalg.saddle import CondensedFactor, SaddleFactor
-from critflow.linalg.tolerances import EPS
-from critflow.linalg.vectors import dot, norms, product
-from critflow.networks.network import Array, IntArray, Network
-from critflow.response.linear_response import accumulated_rounding
+from critflow.linear_response import accumulated_rounding
+from critflow.manifold import Balance
+from critflow.networks import Array, IntArray, Network
+from critflow.numerics import EPS, dot, norms, product
+from critflow.quantities import Balanced
 from critflow.result import InputError
+from critflow.saddles import CondensedFactor, SaddleFactor
+from critflow.sparse import Factor
 
 # Compliance of a pair, relative to that by P alone with edges that yield, below which edges hold it: rounding is 1e-15.
 HELD = 1e-11

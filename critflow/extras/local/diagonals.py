@@ -8,7 +8,7 @@ import numpy as np
 
 from critflow.arguments import of_kind
 from critflow.extras.local.pairs import spelled_pair
-from critflow.networks.network import Network
+from critflow.networks import Network
 from critflow.result import InputError
 
 

@@ -14,12 +14,12 @@ from typing import ClassVar
 
 import numpy as np
 
-from critflow.critical.manifold import CriticalConfiguration
-from critflow.critical.quantity import Balanced, Partials, Quantity
 from critflow.extras.local.compliance import Compliances, compliances
 from critflow.extras.local.pairs import Pair, check_distinct, read_pair
 from critflow.extras.local.under_stress import compliances_under
-from critflow.networks.network import Array, Network
+from critflow.manifold import CriticalConfiguration
+from critflow.networks import Array, Network
+from critflow.quantities import Balanced, Partials, Quantity
 from critflow.result import InputError
 
 _NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?")

@@ -20,19 +20,19 @@ import numpy as np
 
 from critflow.arguments import is_number, of_kind, of_known_kind, shown
 from critflow.calls import running
-from critflow.certificates.uniqueness import require_only_self_stress
-from critflow.critical.manifold import CriticalConfiguration
+from critflow.elastic import under_stress
 from critflow.extensions import extensible
 from critflow.extras.local.compliance import Compliances, HessianCompliances, HessianFactor, compliances
 from critflow.extras.local.local_quantity import partials, strain, strain_error
 from critflow.extras.local.pairs import Pair, check_distinct, pair_of
-from critflow.linalg.saddle import Saddle
-from critflow.linalg.tolerances import EPS
-from critflow.networks.network import Array
-from critflow.response.elasticity import under_stress
-from critflow.response.linear_response import accumulated_rounding
+from critflow.linear_response import accumulated_rounding
+from critflow.manifold import CriticalConfiguration
+from critflow.networks import Array
+from critflow.numerics import EPS
 from critflow.result import InputError, Record, Solution, Stats, Status
-from critflow.springs.state import SpringState
+from critflow.saddles import Saddle
+from critflow.self_stress import require_only_self_stress
+from critflow.springs import SpringState
 
 # Part by which a response may deviate at the stress `limit`; error beyond which responses are not trusted, as a part of
 # the largest of them or of the strain of the source.

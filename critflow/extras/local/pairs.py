@@ -18,9 +18,9 @@ import scipy.sparse as sp
 from scipy.sparse.csgraph import breadth_first_order
 
 from critflow.arguments import shown
-from critflow.critical.manifold import CriticalManifold
-from critflow.networks.network import Array, IntArray, Network
-from critflow.networks.periodic_cell import short_cell
+from critflow.manifold import CriticalManifold
+from critflow.networks import Array, IntArray, Network
+from critflow.points import short_cell
 from critflow.result import InputError
 
 _WRITTEN = re.compile(r"(\d+)-(\d+)((?::[+-]?\d+)*)")

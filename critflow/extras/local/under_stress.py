@@ -13,13 +13,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from critflow.critical.manifold import Balance
-from critflow.critical.quantity import Balanced
 from critflow.extras.local.compliance import Compliances
 from critflow.extras.local.pairs import Pair
-from critflow.linalg.tolerances import EPS
-from critflow.linalg.vectors import dot
-from critflow.networks.network import Array
+from critflow.manifold import Balance
+from critflow.networks import Array
+from critflow.numerics import EPS, dot
+from critflow.quantities import Balanced
 
 
 @dataclass(frozen=True, eq=False)

@@ -10,18 +10,18 @@ import click
 import numpy as np
 
 from critflow.calls import running
-from critflow.critical.manifold import CriticalConfiguration
+from critflow.certificate import certificate_text
 from critflow.extras.files.convert import write_network
 from critflow.extras.files.formats import writable_format
 from critflow.extras.files.hints import Hints, files_argument, in_shell, read, reading, value_of
 from critflow.extras.files.repair import ImportedNetwork
 from critflow.extras.inference.nearest import nearest_critical
 from critflow.extras.targets.targets import Design, change_of, design
-from critflow.networks.network import Network
-from critflow.optimisation.optimize import optimize
-from critflow.response.certificate import certificate_text
+from critflow.manifold import CriticalConfiguration
+from critflow.networks import Network
+from critflow.optima import optimize
 from critflow.result import InputError, Solution
-from critflow.springs.state import SpringState, spring_state
+from critflow.springs import SpringState, spring_state
 
 
 @click.command()
@@ -59,7 +59,7 @@ def make(
     writable_format(out)
     if picture is not None:
         # matplotlib takes a third of the time of a small network.
-        from critflow.figures.drawing import draw, require_picture, saved
+        from critflow.pictures import draw, require_picture, saved
 
         require_picture(picture)
     imported = read(files, hints)

@@ -19,17 +19,16 @@ from typing import NamedTuple
 import numpy as np
 import scipy.sparse as sp
 
-from critflow.certificates.spectrum import CLEAR_GAP, ZERO_MODE, Spectrum, edge_without_length
+from critflow.deformation import strain_basis
+from critflow.digits import rounding_note
+from critflow.elastic import ElasticResponse
 from critflow.extras.rest.stiffness_contrast import FormAtRest, hierarchical_response
-from critflow.linalg.matrices import edge_blocks, spread_columns
-from critflow.linalg.tolerances import EPS
-from critflow.networks.deformation import strain_basis
-from critflow.networks.digits import rounding_note
-from critflow.networks.network import Array, Network
-from critflow.response.elasticity import ElasticResponse
-from critflow.response.linear_response import accumulated_rounding
-from critflow.response.tensor import TRUSTED_ERROR, Elasticity, Errors, no_elasticity
+from critflow.linear_response import TRUSTED_ERROR, Elasticity, Errors, accumulated_rounding, no_elasticity
+from critflow.networks import Array, Network
+from critflow.numerics import EPS
 from critflow.result import Stats, Status
+from critflow.self_stress import CLEAR_GAP, ZERO_MODE, Spectrum, edge_without_length
+from critflow.sparse import edge_blocks, spread_columns
 
 # Up to this contrast the normal equations resolve both the softest springs and the stiffest.
 MODERATE_CONTRAST = 1e6

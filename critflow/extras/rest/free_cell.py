@@ -14,14 +14,21 @@ from functools import cached_property
 
 import numpy as np
 
-from critflow.linalg.factor import Factor, FixedPattern
-from critflow.linalg.tolerances import EPS
-from critflow.networks.network import Array, Network
+from critflow.equilibria import (
+    FLOPPY_SHIFT,
+    NEWTON_STEPS,
+    ROUNDING_COMPRESSION,
+    Equilibrium,
+    as_minimum,
+    newton,
+    stability_of,
+    with_bounds,
+)
+from critflow.networks import Array, Network
+from critflow.numerics import EPS
 from critflow.result import Stats, Status
-from critflow.springs.equilibrium import NEWTON_STEPS, Equilibrium, as_minimum, with_bounds
-from critflow.springs.minimum import ROUNDING_COMPRESSION, stability_of
-from critflow.springs.newton import FLOPPY_SHIFT, newton
-from critflow.springs.state import TAUT, EdgeMatrix, SpringState, times
+from critflow.sparse import Factor, FixedPattern
+from critflow.springs import TAUT, EdgeMatrix, SpringState, times
 
 # Strain of the cell by the stress that is left, above which nothing fixes its free components.  In a cell that cables
 # pull flat the remaining step is the whole of what is left, 1; where they are fixed it is rounding over a stiffness.

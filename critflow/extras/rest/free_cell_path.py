@@ -12,12 +12,10 @@ from functools import cached_property
 import numpy as np
 
 from critflow.extras.rest.free_cell import FreeCellState, relaxed_with_cell, stretched
-from critflow.networks.network import Array
-from critflow.paths.continuation import FLOPPY, Cell, Correction, keeps_lengths, weakly_stressed
-from critflow.paths.tangent import Tangent
-from critflow.paths.unknowns import Vertices
+from critflow.networks import Array
+from critflow.paths import FLOPPY, Cell, Correction, Tangent, Vertices, keeps_lengths, weakly_stressed
 from critflow.result import InputError, Status
-from critflow.springs.state import SpringState
+from critflow.springs import SpringState
 
 
 @dataclass(frozen=True, eq=False)

@@ -8,13 +8,13 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import ArrayLike
 
-from critflow.critical.backbone import taut_edges, taut_networks
+from critflow.elastic import ElasticResponse, Options, elastic_response, total_response
 from critflow.extras.rest.at_rest import Springs, response_at_rest
-from critflow.networks.network import Network, validated_coordinates
-from critflow.response.elasticity import ElasticResponse, Options, elastic_response, total_response
-from critflow.response.tensor import Elasticity, Errors
+from critflow.linear_response import Elasticity, Errors
+from critflow.networks import Network, validated_coordinates
 from critflow.result import InputError, Solution
-from critflow.springs.state import SpringState, edge_directions, spring_state
+from critflow.springs import SpringState, edge_directions, spring_state
+from critflow.taut_part import taut_edges, taut_networks
 
 # Change of a tensor by a stress that counts as rounding, relative to the affine tensor and to the largest σ over the
 # largest k: 0.6 was found in random networks just past the transition.

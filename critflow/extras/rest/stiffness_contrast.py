@@ -18,9 +18,9 @@ from typing import NamedTuple
 import numpy as np
 import scipy.linalg
 
-from critflow.certificates.spectrum import CLEAR_GAP, ROUNDING_MARGIN, ZERO_MODE
-from critflow.linalg.tolerances import EPS
-from critflow.networks.network import Array
+from critflow.networks import Array
+from critflow.numerics import EPS
+from critflow.self_stress import CLEAR_GAP, ROUNDING_MARGIN, ZERO_MODE
 
 # Stiffnesses within this factor are compared directly; beyond it motions that stiffer edges resist are separated from
 # those that they do not.  Its square root enters rounding errors.

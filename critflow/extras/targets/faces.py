@@ -18,10 +18,6 @@ import scipy.sparse as sp
 from numpy.typing import NDArray
 from scipy.sparse.linalg import splu
 
-from critflow.critical.isogonal import face_modes, has_face_modes, isogonal_modes
-from critflow.critical.manifold import CriticalConfiguration, CriticalManifold
-from critflow.critical.quantity import Quantity, StressedBonds
-from critflow.critical.vocabulary import quantity
 from critflow.extras.targets.constrained import Minimum, Problem, minimise_constrained
 from critflow.extras.targets.problem import (
     DesignOptions,
@@ -32,8 +28,12 @@ from critflow.extras.targets.problem import (
     require_all_valid,
 )
 from critflow.extras.targets.refusals import BOUND_ROUNDING, NOT_STIFFEST
-from critflow.linalg.vectors import dot
-from critflow.networks.network import Array
+from critflow.isogonal import face_modes, has_face_modes, isogonal_modes
+from critflow.manifold import CriticalConfiguration, CriticalManifold
+from critflow.networks import Array
+from critflow.numerics import dot
+from critflow.quantities import Quantity, StressedBonds
+from critflow.quantity_names import quantity
 from critflow.result import InputError
 
 SHORTEST_ISOGONAL = 5e-2  # shortest length of an isogonal design by default, in units of the mean

@@ -16,15 +16,15 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from critflow.arguments import of_kind
-from critflow.critical.manifold import Balance
-from critflow.critical.quantity import Quantity, own, require_valid
-from critflow.critical.vocabulary import quantity
+from critflow.checks import edge_values
 from critflow.extras.targets.constrained import Minimum, Point, Problem, minimise_constrained
 from critflow.extras.targets.stress_form import same
-from critflow.networks.checks import edge_values
-from critflow.networks.network import Array, Network
+from critflow.manifold import Balance
+from critflow.networks import Array, Network
+from critflow.quantities import Quantity, own, require_valid
+from critflow.quantity_names import quantity
 from critflow.result import InputError, Solution
-from critflow.springs.state import SpringState
+from critflow.springs import SpringState
 
 # Other spellings of the quantities of edges: `change="stiffness"` and `network.stiffness` are singular.
 _PLURALS = {"length": "lengths", "tension": "tensions", "force_density": "force_densities", "stiffness": "stiffnesses"}

@@ -16,15 +16,15 @@ from itertools import product
 
 import numpy as np
 
-from critflow.critical.components import modulus_form
-from critflow.critical.manifold import CriticalManifold
-from critflow.critical.transition import dilation, largest_value, pure_shear
+from critflow.deformation import strain_basis, strain_components
+from critflow.design_names import modulus_form
 from critflow.extras.targets.problem import Target
 from critflow.extras.targets.stress_form import StressForm, stress_form
-from critflow.linalg.vectors import norms
-from critflow.networks.deformation import strain_basis, strain_components
-from critflow.networks.network import Array
-from critflow.optimisation.largest_modulus import largest_modulus
+from critflow.manifold import CriticalManifold
+from critflow.networks import Array
+from critflow.numerics import norms
+from critflow.optima import largest_modulus
+from critflow.quantities import dilation, largest_value, pure_shear
 from critflow.result import InputError
 
 BOUND_ROUNDING = 1e-12  # rounding of a closed-form bound, relative

@@ -7,11 +7,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from critflow.critical.components import StressComponent, TensorComponent
-from critflow.critical.quantity import Quantity
-from critflow.critical.transition import TransitionModulus
-from critflow.networks.deformation import strain_basis, strain_components
-from critflow.networks.network import Array
+from critflow.deformation import strain_basis, strain_components
+from critflow.design_names import StressComponent, TensorComponent
+from critflow.networks import Array
+from critflow.quantities import Quantity, TransitionModulus
 from critflow.result import InputError
 
 

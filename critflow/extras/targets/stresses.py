@@ -8,8 +8,7 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from critflow.critical.manifold import Balance, CriticalConfiguration, CriticalManifold, require_one_self_stress
-from critflow.critical.quantity import Quantity
+from critflow.checks import edge_values
 from critflow.extras.targets.constrained import Minimum, Problem, minimise_constrained
 from critflow.extras.targets.problem import (
     POWERS,
@@ -21,9 +20,10 @@ from critflow.extras.targets.problem import (
     require_all_valid,
 )
 from critflow.extras.targets.refusals import limiting_stress, refusal_of
-from critflow.networks.checks import edge_values
-from critflow.networks.network import Array
-from critflow.optimisation.optimize import optimize
+from critflow.manifold import Balance, CriticalConfiguration, CriticalManifold, require_one_self_stress
+from critflow.networks import Array
+from critflow.optima import optimize
+from critflow.quantities import Quantity
 from critflow.result import InputError
 
 UNLIMITED = 1e-6  # gradient of a target by log σ, in units of its size, below which a search cannot start there

@@ -16,10 +16,6 @@ from numpy.typing import ArrayLike
 
 from critflow.arguments import of_kind, shown
 from critflow.calls import running
-from critflow.critical.manifold import Balance, CriticalConfiguration, CriticalManifold
-from critflow.critical.quantity import Quantity
-from critflow.critical.variances import LengthVariance, TensionVariance
-from critflow.critical.vocabulary import ALIASES
 from critflow.extensions import extras, missing, provided, with_needs
 from critflow.extras.targets.constrained import Minimum, minimise_constrained
 from critflow.extras.targets.problem import (
@@ -31,9 +27,12 @@ from critflow.extras.targets.problem import (
     parse_targets,
 )
 from critflow.extras.targets.stresses import Stresses
-from critflow.networks.network import Array, Network, validated_coordinates
+from critflow.manifold import Balance, CriticalConfiguration, CriticalManifold
+from critflow.networks import Array, Network, validated_coordinates
+from critflow.quantities import LengthVariance, Quantity, TensionVariance
+from critflow.quantity_names import ALIASES
 from critflow.result import InputError, Record, Solution, Stats, Status
-from critflow.springs.state import SpringState
+from critflow.springs import SpringState
 
 # Least eigenvalue of the cosines of the gradients of targets that can be changed independently.
 INDEPENDENT_TARGETS = 1e-6

@@ -15,7 +15,7 @@ import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
 
-from critflow.lengths.cone import interior_point
+from critflow.cones import interior_point
 
 SEMIDEFINITE = 1e-10  # gap and feasibility of semidefinite programs: reached by Clarabel on all networks tested
 

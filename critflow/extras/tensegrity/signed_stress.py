@@ -21,11 +21,11 @@ from numpy.typing import ArrayLike, NDArray
 
 from critflow.arguments import of_kind
 from critflow.calls import running
-from critflow.certificates.prestress import stabilises
-from critflow.critical.manifold import CriticalConfiguration, critical_configuration
-from critflow.linalg.matrices import balanced_part, block_laplacian, laplacian, spread_columns
-from critflow.networks.network import Array, Network, validated_coordinates
+from critflow.manifold import CriticalConfiguration, critical_configuration
+from critflow.networks import Array, Network, validated_coordinates
 from critflow.result import InputError, Record, Solution, Stats, Status
+from critflow.self_stress import stabilises
+from critflow.sparse import balanced_part, block_laplacian, laplacian, spread_columns
 
 # Largest least |σ| of a linear program without solution, and the accuracy to which linear programs are solved.
 NO_SIGNED_STRESS, ACCURACY = 1e-7, 1e-9

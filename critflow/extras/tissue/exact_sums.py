@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import scipy.sparse as sp
 
-from critflow.linalg.vectors import product
-from critflow.networks.network import Array
-from critflow.precision.double_double import Extended
-from critflow.precision.residual import leading_half
+from critflow.double_double import Extended
+from critflow.networks import Array
+from critflow.numerics import product
+from critflow.refinement import leading_half
 
 
 def exact_sums(matrix: sp.csr_array, vectors: Extended, less: Array | float = 0.0) -> Array:

@@ -17,11 +17,11 @@ import scipy.sparse as sp
 from numpy.typing import ArrayLike
 from scipy.sparse.linalg import eigsh
 
-from critflow.linalg.matrices import spread_columns
-from critflow.linalg.vectors import norms, quasi_random
-from critflow.networks.checks import edge_values
-from critflow.networks.network import Array, Network
+from critflow.checks import edge_values
+from critflow.networks import Array, Network
+from critflow.numerics import norms, quasi_random
 from critflow.result import InputError, Record
+from critflow.sparse import spread_columns
 
 # Squared singular values of ∂p/∂x that are zero, relative to the largest; others are above 5e-3 at 1,000 cells.
 UNLOADED = 1e-11

@@ -7,9 +7,8 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
-from critflow.linalg.factor import Entries, FixedPattern
-from critflow.linalg.matrices import free_ends
-from critflow.networks.network import Network
+from critflow.networks import Network
+from critflow.sparse import Entries, FixedPattern, free_ends
 
 
 def pair_laplacian(

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from critflow.critical.edge_lengths import COLLAPSED
 from critflow.extras.tissue.tissue import CriticalTissue
-from critflow.paths.start import Beginning, of_state, require_directions, start_of
+from critflow.manifold import COLLAPSED
+from critflow.paths import Beginning, of_state, require_directions, start_of
 from critflow.result import InputError
-from critflow.springs.laws import SpringLaw
+from critflow.springs import SpringLaw
 
 
 @start_of.register

@@ -11,8 +11,8 @@ from dataclasses import replace
 import numpy as np
 import scipy.sparse as sp
 
-from critflow.lengths.cone import ConeSolution, has_tension, solve_cones
-from critflow.networks.network import Array
+from critflow.cones import ConeSolution, has_tension, solve_cones
+from critflow.networks import Array
 
 
 def fit_perimeters(

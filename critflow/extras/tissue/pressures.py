@@ -19,18 +19,15 @@ import numpy as np
 import scipy.sparse as sp
 from numpy.typing import ArrayLike
 
-from critflow.critical.manifold import CriticalManifold, ForceBalance
-from critflow.linalg.factor import Entries, Factor, FixedPattern
-from critflow.linalg.matrices import end_pairs, free_ends
-from critflow.linalg.tolerances import EPS
-from critflow.linalg.vectors import set_read_only
-from critflow.networks.checks import edge_values
-from critflow.networks.faces import Faces
-from critflow.networks.network import Array, Network
-from critflow.precision.double_double import Extended, add, extended, multiply, two_sum
-from critflow.precision.geometry import ExtendedGeometry
-from critflow.precision.refinement import HOPELESS, LOST, MOST_STEPS, SAFETY, UNSEEN, magnification
+from critflow.checks import edge_values
+from critflow.double_double import Extended, add, extended, multiply, two_sum
+from critflow.faces import Faces
+from critflow.manifold import CriticalManifold, ForceBalance
+from critflow.networks import Array, Network
+from critflow.numerics import EPS, set_read_only
+from critflow.refinement import HOPELESS, LOST, MOST_STEPS, SAFETY, UNSEEN, ExtendedGeometry, magnification
 from critflow.result import InputError, Record, Stats, Status
+from critflow.sparse import Entries, Factor, FixedPattern, end_pairs, free_ends
 
 # Force of the pressures on an edge from its left to its right, from (L_x, L_y): q(L_y, −L_x), half at each end.
 _TURNED = np.array([0.5, -0.5])

@@ -7,29 +7,28 @@ from functools import partial
 
 import numpy as np
 
-from critflow.critical.manifold import CriticalManifold
-from critflow.extensions import provided
-from critflow.extras.tissue.face_springs import FaceSprings
-from critflow.extras.tissue.state import TissueState
-from critflow.extras.tissue.tissue import CriticalTissue
-from critflow.extras.tissue.tissue_energy import PerimeterSystem, TissueEnergy, balanced_system
-from critflow.linalg.tolerances import EPS
-from critflow.networks.deformation import Deformation
-from critflow.response.at_transition import strain_rates, tensor_of_self_stress
-from critflow.response.coefficients import Stiffening, StiffeningSolution, coefficients, failed, with_status
-from critflow.response.elasticity import (
+from critflow.deformation import Deformation
+from critflow.elastic import (
     AT_REST,
     ElasticResponse,
     Options,
     elastic_response,
     of_one_self_stress,
+    strain_rates,
+    tensor_of_self_stress,
     under_stress,
 )
-from critflow.response.linear_response import linear_response
-from critflow.response.stiffening import exact_stiffening
-from critflow.response.tensor import Elasticity
+from critflow.extensions import provided
+from critflow.extras.tissue.face_springs import FaceSprings
+from critflow.extras.tissue.state import TissueState
+from critflow.extras.tissue.tissue import CriticalTissue
+from critflow.extras.tissue.tissue_energy import PerimeterSystem, TissueEnergy, balanced_system
+from critflow.growth import Stiffening, StiffeningSolution, coefficients, exact_stiffening, failed, with_status
+from critflow.linear_response import Elasticity, linear_response
+from critflow.manifold import CriticalManifold
+from critflow.numerics import EPS
 from critflow.result import InputError, Solution, Status
-from critflow.springs.laws import HOOKEAN, SpringLaw
+from critflow.springs import HOOKEAN, SpringLaw
 
 SLACK_FACE = 1e-9  # tension of a face without any, relative to the largest
 # Unbalanced force of a critical tissue over its mean tension, from which exact balance is a small correction.

@@ -11,14 +11,14 @@ from dataclasses import dataclass, field
 import numpy as np
 import scipy.sparse as sp
 
+from critflow.double_double import Extended, lengths
 from critflow.extras.tissue.exact_sums import exact_sums
 from critflow.extras.tissue.face_springs import FaceSprings
 from critflow.extras.tissue.pair_laplacian import pair_laplacian
-from critflow.linalg.factor import FixedPattern
-from critflow.linalg.tolerances import EPS
-from critflow.networks.network import Array
-from critflow.precision.double_double import Extended, lengths
-from critflow.springs.state import TAUT, SpringState
+from critflow.networks import Array
+from critflow.numerics import EPS
+from critflow.sparse import FixedPattern
+from critflow.springs import TAUT, SpringState
 
 COLLAPSING_LENGTH = 1e-3  # in a failed relaxation an edge below this part of the mean length is reported as collapsing
 

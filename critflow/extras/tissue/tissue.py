@@ -16,16 +16,15 @@ from numpy.typing import ArrayLike, NDArray
 
 from critflow.arguments import of_kind
 from critflow.calls import running
-from critflow.critical.manifold import CriticalConfiguration, critical_configuration
+from critflow.equilibria import equilibrium
 from critflow.extras.tissue.face_springs import FaceSprings
 from critflow.extras.tissue.perimeter_program import fit_perimeters
 from critflow.extras.tissue.state import TissueState
-from critflow.linalg.tolerances import EPS
-from critflow.linalg.vectors import power_of_two
-from critflow.networks.network import Array, Network
+from critflow.manifold import CriticalConfiguration, critical_configuration
+from critflow.networks import Array, Network
+from critflow.numerics import EPS, power_of_two
 from critflow.result import InputError, Record, Solution, Stats, Status
-from critflow.springs.equilibrium import equilibrium
-from critflow.springs.state import edge_directions
+from critflow.springs import edge_directions
 
 # Edges below this part of the mean length are collapsed: ten times the accuracy of the cone program, about 1e-6.
 COLLAPSED_EDGE = 1e-5

@@ -18,18 +18,17 @@ import numpy as np
 from critflow.extras.tissue.face_springs import FaceSprings
 from critflow.extras.tissue.state import TissueState
 from critflow.extras.tissue.tissue import CriticalTissue
-from critflow.linalg.saddle import CONDENSED_WEIGHT, CONTRACTION, REFINED
-from critflow.linalg.tolerances import EPS, MOST_REFINEMENTS
-from critflow.linalg.vectors import dot, norms
-from critflow.networks.network import Array
-from critflow.response.linear_response import accumulated_rounding
-from critflow.response.third_order import Term, ThirdDerivative
+from critflow.growth import Term, ThirdDerivative
+from critflow.linear_response import accumulated_rounding
+from critflow.networks import Array
+from critflow.numerics import EPS, MOST_REFINEMENTS, dot, norms
+from critflow.saddles import CONDENSED_WEIGHT, CONTRACTION, REFINED
 
 _CORRECTIONS = 3  # of coordinates and tensions by one factor; each gains the accuracy of the cone program's answer
 
 
 class PerimeterSystem:
-    """The equations of the module for tensions T (N_f,) and bond vectors L (N_b, d), condensed as in `linalg.saddle`.
+    """The equations of the module for tensions T (N_f,) and bond vectors L (N_b, d), condensed as in `saddles`.
 
     soft  whether some motion changes no perimeter and no direction, so that no response is determined
     """

@@ -21,14 +21,13 @@ from scipy.sparse.linalg import LinearOperator, eigsh
 
 from critflow.arguments import of_kind
 from critflow.calls import running
-from critflow.certificates.uniqueness import require_only_self_stress
-from critflow.critical.manifold import CriticalConfiguration
 from critflow.extras.weak.weak_system import WeakSystem
-from critflow.linalg.matrices import spread_columns
-from critflow.linalg.tolerances import LARGEST_DENSE
-from critflow.linalg.vectors import quasi_random
-from critflow.networks.network import Array
+from critflow.manifold import CriticalConfiguration
+from critflow.networks import Array
+from critflow.numerics import LARGEST_DENSE, quasi_random
 from critflow.result import InputError, Record
+from critflow.self_stress import require_only_self_stress
+from critflow.sparse import spread_columns
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -23,14 +23,13 @@ from typing import NamedTuple
 import numpy as np
 import scipy.sparse as sp
 
+from critflow.deformation import Deformation
 from critflow.extras.weak.weak_energies import WeakFunction
 from critflow.extras.weak.weak_pattern import WeakPattern
 from critflow.extras.weak.weak_system import WeakStrain, WeakSystem
-from critflow.linalg.factor import Factor
-from critflow.linalg.matrices import edge_blocks
-from critflow.linalg.vectors import dot, norms
-from critflow.networks.deformation import Deformation
-from critflow.networks.network import Array
+from critflow.networks import Array
+from critflow.numerics import dot, norms
+from critflow.sparse import Factor, edge_blocks
 
 MOST_STEPS = 4
 _CONVERGED = 0.25  # of the change of the tension by all steps, below which the last one ends them

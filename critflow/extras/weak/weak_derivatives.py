@@ -21,8 +21,8 @@ from numpy.typing import NDArray
 
 from critflow.extras.weak.weak_energies import WeakFunction
 from critflow.extras.weak.weak_system import WeakStrain, WeakSystem
-from critflow.linalg.vectors import dot
-from critflow.networks.network import Array
+from critflow.networks import Array
+from critflow.numerics import dot
 
 # Differences of sixth order, at `PLACES` steps: for the steps below truncation and rounding are alike, 1e-7.
 PLACES = np.arange(-3, 4)

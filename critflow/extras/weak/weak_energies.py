@@ -17,9 +17,9 @@ import numpy as np
 import scipy.sparse as sp
 from numpy.typing import ArrayLike
 
-from critflow.linalg.vectors import norms
-from critflow.networks.checks import edge_values, floats, integers
-from critflow.networks.network import Array, IntArray, Network
+from critflow.checks import edge_values, floats, integers
+from critflow.networks import Array, IntArray, Network
+from critflow.numerics import norms
 from critflow.result import InputError, Record
 
 # Largest angle from a straight line, in radians, of two edges of one fibre.

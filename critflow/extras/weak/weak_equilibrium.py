@@ -16,17 +16,16 @@ from numpy.typing import ArrayLike, NDArray
 
 from critflow.arguments import of_kind
 from critflow.calls import running
-from critflow.critical.manifold import CriticalConfiguration
+from critflow.checks import floats
+from critflow.deformation import Deformable, Deformation, deformation_of
+from critflow.equilibria import newton
 from critflow.extras.weak.weak_energies import ENERGIES, WeakEnergy, WeakFunction, weak_function
 from critflow.extras.weak.weak_pattern import WeakPattern
-from critflow.linalg.factor import Factor, FixedPattern
-from critflow.networks.checks import floats
-from critflow.networks.deformation import Deformable, Deformation, deformation_of
-from critflow.networks.network import Array, Network
+from critflow.manifold import CriticalConfiguration
+from critflow.networks import Array, Network
 from critflow.result import InputError, Record, Solution, Stats, Status
-from critflow.springs.laws import HOOKEAN, Cable, SpringLaw, checked_law
-from critflow.springs.newton import newton
-from critflow.springs.state import TAUT, SpringState
+from critflow.sparse import Factor, FixedPattern
+from critflow.springs import HOOKEAN, TAUT, Cable, SpringLaw, SpringState, checked_law
 
 TOLERANCE = 1e-13  # of forces, in units of stiffness times length: ten roundings
 _MOST_STEPS = 300

@@ -28,8 +28,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from critflow.arguments import of_kind, shown
 from critflow.calls import running
-from critflow.certificates.prestress import stabilises
-from critflow.critical.manifold import CriticalConfiguration
+from critflow.checks import floats
+from critflow.deformation import Deformable, Deformation
 from critflow.extras.weak.soft_spectrum import require_floppy_motions, soft_eigenvalues
 from critflow.extras.weak.weak_correction import WeakCorrection
 from critflow.extras.weak.weak_derivatives import PLACES, STEP, WeakDerivatives
@@ -37,10 +37,10 @@ from critflow.extras.weak.weak_energies import ENERGIES, Temperature, WeakEnergy
 from critflow.extras.weak.weak_equilibrium import fixed_deformation
 from critflow.extras.weak.weak_model import Modes, ThermalModel, WeakModel
 from critflow.extras.weak.weak_system import WeakStrain, WeakSystem
-from critflow.networks.checks import floats
-from critflow.networks.deformation import Deformable, Deformation
-from critflow.networks.network import Array
+from critflow.manifold import CriticalConfiguration
+from critflow.networks import Array
 from critflow.result import InputError, Record, Solution, Stats, Status
+from critflow.self_stress import stabilises
 
 LARGEST_ERROR = 0.1  # of the tension, beyond which values are NaN
 NO_WORK = 1e-9  # part of Σσ|L||AL| below which a strain does no work on the self-stress

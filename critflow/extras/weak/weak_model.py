@@ -29,9 +29,9 @@ import scipy.linalg
 from scipy.sparse.linalg import ArpackNoConvergence, LinearOperator, eigsh
 
 from critflow.extras.weak.weak_system import WeakFactor, WeakStrain, WeakSystem
-from critflow.linalg.vectors import quasi_random
-from critflow.networks.network import Array
-from critflow.springs.state import spring_state
+from critflow.networks import Array
+from critflow.numerics import quasi_random
+from critflow.springs import spring_state
 
 NODE_RATIO = 2.0  # of the distances of nodes from the end of the branch: Φ then has ten digits between them
 # Directions of the Krylov space below this part of the largest are rounding of its solutions.

@@ -11,12 +11,12 @@ from typing import ClassVar
 
 import numpy as np
 
-from critflow.critical.manifold import CriticalConfiguration
-from critflow.critical.quantity import Balanced, Partials, SpringResponse
+from critflow.deformation import Deformable, Deformation
 from critflow.extras.weak.weak_energies import WeakEnergy
 from critflow.extras.weak.weak_forces import WeakForces, weak_forces
-from critflow.networks.deformation import Deformable, Deformation
-from critflow.networks.network import Array
+from critflow.manifold import CriticalConfiguration
+from critflow.networks import Array
+from critflow.quantities import Balanced, Partials, SpringResponse
 from critflow.result import InputError
 
 # Relative error of the modulus, from differences along a strain and from interpolation between tensions.

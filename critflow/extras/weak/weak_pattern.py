@@ -5,10 +5,9 @@ from __future__ import annotations
 import numpy as np
 import scipy.sparse as sp
 
-from critflow.linalg.factor import Entries, FixedPattern
-from critflow.linalg.matrices import block_entries, n_block_values
-from critflow.networks.network import Array, IntArray, Network
+from critflow.networks import Array, IntArray, Network
 from critflow.result import InputError
+from critflow.sparse import Entries, FixedPattern, block_entries, n_block_values
 
 
 class WeakPattern(FixedPattern):

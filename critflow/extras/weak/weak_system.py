@@ -3,7 +3,7 @@
 Floppy motions u, R u = e, under the stiffness sP + H of tension and weak forces:
     [[sP + H, Rᵀ], [R, 0]] (u, λ) = (f, e),   P = gᵀ diag(σ) g ⊗ 1,   R = L·g
 Elimination of the multipliers with a small compliance gives sP + H + Rᵀ w R, the sum of three constant matrices: one
-symbolic analysis serves all s.  Iteration on the residuals removes the compliance (`linalg.saddle`).  Without negative
+symbolic analysis serves all s.  Iteration on the residuals removes the compliance (`saddles`).  Without negative
 pivots the stiffness is positive on the floppy motions, up to 1/w.
 
 Along F(ε) the vertices follow x = F(ε) x_c + ε u, where u lets every edge gain tension in proportion to the self-stress
@@ -18,15 +18,13 @@ from dataclasses import dataclass
 import numpy as np
 import scipy.sparse as sp
 
-from critflow.critical.manifold import CriticalConfiguration
+from critflow.deformation import Deformation
 from critflow.extras.weak.weak_energies import WeakFunction
-from critflow.linalg.factor import Entries, Factor, FixedPattern
-from critflow.linalg.matrices import spread_columns
-from critflow.linalg.saddle import CONDENSED_WEIGHT, CONTRACTION, REFINED
-from critflow.linalg.tolerances import MOST_REFINEMENTS
-from critflow.linalg.vectors import dot
-from critflow.networks.deformation import Deformation
-from critflow.networks.network import Array
+from critflow.manifold import CriticalConfiguration
+from critflow.networks import Array
+from critflow.numerics import MOST_REFINEMENTS, dot
+from critflow.saddles import CONDENSED_WEIGHT, CONTRACTION, REFINED
+from critflow.sparse import Entries, Factor, FixedPattern, spread_columns
 
 # Step of differences of fourth order along a strain: their errors are 1e-12 and, of second derivatives, 1e-9.
 _STEP = 1e-3

@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 from critflow import CriticalManifold, Network
+from critflow.deformation import deformation_of
 from critflow.extras.cables.boundary_path import BoundaryPath
 from critflow.extras.cables.bounds import Forces, admissible
-from critflow.lengths.taut_edges import OnsetState
-from critflow.networks.deformation import deformation_of
+from critflow.taut_edges import OnsetState
 
 # Two cables in a row between pins at distance 1, of the lengths 0.5 and 0.7: taut at a strain of 0.2.
 CHAIN, LENGTHS = Network([[0, 1], [1, 2]], pins={0: [0, 0], 2: [1, 0]}), np.array([0.5, 0.7])

@@ -28,8 +28,8 @@ from critflow import (
     strain_path,
 )
 from critflow import voronoi_network as voronoi
-from critflow.critical.backbone import backbone
-from critflow.critical.manifold import critical_configuration
+from critflow.manifold import critical_configuration
+from critflow.taut_part import backbone
 
 
 @pytest.mark.parametrize("seed", [0, 5])

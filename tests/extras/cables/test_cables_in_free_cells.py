@@ -18,7 +18,7 @@ from critflow import (
 )
 from critflow import voronoi_network as voronoi
 from critflow.extras.cables.boundary_path import BoundaryPath
-from critflow.lengths.taut_edges import OnsetState, taut_part
+from critflow.taut_edges import OnsetState, taut_part
 
 pytest.importorskip("critflow.extras.rest")
 

@@ -6,7 +6,7 @@ import pytest
 from critflow import CriticalManifold, Deformation, Network
 from critflow.extras.cables.boundary_path import BoundaryPath
 from critflow.extras.cables.central_path import follow_central_path
-from critflow.lengths.taut_edges import OnsetState
+from critflow.taut_edges import OnsetState
 
 
 def test_the_central_path_separates_a_weak_tension_from_a_slack_edge():

@@ -21,8 +21,8 @@ from critflow import (
     spring_state,
     voronoi_network,
 )
-from critflow.lengths.cone import fit_lengths
-from critflow.networks.deformation import deformation_of
+from critflow.cones import fit_lengths
+from critflow.deformation import deformation_of
 
 NETWORK = voronoi_network(60, seed=3)
 # Between 5 % and 10 % longer than at the isotropic transition, without any symmetry.

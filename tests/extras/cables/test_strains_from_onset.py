@@ -5,7 +5,7 @@ import pytest
 
 from critflow import Deformation, critical_strain, equilibrium, fibre_network, spring_state, strain_path
 from critflow.extras.cables.total_strain import strain_of
-from critflow.springs.laws import Cable
+from critflow.springs import Cable
 
 NETWORK = fibre_network("mikado", 60, z=3.4, seed=2)
 LENGTHS = np.linalg.norm(NETWORK.bond_vectors(NETWORK.positions), axis=1)

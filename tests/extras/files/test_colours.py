@@ -4,7 +4,7 @@ import numpy as np
 from matplotlib.colors import to_rgb
 
 from critflow.extras.files.drawings import hexadecimal
-from critflow.figures.plot import TENSION_MAP
+from critflow.pictures import TENSION_MAP
 
 
 def test_colours_without_matplotlib_are_those_of_figures():

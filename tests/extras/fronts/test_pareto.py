@@ -16,8 +16,8 @@ from critflow import (
     quantity,
     voronoi_network,
 )
-from critflow.critical.quantity import evaluate
 from critflow.extras.fronts.pareto import dominated
+from critflow.quantities import evaluate
 
 MANIFOLD = CriticalManifold(voronoi_network(16, seed=1))
 

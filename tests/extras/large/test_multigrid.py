@@ -6,10 +6,10 @@ import scipy.sparse as sp
 from problems import random_stress
 
 from critflow import CriticalManifold, InputError, Status, voronoi_network
+from critflow import sparse as backends
 from critflow.extras.large import multigrid, pardiso
-from critflow.generators.tessellations import voronoi_tessellation
-from critflow.linalg import backends
-from critflow.linalg.backends import available_backends, choose_backend, choose_iteration, eliminating_backends
+from critflow.points import voronoi_tessellation
+from critflow.sparse import available_backends, choose_backend, choose_iteration, eliminating_backends
 
 pytest.importorskip("pyamg")
 

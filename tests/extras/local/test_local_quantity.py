@@ -23,8 +23,8 @@ from critflow import (
     write_network,
 )
 from critflow.command.main import main
-from critflow.critical.quantity import Quantity, StressedBonds, evaluate
 from critflow.extras.fronts.leverage import Part
+from critflow.quantities import Quantity, StressedBonds, evaluate
 
 NETWORK = voronoi_network(20, seed=1)
 MANIFOLD = CriticalManifold(NETWORK)

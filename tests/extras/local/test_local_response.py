@@ -15,8 +15,8 @@ from critflow import (
     strain_path,
     voronoi_network,
 )
-from critflow.critical.manifold import critical_configuration
-from critflow.springs.hessian import geometric_split
+from critflow.equilibria import geometric_split
+from critflow.manifold import critical_configuration
 
 NETWORK = voronoi_network(20, seed=1)
 CRITICAL = CriticalManifold(NETWORK).configuration(random_stress(30, 1))

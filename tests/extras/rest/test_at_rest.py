@@ -8,7 +8,7 @@ from problems import NETWORKS, thinned, with_random_stiffness
 from scipy.linalg import null_space
 
 from critflow import CriticalManifold, InputError, Network, Status, delaunay_network, elasticity, lattice
-from critflow.certificates import spectrum
+from critflow import self_stress as spectrum
 from critflow.extras.rest import at_rest
 from critflow.extras.rest.at_rest import response_at_rest
 from critflow.extras.rest.stiffness_contrast import hierarchical_response

@@ -19,9 +19,9 @@ from critflow import (
     strain_path,
 )
 from critflow import voronoi_network as voronoi
+from critflow.deformation import deformation_of
 from critflow.extras.rest.free_cell import stretched
-from critflow.networks.deformation import deformation_of
-from critflow.paths.strain_path import PathSolver
+from critflow.paths import PathSolver
 
 
 @pytest.mark.parametrize("sign", [1, -1])

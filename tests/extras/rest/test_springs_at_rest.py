@@ -27,9 +27,9 @@ from critflow import (
     strain_path,
     voronoi_network,
 )
-from critflow.critical.backbone import backbone
-from critflow.critical.manifold import CriticalConfiguration
-from critflow.critical.transition import pure_shear
+from critflow.manifold import CriticalConfiguration
+from critflow.quantities import pure_shear
+from critflow.taut_part import backbone
 
 
 class Pulling(Hookean):

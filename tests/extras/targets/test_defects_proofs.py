@@ -18,11 +18,11 @@ from critflow import (
     spring_state,
     voronoi_network,
 )
-from critflow.critical.isogonal import isogonal_modes
 from critflow.extras.design_stiffness.stiffnesses import Stiffnesses, component_names
 from critflow.extras.targets.faces import FaceAmplitudes
 from critflow.extras.targets.problem import parse_targets
 from critflow.extras.targets.refusals import refusal_of
+from critflow.isogonal import isogonal_modes
 
 
 def stretched(network, *factors):

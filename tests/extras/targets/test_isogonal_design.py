@@ -18,10 +18,10 @@ from critflow import (
     upper_bound,
     voronoi_network,
 )
-from critflow.critical.isogonal import face_modes
 from critflow.extras.targets.faces import FaceAmplitudes
 from critflow.extras.targets.problem import TargetProblem, parse_targets
 from critflow.extras.targets.targets import least_change
+from critflow.isogonal import face_modes
 
 
 @cache

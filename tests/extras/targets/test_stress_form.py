@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from critflow import InputError, quantity, voronoi_network
-from critflow.critical.transition import PenalisedModulus, pure_shear
 from critflow.extras.targets.stress_form import same, stress_form, tensor_weights
+from critflow.quantities import PenalisedModulus, pure_shear
 
 NETWORK = voronoi_network(20, seed=1)
 

@@ -20,9 +20,9 @@ from frameworks import (
 )
 
 from critflow import Status, lattice, stability
-from critflow.critical.manifold import critical_configuration
 from critflow.extras.tensegrity.second_order import second_order_rigidity
 from critflow.extras.tensegrity.signed_stress import signed_stress
+from critflow.manifold import critical_configuration
 
 
 def kagome(columns):

@@ -8,7 +8,7 @@ from problems import dense_free, dense_rigidity, random_stress, triangular_latti
 from critflow import CriticalManifold, Network, Status, lattice, rigidity, three_bar_linkage, voronoi_network
 from critflow.extras.tensegrity import second_order
 from critflow.extras.tensegrity.second_order import second_order_rigidity
-from critflow.linalg.saddle import Saddle
+from critflow.saddles import Saddle
 
 ANSWERS = {
     "first order": (True, True, True),

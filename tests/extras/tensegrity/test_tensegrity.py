@@ -6,8 +6,8 @@ from problems import random_stress
 from refusals import refused_changes
 
 from critflow import CriticalManifold, Network, SolveError, Status, lattice, rigidity, stability, voronoi_network
-from critflow.critical.manifold import critical_configuration
 from critflow.extras.tensegrity.signed_stress import signed_stress
+from critflow.manifold import critical_configuration
 
 
 def snelson_x(pins=(0, 1)) -> tuple[Network, np.ndarray]:

@@ -7,7 +7,7 @@ from matplotlib.collections import PolyCollection
 from scipy.spatial import cKDTree
 
 from critflow import CriticalManifold, critical_from_perimeters, draw, voronoi_network
-from critflow.figures.polygons import face_polygons
+from critflow.pictures import face_polygons
 
 NETWORK = voronoi_network(20, seed=1)
 PRESSURES = np.linspace(-0.1, 0.1, NETWORK.faces.n_faces)

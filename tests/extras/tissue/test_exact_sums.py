@@ -3,8 +3,8 @@
 import numpy as np
 import scipy.sparse as sp
 
+from critflow.double_double import Extended
 from critflow.extras.tissue.exact_sums import exact_sums
-from critflow.precision.double_double import Extended
 from workflows.benchmarks import reference
 
 

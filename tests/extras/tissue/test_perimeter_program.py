@@ -5,8 +5,8 @@ import pytest
 import scipy.sparse as sp
 
 from critflow import critical_from_lengths, critical_from_perimeters, voronoi_network
+from critflow.cones import fit_lengths
 from critflow.extras.tissue.perimeter_program import fit_perimeters
-from critflow.lengths.cone import fit_lengths
 
 NETWORK = voronoi_network(100, seed=1)
 

@@ -37,8 +37,8 @@ from critflow import (
     tissue,
     voronoi_network,
 )
-from critflow.networks.deformation import deformation_of
-from critflow.springs.hessian import geometric_split, hookean_split
+from critflow.deformation import deformation_of
+from critflow.equilibria import geometric_split, hookean_split
 
 # A regular hexagon of area 1 has the perimeter √(8√3), the least of all tilings by Hales' theorem.
 HEXAGON = np.sqrt(8 * np.sqrt(3))

@@ -18,8 +18,8 @@ from critflow import (
     voronoi_network,
     weak_forces,
 )
+from critflow.equilibria import geometric_split
 from critflow.extras.weak.weak_equilibrium import weak_equilibrium
-from critflow.springs.hessian import geometric_split
 
 CRITICAL = optimize(voronoi_network(60, seed=1), "B_0").value
 TEMPERATURES = np.array([1e-3, 1e-4, 1e-6, 1e-8])

@@ -6,10 +6,9 @@ from itertools import pairwise
 import numpy as np
 
 import critflow as cf
-from critflow.critical.properties import stress_hessian
-from critflow.critical.quantity import evaluate
-from critflow.critical.transition import pure_shear, transition_modulus
-from critflow.optimisation.optimize import objective_of
+from critflow.optima import objective_of
+from critflow.quantities import evaluate, pure_shear, transition_modulus
+from critflow.quantity_names import stress_hessian
 
 from ...shared.populations import OPTIMA
 from ...shared.strain_protocol import critical_by_strain

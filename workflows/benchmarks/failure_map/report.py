@@ -7,7 +7,7 @@ from matplotlib.patches import Patch, Rectangle
 
 from critflow.engine import Claim
 from critflow.engine.study import plural
-from critflow.figures.plot import COLOURS
+from critflow.pictures import COLOURS
 from critflow.result import Status
 
 from ...shared.figures import TEXT, counted, lettered, page

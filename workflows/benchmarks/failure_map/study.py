@@ -12,7 +12,7 @@ import numpy as np
 
 from critflow import Status
 from critflow.engine import Axis, Coordinate, Study, Variable
-from critflow.generators.random_networks import check_voronoi
+from critflow.points import check_voronoi
 from critflow.result import StudyError
 
 from ...shared.checks import check_network

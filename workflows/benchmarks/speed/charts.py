@@ -6,7 +6,7 @@ import numpy as np
 from matplotlib.lines import Line2D
 from matplotlib.ticker import LogLocator, NullFormatter
 
-from critflow.figures.plot import COLOURS
+from critflow.pictures import COLOURS
 
 from ...shared.figures import TEXT, lettered, page
 from .curves import MAIN_SIZE, cases, finest

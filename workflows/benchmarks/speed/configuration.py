@@ -16,10 +16,10 @@ import scipy.linalg
 import scipy.sparse as sp
 
 from critflow import CriticalConfiguration, CriticalManifold, Network, voronoi_network
-from critflow.critical.transition import dilation, transition_modulus
+from critflow.double_double import Extended
 from critflow.engine import stable_rng
-from critflow.linalg.backends import available_backends
-from critflow.precision.double_double import Extended
+from critflow.quantities import dilation, transition_modulus
+from critflow.sparse import available_backends
 
 from ..timing import Answer, Method, Run, Task, peer
 from . import references

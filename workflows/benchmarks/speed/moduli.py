@@ -15,10 +15,10 @@ import numpy as np
 import scipy.sparse as sp
 
 from critflow import Deformation, equilibrium
-from critflow.critical.transition import pure_shear
-from critflow.networks.network import Array
-from critflow.response.linear_response import linear_response
-from critflow.springs.state import SpringState
+from critflow.linear_response import linear_response
+from critflow.networks import Array
+from critflow.quantities import pure_shear
+from critflow.springs import SpringState
 
 from ..timing import Answer, Method, Run, Task, peer
 from . import references

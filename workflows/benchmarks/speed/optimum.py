@@ -25,12 +25,12 @@ import numpy as np
 from scipy.optimize import minimize
 
 from critflow import CriticalManifold, Network, Status, optimize, voronoi_network
-from critflow.critical.quantity import evaluate
+from critflow.cones import fit_lengths
+from critflow.descent import StressObjective
 from critflow.engine import stable_rng
-from critflow.lengths.cone import fit_lengths
 from critflow.minimisers import Point
-from critflow.optimisation.descent import StressObjective
-from critflow.optimisation.optimize import objective_of
+from critflow.optima import objective_of
+from critflow.quantities import evaluate
 
 from ...shared.populations import LABELS, OPTIMA
 from ..timing import Answer, Method, Run, Task, peer

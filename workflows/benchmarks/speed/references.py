@@ -14,10 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from critflow import CriticalManifold, Network
-from critflow.linalg.factor import Factor, FixedPattern
-from critflow.linalg.matrices import edge_blocks
-from critflow.networks.network import Array
-from critflow.precision.double_double import (
+from critflow.double_double import (
     Extended,
     add,
     divide,
@@ -30,7 +27,9 @@ from critflow.precision.double_double import (
     subtract,
     total,
 )
-from critflow.precision.geometry import ExtendedGeometry
+from critflow.networks import Array
+from critflow.refinement import ExtendedGeometry
+from critflow.sparse import Factor, FixedPattern, edge_blocks
 
 # Relative correction at which an iteration ends, and its most steps.
 _REFINED, _MOST = 1e-28, 30

@@ -3,7 +3,7 @@
 import numpy as np
 
 from critflow.engine import Claim
-from critflow.figures.plot import COLOURS
+from critflow.pictures import COLOURS
 from critflow.result import Status
 
 from ...shared.figures import TEXT, lettered, page

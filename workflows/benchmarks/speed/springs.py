@@ -7,10 +7,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from critflow import CriticalManifold, equilibrium, spring_state, voronoi_network
+from critflow.double_double import extended
 from critflow.engine import stable_rng
-from critflow.linalg.factor import Factor, FixedPattern
-from critflow.precision.double_double import extended
-from critflow.springs.state import SpringState
+from critflow.sparse import Factor, FixedPattern
+from critflow.springs import SpringState
 
 from . import references
 

@@ -17,13 +17,11 @@ from typing import Any
 import numpy as np
 
 from critflow import Network, Status, optimize, stiffening
-from critflow.critical.manifold import CriticalConfiguration, CriticalManifold, critical_configuration
-from critflow.critical.variances import LengthVariance
+from critflow.elastic import elasticity
 from critflow.engine import stable_rng
-from critflow.generators.random_networks import STANDARD_HARD_CORE
-from critflow.generators.random_points import random_sequential_addition
-from critflow.generators.tessellations import voronoi_tessellation
-from critflow.response.elasticity import elasticity
+from critflow.manifold import CriticalConfiguration, CriticalManifold, critical_configuration
+from critflow.points import STANDARD_HARD_CORE, random_sequential_addition, voronoi_tessellation
+from critflow.quantities import LengthVariance
 
 from ..timing import Method, Timing, stopwatch
 

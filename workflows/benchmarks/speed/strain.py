@@ -15,9 +15,9 @@ from functools import partial
 import numpy as np
 
 from critflow import Status, equilibrium
+from critflow.equilibria import Relaxation
 from critflow.minimisers import LBFGS, minimise
-from critflow.networks.network import Array
-from critflow.springs.equilibrium import Relaxation
+from critflow.networks import Array
 
 from ..lammps import Lammps, representable
 from ..timing import Answer, Method, Run, Task

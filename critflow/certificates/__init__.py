@@ -1,1 +1,0 @@
-"""Counts of freedom and self-stress, and certificates of rigidity."""

@@ -1,1 +1,0 @@
-"""The critical manifold: stress to configuration, quantities, stress Hessian."""

@@ -1,1 +1,0 @@
-"""Networks and distributions as matplotlib figures."""

@@ -1,1 +1,0 @@
-"""Generators of networks: lattices, and tessellations of random points."""

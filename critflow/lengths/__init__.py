@@ -1,1 +1,0 @@
-"""Rest lengths to critical configurations."""

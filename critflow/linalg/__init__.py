@@ -1,1 +1,0 @@
-"""Sparse linear algebra: matrices with a fixed pattern, their factors, and the solver back ends."""

@@ -1,0 +1,399 @@
+"""The critical manifold: every stress σ has one configuration, and derivatives cost one more solve.
+
+Force balance gᵀ(σ ∘ L) = 0 is linear in the coordinates, P x = −gᵀ(σ ∘ b) with the σ-weighted Laplacian P
+(`FDM1`, `PrestressMatrix`), one N_v × N_v matrix for all directions.  σ > 0 makes P positive definite; with mixed
+signs its inertia separates the sheets of the manifold, and a singular P has no configuration.
+
+`balance` is the plain solve inside every optimisation.  `solve` refines it and bounds its error; where rounding may
+have taken all digits it returns a status in place of numbers.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, fields, replace
+from functools import cached_property
+from typing import Any, overload
+
+import numpy as np
+import scipy.sparse as sp
+from numpy.typing import ArrayLike, NDArray
+from scipy.sparse.linalg import LinearOperator
+
+from critflow.arguments import of_kind
+from critflow.checks import check_opened, components, edge_values
+from critflow.double_double import Extended, two_product
+from critflow.extensions import provided
+from critflow.networks import Array, Network
+from critflow.numerics import dot, norms, product, read_only, restore_read_only, set_read_only
+from critflow.refinement import Refined, Refinement
+from critflow.result import InputError, NetworkError, Record, Solution, Stats, Status, Value
+from critflow.saddles import CondensedSaddle, Saddle, positive
+from critflow.sparse import Factor, FixedPattern, block_laplacian, laplacian
+
+# Edges without length: every limit below which a length counts as zero, in units of the mean length but where stated.
+#
+#     1e-2   SOUND          shortest edge of a configuration that is returned in place of an infimum
+#     1e-4   COLLAPSING     an edge that tends to zero length on a descent
+#     1e-8   COLLAPSED      an edge without direction
+#     1e-10  NO_LENGTH      an edge that vanishes by a formula
+#     1e-150 NO_DIRECTION   a length that no longer divides a tension, in units of the cone program
+#
+# A descent that makes edges shorter and shorter passes these limits in turn (`critflow.descent`).
+
+# Shorter edges lose digits in the rounding of the coordinates.  σ > SOUND² and |L| > SOUND are far from all other
+# limits of a descent, and an edge below SOUND² is too short to resolve where a descent stalls.
+SOUND = 1e-2
+
+# An edge under tension that becomes this short on a descent, while the value decreases, tends to zero: edges of optima
+# that are attained are longer.
+COLLAPSING = 1e-4
+
+# Rounding of coordinates, 1e-16, leaves half of the digits of a direction here or fewer, and of what follows from it.
+COLLAPSED = 1e-8
+
+# In exact arithmetic such an edge has no length: solutions of linear systems leave this much.
+NO_LENGTH = 1e-10
+
+# Tension over length would overflow.
+NO_DIRECTION = 1e-150
+
+# Number of edges from which systems of stresses and displacements are cheaper condensed than as saddle matrices, for
+# stresses that are all positive.
+CONDENSED_EDGES = 100_000
+# A stress with Σσ² = N_b to this relative accuracy counts as scaled and keeps its digits: the sum of squares is
+# rounded by a few EPS.
+SCALED = 4e-15
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class CriticalConfiguration(Record):
+    """A network in balance under a stress: σ (N_b,), coordinates x (N_v, d) and bond vectors L (N_b, d).
+
+    σ is the force density (tension per length) with Σσ² = N_b; it is defined up to that scale.
+
+    error_bound  bound on the error of every coordinate, against the exact configuration of σ as stored and of the
+                 stress that was given, before its scaling was rounded, for the boundary vectors b as rounded from the
+                 cell; NaN if unknown.  A proof for stresses of one sign, else an estimate (`Refined`)
+    bond_errors  (N_b,) bounds on |δL_α| likewise, relative to the length of the edge and not of the cell
+    rest_lengths  ℓ (N_b,) of the cables of which it is the onset: |L| on taut edges and more on slack ones.  None where
+                  it is made from a stress, without knowledge of slack edges
+    maker         the manifold that made it, if one did
+    """
+
+    network: Network
+    sigma: Array
+    coordinates: Array
+    bond_vectors: Array
+    error_bound: float = np.nan
+    bond_errors: Array = field(default=None, repr=False)  # type: ignore[arg-type]
+    rest_lengths: Array | None = field(default=None, repr=False)
+    maker: CriticalManifold | None = field(default=None, repr=False)
+
+    def __post_init__(self) -> None:
+        if self.bond_errors is None:
+            object.__setattr__(self, "bond_errors", np.full(self.network.n_edges, np.nan))
+        set_read_only(self, "sigma", "coordinates", "bond_vectors", "bond_errors", "rest_lengths")
+
+    def __getstate__(self) -> dict[str, Any]:
+        """The numbers alone: factors of matrices are in the memory of one process."""
+        return {one.name: getattr(self, one.name) for one in fields(self) if one.name != "maker"}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        restore_read_only(self, state)
+
+    @cached_property
+    def lengths(self) -> Array:
+        """|L_α|, (N_b,)."""
+        return read_only(norms(self.bond_vectors))
+
+    @property
+    def collapsed_edges(self) -> NDArray[np.intp]:
+        """Edges whose length vanishes, by rounding or to half of its digits: they have no direction."""
+        return np.flatnonzero(~(self.lengths > COLLAPSED * self.lengths.mean()))
+
+    @cached_property
+    def manifold(self) -> CriticalManifold:
+        """The manifold that made the configuration, or one of its network, made at its first use."""
+        if self.maker is not None and self.maker.network is self.network:
+            return self.maker
+        return CriticalManifold(self.network)
+
+    @property
+    def tensions(self) -> Array:
+        """τ_α = σ_α |L_α|, (N_b,), up to the scale of σ (`ForceDensity`)."""
+        return self.sigma * self.lengths
+
+    @cached_property
+    def residual(self) -> float:
+        """Largest unbalanced force |gᵀ(σ ∘ L)| over the mean tension, or NaN without any (`ForceBalanceLsqr`)."""
+        force = product(self.network.divergence, self.sigma[:, None] * self.bond_vectors)
+        mean = float(np.abs(self.tensions).mean())
+        return float(np.abs(force).max(initial=0.0)) / mean if mean else np.nan
+
+    def require_same_geometry(self, network: Network) -> None:
+        """Raise `InputError` unless this is a configuration of the network, at any stiffnesses."""
+        same = self.network
+        if network is not same and not (
+            np.array_equal(network.edges, same.edges)
+            and np.array_equal(network.boundary_vectors, same.boundary_vectors)
+        ):
+            raise InputError("the configuration belongs to another network: its edges or its cell are not the same")
+
+
+def critical_configuration(network: Network, sigma: Array, coordinates: Array) -> CriticalConfiguration:
+    """Join a stress and coordinates that balance, with the scale set to Σσ² = N_b."""
+    sigma = sigma * np.sqrt(network.n_edges / np.sum(sigma**2))
+    return CriticalConfiguration(network, sigma, coordinates, network.bond_vectors(coordinates))
+
+
+def _scaled(stress: Array, squares: float) -> Extended:
+    """A stress (N_b,) of any size scaled to Σσ² = `squares`, with the rounding of the product; as it is if scaled."""
+    power = int(np.frexp(np.abs(stress).max())[1])
+    whole = np.ldexp(stress, -power)
+    scale = np.sqrt(squares / np.sum(whole**2))
+    half = np.ldexp(0.5, power)
+    return two_product(whole, 2 * half if abs(0.5 * scale - half) < SCALED * half else scale)
+
+
+def require_one_self_stress(network: Network) -> None:
+    """Raise `InputError` for networks with several self-stresses by their counts, N_s ≥ N_b − d n_free > 1."""
+    certain = network.least_self_stresses
+    if certain > 1:
+        raise InputError(
+            f"this holds for one self-stress and the network has at least {certain}: prune_towards(network, {{'B_0': "
+            "'largest'}, cuts=...) cuts edges at the least loss, and design(..., change='stiffness') changes springs "
+            "at rest"
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class Balance:
+    """A stress, its configuration and the factor of P(σ): all that derivatives at this stress need.
+
+    sigma         σ, (N_b,)
+    coordinates   of the free vertices, (n_free, d)
+    bond_vectors  L(σ), (N_b, d)
+    factor        of P(σ)
+    shared        intermediate results that several quantities use, by name
+    """
+
+    manifold: CriticalManifold
+    sigma: Array
+    coordinates: Array
+    bond_vectors: Array
+    factor: Factor
+    shared: dict[str, Any] = field(default_factory=dict, repr=False)
+
+    @property
+    def network(self) -> Network:
+        return self.manifold.network
+
+    def pull_back(self, dO_dsigma: Array, dO_dL: Array) -> tuple[Array, Array]:
+        """Total derivative dO/dσ = ∂O/∂σ − L·(g y), y = P⁻¹ gᵀ ∂O/∂L, and g y for reuse (`TotalDeriv`)."""
+        gy = self._difference(dO_dL)
+        return dO_dsigma - dot(self.bond_vectors, gy), gy
+
+    def pull_backs(self, partials: Sequence[tuple[Array, Array]]) -> Array:
+        """Total derivatives (n, N_b) of several functions from (∂O/∂σ, ∂O/∂L) of each, as `pull_back`."""
+        if not partials:
+            return np.zeros((0, len(self.sigma)))
+        n, d = len(partials), self.bond_vectors.shape[1]
+        gy = self._difference(np.concatenate([by_L for _, by_L in partials], axis=1)).reshape(-1, n, d)
+        rows = np.array([by_sigma for by_sigma, _ in partials])
+        return np.asarray(rows - np.einsum("ad,and->na", self.bond_vectors, gy))
+
+    def tangent(self, dsigma: Array) -> Array:
+        """Change of the bond vectors along σ̇: L̇ = −g P⁻¹ gᵀ(σ̇ ∘ L) (`SelfStressParamaterization_BondVectorDeriv`)."""
+        return -self._difference(dsigma[:, None] * self.bond_vectors)
+
+    def pull_back_tangent(self, dL: Array, gy: Array, dsigma: Array, second: tuple[Array, Array]) -> Array:
+        """Derivative of `pull_back` along (σ̇, L̇): the exact Hessian-vector product of an objective.
+
+        second  derivatives along (σ̇, L̇) of (∂O/∂σ, ∂O/∂L)
+        """
+        ddO_dsigma, ddO_dL = second
+        dgy = self._difference(ddO_dL - dsigma[:, None] * gy)
+        return ddO_dsigma - dot(dL, gy) - dot(self.bond_vectors, dgy)
+
+    def _difference(self, edge_vectors: Array) -> Array:
+        """g P⁻¹ gᵀ v for edge vectors v (N_b, d)."""
+        return product(self.network.free_incidence, self.factor.solve(product(self.network.divergence, edge_vectors)))
+
+
+@dataclass(frozen=True, eq=False, kw_only=True, repr=False)
+class ForceBalance(Solution[Value]):
+    """The configuration of a stress.
+
+    negative_pivots  number of negative eigenvalues of P(σ)
+    """
+
+    negative_pivots: int
+
+
+class CriticalManifold:
+    """The map σ → configuration of one network, its pull-back and its tangents.
+
+    It also owns the patterns of the other matrices of the network, each made at its first use.  Functions that accept
+    a network or a manifold reuse them, and are faster with the manifold from the second call on.
+
+    prestress  the pattern of P
+    backend    sparse solver of all matrices (`critflow.sparse`)
+    """
+
+    def __init__(self, network: Network, backend: str = "auto"):
+        network = of_kind(Network, network=network)
+        of_kind(str, backend=backend)
+        if network.cell is None:
+            check_opened(network.edges, network.offsets, None, network.pins, network.n_vertices)
+        self.network, self.backend = network, backend
+        self.prestress = laplacian(network, backend)
+        self._g, self._b = network.free_incidence, network.boundary_vectors
+        # −gᵀ(σ ∘ b) is linear in σ and only few edges carry b, so it is one thin product, one direction after another.
+        self._load = sp.csr_array(
+            sp.vstack([network.divergence @ sp.diags_array(-b, dtype=float) for b in self._b.T], format="csr")
+        )
+        self._load.eliminate_zeros()
+
+    def __repr__(self) -> str:
+        return f"CriticalManifold({self.network!r})"
+
+    @classmethod
+    def of(cls, network: Network | CriticalManifold) -> CriticalManifold:
+        """The manifold itself, or that of a network."""
+        return network if isinstance(network, CriticalManifold) else cls(network)
+
+    @cached_property
+    def saddle(self) -> Saddle:
+        """Systems of stresses and displacements, for stresses of any sign."""
+        return Saddle(self.network, self.backend)
+
+    @cached_property
+    def condensed(self) -> CondensedSaddle:
+        """The same systems for stresses that are all positive."""
+        return CondensedSaddle(self.network, self.backend)
+
+    def system(self, sigma: Array) -> Saddle | CondensedSaddle:
+        """Systems of stresses and displacements in the form that is cheaper for σ (N_b,)."""
+        if self.network.n_edges >= CONDENSED_EDGES and positive(sigma):
+            return self.condensed
+        return self.saddle
+
+    @cached_property
+    def hessian(self) -> FixedPattern:
+        """The pattern of the elastic Hessian, of the network and all its strained copies."""
+        return block_laplacian(self.network, self.backend)
+
+    @cached_property
+    def refinement(self) -> Refinement:
+        """Refines configurations to the last digit and bounds their errors."""
+        return Refinement(self.network)
+
+    @overload
+    def configuration(self, sigma: ArrayLike, *, throw: bool = True) -> CriticalConfiguration: ...
+    @overload
+    def configuration(self, sigma: ArrayLike, pressures: ArrayLike, throw: bool = True) -> Any: ...
+    def configuration(
+        self, sigma: ArrayLike, pressures: ArrayLike | None = None, throw: bool = True
+    ) -> CriticalConfiguration | Any:
+        """The configuration x(σ) in balance under σ (N_b,) of any sign (`SelfStressParamaterization_coords`).
+
+        pressures  in the faces of a planar network, (N_f,): a `PressurisedConfiguration`, of tissues and foams
+
+        Raises `NetworkError` for a σ that is not finite or of another shape, `SolveError` where P(σ) is singular or so
+        nearly singular that no digit is certain.
+        """
+        if pressures is not None:
+            return provided("pressurised_configuration", "pressures in faces")(self, sigma, pressures, throw)
+        return self.solve(sigma, throw).value
+
+    def solve(
+        self, stress: ArrayLike, throw: bool = False, balance: Balance | None = None, squares: float | None = None
+    ) -> ForceBalance[CriticalConfiguration]:
+        """As `configuration`, with status, number of negative pivots, Skeel's condition and bounds on all errors.
+
+        balance  of this stress, where it is known: spares a factorisation if the stress is scaled
+        squares  Σσ² of the stress as stored, N_b by default; of a part, that of the whole
+
+        Coordinates are NaN where P is singular (`Status.singular`), and where rounding may have taken every digit
+        because P is nearly singular or its entries span too many decades (`Status.ill_conditioned`).
+        """
+        given = edge_values(stress, self.network.n_edges, "sigma", positive=False)
+        if not given.any():
+            raise NetworkError("sigma is zero on every edge: give each edge a force density, positive for tension")
+        # The balance is that of the given stress: scaling rounds it, and a nearly singular P magnifies that rounding.
+        exact = _scaled(given, self.network.n_edges if squares is None else squares)
+        sigma = exact.high
+        if balance is None or not np.array_equal(balance.sigma, sigma):
+            balance = self.balance(sigma)
+        factor, start = balance.factor, balance.coordinates
+        del balance  # with its bond vectors, 50 MB at 10⁶ vertices in space
+        # No eigenvalue of P is negative without compression.
+        n_negative, status = 0 if (sigma >= 0).all() else factor.n_negative, Status.ok
+        refined = self.refinement(exact, factor, start)
+        if not refined.certain and factor.eliminate():
+            refined, n_negative = self.refinement(exact, factor, start), factor.n_negative
+        if not refined.certain:
+            refined, n_negative, status = self._solve_shifted(exact, refined)
+        x = self.network.all_coordinates(refined.x)
+        if status is not Status.ok:
+            x[:] = np.nan
+        value = CriticalConfiguration(self.network, sigma, x, refined.L, refined.error, refined.L_errors, maker=self)
+        stats = Stats(
+            "force density",
+            refined.steps,
+            residual=value.residual,
+            condition=refined.condition,
+            error_bound=refined.error,
+        )
+        solution = ForceBalance(value, status, stats, negative_pivots=n_negative)
+        return solution.or_raise("no configuration for this stress") if throw else solution
+
+    def _solve_shifted(self, sigma: Extended, failed: Refined) -> tuple[Refined, int, Status]:
+        """The configuration by a factor of P + δ, its negative pivots and status, where a factor of P fails.
+
+        With mixed signs a pivot may vanish without a vanishing eigenvalue.
+        """
+        stress, refined = sigma.high, failed
+        status = Status.ill_conditioned if self._connected(stress) else Status.singular
+        n_negative = 0 if (stress >= 0).all() else len(self.network.free)
+        if (stress > 0).any() and (stress < 0).any():
+            above, regular, n_negative = self.prestress.factorize_shifted(stress)
+            if regular:
+                refined = self.refinement(sigma, above, self._placed(stress, above)[0])
+            else:
+                status = Status.singular
+        if refined.certain:
+            return refined, n_negative, Status.ok
+        nothing, unknown = np.full_like(self._b, np.nan), np.full_like(refined.x, np.nan)
+        return replace(refined, x=unknown, L=nothing, error=np.nan, L_errors=nothing[:, 0]), n_negative, status
+
+    def _connected(self, sigma: Array) -> bool:
+        """Whether stressed edges connect every vertex to a fixed one."""
+        fixed = np.setdiff1d(np.arange(self.network.n_vertices), self.network.free)
+        joined = np.concatenate([self.network.edges[sigma != 0], np.stack([fixed[:-1], fixed[1:]], axis=1)])
+        return not components(joined, self.network.n_vertices).any()
+
+    def balance(self, sigma: Array) -> Balance:
+        """The configuration of a stress with the factor of P, unchecked: the inner step of every optimisation."""
+        factor = self.prestress.factorize(sigma)
+        return Balance(self, sigma, *self._placed(sigma, factor), factor)
+
+    def _placed(self, sigma: Array, factor: Factor) -> tuple[Array, Array]:
+        x = factor.solve(product(self._load, sigma).reshape(self._b.shape[1], -1).T)
+        return x, product(self._g, x) + self._b
+
+    def response(self, configuration: CriticalConfiguration) -> LinearOperator:
+        """B = ∂h/∂σ = −R^h P⁻¹ R^hᵀ as an operator (N_b, N_b), h = |L|²/2 (`SelfStressParamaterization_LsqrDeriv`).
+
+        B is symmetric and σᵀ B = 0: the stress is normal to the manifold (`TangentVectors`).
+        """
+        sigma, L = configuration.sigma, configuration.bond_vectors
+        free = configuration.coordinates[self.network.free]
+        balance = Balance(self, sigma, free, L, self.prestress.factorize_signed(sigma))
+
+        def apply(dsigma: Array) -> Array:
+            return dot(L, balance.tangent(np.ravel(dsigma)))
+
+        n = self.network.n_edges
+        return LinearOperator((n, n), matvec=apply, rmatvec=apply, dtype=float)

@@ -1,1 +1,0 @@
-"""Networks: edges, image offsets, cell and pins; deformations, faces and checks."""

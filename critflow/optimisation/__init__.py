@@ -1,1 +1,0 @@
-"""Optimisation of quantities over all critical configurations."""

@@ -1,1 +1,0 @@
-"""Strain paths: equilibria followed in strain, with exact derivatives of their responses."""

@@ -1,1 +1,0 @@
-"""Double-double arithmetic, iterative refinement and error bounds."""

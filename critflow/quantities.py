@@ -1,0 +1,663 @@
+"""Quantities of critical configurations: a value, its partial derivatives, and what else is known about it.
+
+A quantity is a function of a stress σ (N_b,) and the bond vectors L (N_b, d) that it balances on one network.  The
+manifold converts its two partial derivatives into a gradient and products with the Hessian of O(σ) = O(σ, L(σ))
+(`evaluate`).  No quantity depends on the scale of σ, as the configuration does not.  Quantities hold no network, so
+that one of them serves a network and its parts alike.
+
+The derivatives of the partial derivatives p along (σ̇, L̇) are Im p(σ + ihσ̇, L + ihL̇)/h: no difference is taken, so
+that h can be tiny and the result exact to rounding.  `evaluate` must be analytic: √ΣL² in place of a norm, sums of
+products in place of np.vdot, neither abs, float nor the real part of a number that depends on σ or L.
+
+Each quantity has a natural unit: absolute tolerances hold in it, so that results do not depend on the units of the
+user.  A descent minimises ±O over the unit, a target has an error relative to its size, and at least to a hundredth of
+the unit.  With the mean stiffness ⟨k⟩ and the length s = (V/N_v)^(1/d), `Network.spacing`, the units are
+
+    ⟨k⟩ s^(2 − d)   moduli: B_0, G_0, C_B, components of the tensor
+    √⟨k⟩ s          components S_xx, S_xy, ... of the stress S/√D
+    s, s²           lengths of edges, areas of faces
+    1               V_L, V_τ
+
+A stress σ has Σσ² = N_b; its scale changes no configuration.  A state of springs has the units of its energy instead,
+`SpringState.stiffness_scale` and `length_scale`: the mean stiffness as stretched, and the mean length at rest.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+from functools import cache, cached_property
+from typing import Any, ClassVar, Protocol
+
+import numpy as np
+import scipy.linalg
+from numpy.typing import NDArray
+
+from critflow.arguments import of_kind, shown
+from critflow.deformation import Deformable, deformation_of
+from critflow.double_double import Extended, add, divide, extended, multiply, total, two_product
+from critflow.manifold import Balance, CriticalConfiguration, CriticalManifold
+from critflow.networks import Array, Network
+from critflow.numerics import EPS, dot, mean, norms, quasi_random
+from critflow.result import InputError, Record
+
+DIFFERENCE = 1e-5  # relative step of central differences: their error is its square, and rounding leaves as many digits
+# Relative step of derivatives by complex numbers: its square vanishes beside one, and no product underflows.
+IMAGINARY = 1e-100
+# Relative disagreement of a complex step and a difference beyond which a function is not analytic, and the part of the
+# function itself below which a derivative is rounding.
+DISAGREEMENT, NEGLIGIBLE = 1e-4, 1e-8
+
+Mask = NDArray[np.bool_]
+Partials = tuple[Array, Array]
+"""∂O/∂σ (N_b,) and ∂O/∂L (N_b, d)."""
+
+
+class Balanced(Protocol):
+    """A stress σ (N_b,) and bond vectors L (N_b, d) of one network: a `Balance` or a `CriticalConfiguration`."""
+
+    @property
+    def network(self) -> Network: ...
+    @property
+    def sigma(self) -> Array: ...
+    @property
+    def bond_vectors(self) -> Array: ...
+    @property
+    def manifold(self) -> CriticalManifold: ...
+
+
+@dataclass(frozen=True, eq=False)
+class StressedBonds:
+    """A stress σ (N_b,) and bond vectors L (N_b, d) without coordinates: a `Balanced` where P is not needed."""
+
+    manifold: CriticalManifold
+    sigma: NDArray[Any]
+    bond_vectors: NDArray[Any]
+
+    @property
+    def network(self) -> Network:
+        return self.manifold.network
+
+
+class Quantity(Record, ABC):
+    """A function O(σ, L) of a network; derive from this class for a new one.
+
+    A subclass must define `evaluate`, analytic in σ and L, and must not depend on the scale of σ.  The other methods
+    are optional.
+
+    maximise         whether the largest value is the best
+    one_self_stress  whether the formula is valid only for networks with one self-stress
+    elastic          whether it is a response of springs, which pressures in faces would change
+    analytic         whether `evaluate` takes complex σ and L, as exact second derivatives need
+    """
+
+    maximise: bool = False
+    one_self_stress: ClassVar[bool] = False
+    elastic: ClassVar[bool] = False
+    analytic: ClassVar[bool] = True
+
+    @property
+    def name(self) -> str:
+        """The name in tables, targets and messages."""
+        return type(self).__name__
+
+    @abstractmethod
+    def evaluate(self, balance: Balanced) -> tuple[float, Partials]:
+        """O, and ∂O/∂σ (N_b,) and ∂O/∂L (N_b, d), as (O, (∂σ, ∂L)), at the σ and L of a balance."""
+
+    def by_stiffness(self, balance: Balanced) -> Array:
+        """∂O/∂k (N_b,) at constant σ and L; by central differences unless a subclass knows better."""
+        network, rows = balance.network, np.empty(balance.network.n_edges)
+        for edge, k in enumerate(network.stiffness):
+            ends = []
+            for sign in (1, -1):
+                stiffness = network.stiffness.copy()
+                stiffness[edge] = k * (1 + sign * DIFFERENCE)
+                changed = network.with_stiffness(stiffness)
+                there = StressedBonds(CriticalManifold.of(changed), balance.sigma, balance.bond_vectors)
+                ends.append(self.evaluate(there)[0])
+            rows[edge] = (ends[0] - ends[1]) / (2 * DIFFERENCE * k)
+        return rows
+
+    def error(self, critical: CriticalConfiguration) -> float:
+        """Error (estimate) of the value at a configuration: |∂O/∂L| times the errors of the bonds, and rounding."""
+        value, (by_sigma, by_L) = self.evaluate(critical)
+        size = np.linalg.norm(by_L, axis=1)
+        rounding = 4 * EPS * float(np.sum(np.abs(by_sigma * critical.sigma)) + size @ critical.lengths + abs(value))
+        return float(size @ critical.bond_errors) + rounding
+
+    def extreme(self, manifold: CriticalManifold, positive: bool = True) -> tuple[float, float]:
+        """The smallest and the largest value that is possible on a network (proof); infinite where none is known.
+
+        positive  whether every stress is positive
+        """
+        return -np.inf, np.inf
+
+    def best_stress(self, manifold: CriticalManifold) -> Array | None:
+        """σ (N_b,) at which the best value over positive stresses is attained (proof), or None where none is known."""
+        return None
+
+    def in_part(self, network: Network, kept: Mask) -> Quantity | None:
+        """The same quantity of the part of a network with the kept edges (N_b,), which has numbers of its own.
+
+        None where the part has lost an edge or a face that the quantity names by its number.  A quantity that names
+        none, as by default, is itself.
+        """
+        return self
+
+    def unit(self, network: Network) -> float:
+        """The natural unit of the values on a network (table of this module): 1 by default."""
+        return 1.0
+
+    def preconditioner(self, balance: Balanced) -> Array | float:
+        """Diagonal Hessian (N_b,) of a penalty in log σ, of the sign ≥ 0 when minimised: the first matrix of L-BFGS."""
+        return 0.0
+
+
+class SpringResponse(Quantity):
+    """A response of springs, such as a modulus, by a formula that is valid for one self-stress only."""
+
+    one_self_stress: ClassVar[bool] = True
+    elastic: ClassVar[bool] = True
+
+    def unit(self, network: Network) -> float:
+        d = network.dimension
+        return mean(network.stiffness) * (1.0 if d == 2 else network.spacing ** (2 - d))
+
+
+@dataclass(frozen=True, eq=False)
+class Evaluation:
+    """A quantity at one stress, with the factor that products with its Hessian need."""
+
+    quantity: Quantity
+    balance: Balance
+    value: float  # O
+    gradient: Array  # dO/dσ, (N_b,) (`TotalDeriv`)
+    adjoint: Array  # g P⁻¹ gᵀ ∂O/∂L, (N_b, d)
+
+    @property
+    def residual(self) -> float:
+        """The largest component of dO/dσ, in the unit of O."""
+        return float(np.abs(self.gradient).max()) / self.quantity.unit(self.balance.network)
+
+    def hessian_product(self, dsigma: Array) -> Array:
+        """(∂²O/∂σ∂σ) σ̇, (N_b,), by two solves."""
+        balance = self.balance
+        dL = balance.tangent(dsigma)
+        second = derivatives_along(self.quantity, balance, dsigma, dL)
+        return balance.pull_back_tangent(dL, self.adjoint, dsigma, second)
+
+    def hessian_difference(self, dsigma: Array) -> Array:
+        """(∂²O/∂σ∂σ) σ̇, (N_b,), to nine digits, by the gradients at two stresses."""
+        balance = self.balance
+        step = DIFFERENCE / float(np.abs(dsigma / balance.sigma).max())
+        ends = [evaluate(balance.manifold, self.quantity, balance.sigma + s * dsigma) for s in (step, -step)]
+        return (ends[0].gradient - ends[1].gradient) / (2 * step)
+
+
+def only_positive(signs: str) -> bool:
+    """Whether stresses are positive; `InputError` for other words than "positive" and "any"."""
+    if signs not in ("positive", "any"):
+        raise InputError(f"signs must be 'positive' or 'any', not {signs!r}")
+    return signs == "positive"
+
+
+def own(quantity: Quantity) -> bool:
+    """Whether the class of a quantity is one of critflow, which has tests of its own."""
+    return type(quantity).__module__.partition(".")[0] == __name__.partition(".")[0]
+
+
+def require_valid(quantity: Quantity, balance: Balanced) -> None:
+    """Raise `InputError` where `evaluate` of a class of the user returns no finite number and partials of these shapes.
+
+    A call asks this once, at its first stress; where edges have no length, derivatives may not exist.
+    """
+    if own(quantity):
+        return
+    kind, L = type(quantity), balance.bond_vectors
+    if not np.isfinite(L).all() or not (norms(L) > 0).all():
+        return
+    with np.errstate(all="ignore"):
+        returned = quantity.evaluate(balance)
+    try:
+        value, (by_sigma, by_L) = returned
+    except (TypeError, ValueError):
+        raise InputError(f"{kind.__name__}.evaluate must return (O, (∂O/∂σ, ∂O/∂L)), not {shown(returned)}") from None
+    if not (isinstance(value, int | float | np.number) or np.shape(value) == ()) or not np.isfinite(value):
+        raise InputError(f"{kind.__name__}.evaluate must return a finite number O first, not {shown(value)}")
+    for name, partial, shape in (("∂O/∂σ", by_sigma, L.shape[:1]), ("∂O/∂L", by_L, L.shape)):
+        if np.shape(partial) != shape:
+            raise InputError(
+                f"{kind.__name__}.evaluate must return {name} as an array of shape {shape}, not {np.shape(partial)}"
+            )
+        finite = np.isfinite(partial).reshape(len(L), -1).all(axis=1)
+        if not finite.all():
+            raise InputError(f"{kind.__name__}.evaluate returns {name} that is not finite at edge {finite.argmin()}")
+
+
+def derivatives_along(quantity: Quantity, balance: Balanced, dsigma: Array, dL: Array) -> Partials:
+    """Derivatives of ∂O/∂σ (N_b,) and ∂O/∂L (N_b, d) in the direction (σ̇, L̇), by a complex step."""
+    sigma, L = balance.sigma, balance.bond_vectors
+    size = float(np.sqrt(_square(dsigma) / _square(sigma) + _square(dL) / _square(L)))
+    if size == 0:
+        return np.zeros_like(sigma), np.zeros_like(L)
+    h = IMAGINARY / size
+    there = StressedBonds(balance.manifold, _complex(sigma, h * dsigma), _complex(L, h * dL))
+    # Division by NaN, the derivative of a length that vanishes, warns for complex numbers only.
+    with np.errstate(invalid="ignore"):
+        _, (by_sigma, by_L) = quantity.evaluate(there)
+    return np.imag(by_sigma) / h, np.imag(by_L) / h
+
+
+def _square(values: Array) -> float:
+    """The sum of squares."""
+    flat = values.ravel()
+    return float(flat @ flat)
+
+
+def _complex(real: Array, imaginary: Array) -> NDArray[np.complex128]:
+    """Complex numbers of two parts, without the products of real + 1j imaginary."""
+    numbers = np.empty(real.shape, complex)
+    numbers.real, numbers.imag = real, imaginary
+    return numbers
+
+
+def has_exact_hessian(manifold: CriticalManifold, quantity: Quantity) -> bool:
+    """Whether `Evaluation.hessian_product` holds; for the classes of critflow tests know."""
+    return quantity.analytic and (own(quantity) or takes_complex_steps(manifold, quantity))
+
+
+def takes_complex_steps(manifold: CriticalManifold, quantity: Quantity) -> bool:
+    """Whether a complex step agrees with differences of partial derivatives.
+
+    A norm or an absolute value takes complex numbers and loses the derivative; other functions refuse them.  That is a
+    property of the code of `evaluate`, so that one direction at σ = 1 shows it.
+    """
+    here = manifold.balance(np.ones(manifold.network.n_edges))
+    sigma, L = here.sigma, here.bond_vectors
+    dsigma, dL = sigma * (0.5 + quasi_random(len(sigma))), L * (0.5 + quasi_random(L.size)[::-1].reshape(L.shape))
+    with np.errstate(all="ignore"):
+        try:
+            exact = derivatives_along(quantity, here, dsigma, dL)
+        except InputError:  # which would meet real numbers as well
+            raise
+        except (TypeError, ValueError, np.exceptions.ComplexWarning):
+            return False
+        above, below = (
+            quantity.evaluate(StressedBonds(manifold, sigma + step * dsigma, L + step * dL))[1]
+            for step in (DIFFERENCE, -DIFFERENCE)
+        )
+        return all(_agrees(*three) for three in zip(exact, above, below, strict=True))
+
+
+def _agrees(exact: Array, above: Array, below: Array) -> bool:
+    """Whether a derivative is the difference of values at two points, up to the error of that difference."""
+    difference = (above - below) / (2 * DIFFERENCE)
+    tolerance = DISAGREEMENT * _largest(difference) + NEGLIGIBLE * _largest(above)
+    return np.allclose(exact, difference, rtol=0, atol=tolerance, equal_nan=True)
+
+
+def _largest(values: Array) -> float:
+    """The largest finite size of a component."""
+    return float(np.max(np.abs(values), where=np.isfinite(values), initial=0.0))
+
+
+def require_exact_hessian(manifold: CriticalManifold, quantity: Quantity) -> None:
+    """Raise `InputError` where products with the Hessian are not exact, which Newton's method needs."""
+    name = quantity.name
+    if not quantity.analytic:
+        raise InputError(f"Newton's method needs second derivatives, and {name} has none: choose method='lbfgs'")
+    if not has_exact_hessian(manifold, quantity):
+        raise InputError(
+            f"Newton's method evaluates {name} at complex stresses and bond vectors, which its evaluate does not take: "
+            "write np.sqrt((L*L).sum(axis=1)) for lengths, without norm, abs, float, vdot or .real, or choose 'lbfgs'"
+        )
+
+
+def evaluate(manifold: CriticalManifold, quantity: Quantity, sigma: Array) -> Evaluation:
+    """Value and gradient of a quantity at a stress σ (N_b,), unchecked, by one factorisation and 2d solves."""
+    return evaluate_at(manifold.balance(sigma), quantity)
+
+
+def evaluate_at(balance: Balance, quantity: Quantity) -> Evaluation:
+    """Value and gradient of a quantity at a balance, by d solves."""
+    value, partials = quantity.evaluate(balance)
+    gradient, adjoint = balance.pull_back(*partials)
+    return Evaluation(quantity, balance, value, gradient, adjoint)
+
+
+# Variances of lengths and of tensions.
+
+
+class OfLengths(Quantity):
+    """A quantity of lengths and tensions: independent of the stiffness, and not negative but for signed areas."""
+
+    def by_stiffness(self, balance: Balanced) -> Array:
+        return np.zeros_like(balance.sigma)
+
+    def extreme(self, manifold: CriticalManifold, positive: bool = True) -> tuple[float, float]:
+        return 0.0, np.inf
+
+
+class _RelativeVariance(OfLengths):
+    """⟨(v − ⟨v⟩)²⟩/⟨v⟩² of v = w|L|, where the weights w are one, or the stresses."""
+
+    of_tensions: ClassVar[bool]
+
+    def evaluate(self, balance: Balanced) -> tuple[float, Partials]:
+        L = balance.bond_vectors
+        length = norms(L)
+        if self.of_tensions:
+            value, derivative = _relative_variance(balance.sigma * length)
+            return value, (derivative * length, (derivative * balance.sigma / divisors(length))[:, None] * L)
+        value, derivative = _relative_variance(length)
+        return value, (np.zeros_like(length), (derivative / divisors(length))[:, None] * L)
+
+
+@dataclass(frozen=True, repr=False)
+class LengthVariance(_RelativeVariance):
+    """V_L = ⟨(|L| − ⟨|L|⟩)²⟩/⟨|L|⟩² (`LengthVariance`)."""
+
+    name: ClassVar[str] = "V_L"
+    of_tensions: ClassVar[bool] = False
+
+
+@dataclass(frozen=True, repr=False)
+class TensionVariance(_RelativeVariance):
+    """V_τ = ⟨(τ − ⟨τ⟩)²⟩/⟨τ⟩² of the tensions τ = σ|L| (`TensionVariance`)."""
+
+    name: ClassVar[str] = "V_tau"
+    of_tensions: ClassVar[bool] = True
+
+
+def variance(network: Network, name: str) -> Quantity:
+    """V_L or V_tau."""
+    return LengthVariance() if name == LengthVariance.name else TensionVariance()
+
+
+def divisors(length: Array) -> Array:
+    """Lengths (N_b,), NaN for an edge without length: there |L| has no derivative."""
+    return np.where(length.real > 0, length, np.nan)
+
+
+def _relative_variance(values: Array) -> tuple[float, Array]:
+    """Variance over squared mean, without cancellation, and its derivative."""
+    mean = _mean(values)
+    deviation = values - mean
+    square = mean * mean  # not a power, whose last bit depends on the units
+    variance = _mean(deviation * deviation) / square
+    return variance, 2 / (len(values) * square) * (deviation - variance * mean)
+
+
+def _mean(values: Array) -> float:
+    """The bits of `values.mean()`, which takes three times as long for small networks."""
+    return np.add.reduce(values).item() / len(values)
+
+
+# Moduli at the transition as quantities.
+#
+#     W = Σ σ L·A L,   D = Σ σ²|L|²/k,   μ_A = W²/(V D).
+# Scalars are squared by products: the power of a number is off by a last bit that depends on its unit.
+# All are functions f(W, D), so that ∂O/∂σ = f_W ∂W/∂σ + f_D ∂D/∂σ and likewise for L.
+# The configuration does not depend on k, and ∂D/∂k = −σ²|L|²/k².
+#
+# Virtual work gives Σσ L·A L = Σσ L·A L* with L* the configuration at σ = k, so by the inequality of Cauchy and Schwarz
+#     μ_A ≤ (1/V) Σ k|F L*|²,   F = A + W,  Wᵀ = −W,  FM symmetric for the moments M = Σ k L*L*ᵀ,
+# for stresses of any sign, with equality for the forces T = kFL*.
+
+ISOTROPIC = 1e-14  # anisotropy of a strain that is a dilation up to rounding
+PENALTY_EXPONENT = 10  # of r/s in the penalty of small stresses, even (`ShearMod+Constraint`)
+PENALTY_THRESHOLD = 0.1  # r of that penalty unless another one is given
+
+
+class WorkAndCost:
+    """W and D of one strain at a balance, with their derivatives by σ and L."""
+
+    def __init__(self, balance: Balanced, A: Array):
+        self.sigma, self.L, self.k, self.A = balance.sigma, balance.bond_vectors, balance.network.stiffness, A
+        self.AL = self.L @ A
+        self.hdot = dot(self.L, self.AL)
+        self.flexibility = dot(self.L, self.L) / self.k
+        self.square = self.sigma * self.sigma
+        self.work, self.cost = (self.sigma @ self.hdot).item(), (self.square @ self.flexibility).item()
+
+    def partials(self, f_W: float, f_D: float) -> Partials:
+        """∂O/∂σ and ∂O/∂L of f(W, D)."""
+        by_sigma = f_W * self.hdot + 2 * f_D * self.sigma * self.flexibility
+        by_L = (2 * f_W * self.sigma)[:, None] * self.AL + (2 * f_D * self.square / self.k)[:, None] * self.L
+        return by_sigma, by_L
+
+    @property
+    def by_stiffness(self) -> Array:
+        """−∂D/∂k, (N_b,)."""
+        return np.asarray(self.square * self.flexibility / self.k)
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class TransitionModulus(SpringResponse):
+    """Modulus at the transition for b → (1 + γA) b: μ_A = (Σ σḣ)²/(V Σ σ²|L|²/k), ḣ = L·A L (`GenericModulus`).
+
+    strain  (d, d) the affine strain A; only its symmetric part matters
+    name    in tables, targets and messages
+    """
+
+    strain: Array
+    name: str = "modulus"
+
+    maximise = True
+
+    def evaluate(self, balance: Balanced) -> tuple[float, Partials]:
+        terms, volume = WorkAndCost(balance, self.symmetric), balance.network.volume
+        ratio = terms.work / terms.cost
+        by_sigma, by_L = terms.partials(2 * ratio, -ratio * ratio)
+        return terms.work * ratio / volume, (by_sigma / volume, by_L / volume)
+
+    def by_stiffness(self, balance: Balanced) -> Array:
+        terms = WorkAndCost(balance, self.symmetric)
+        ratio = terms.work / terms.cost
+        return terms.by_stiffness * (ratio * ratio) / balance.network.volume
+
+    def extreme(self, manifold: CriticalManifold, positive: bool = True) -> tuple[float, float]:
+        return 0.0, largest_value(manifold, self.symmetric)
+
+    @property
+    def is_bulk(self) -> bool:
+        """Whether the strain is the dilation of B_0."""
+        return np.array_equal(self.symmetric, dilation(len(self.strain)))
+
+    @cached_property
+    def symmetric(self) -> Array:
+        """The symmetric part of A, (d, d): rotations do not change the modulus."""
+        return 0.5 * (self.strain + self.strain.T)
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class PenalisedModulus(SpringResponse):
+    """μ_A − (u/N_b) Σ (s_α/r)^(−10), s = σ scaled to Σs² = N_b (`ShearMod+Constraint`): keeps every s above about r.
+
+    u is the unit of moduli, so that the optimum does not depend on the units of stiffness and length.
+    """
+
+    modulus: TransitionModulus
+    threshold: float = PENALTY_THRESHOLD
+
+    maximise = True
+
+    def __post_init__(self) -> None:
+        if not 0 < self.threshold < np.inf:
+            raise InputError(f"the threshold must be positive and finite, not {self.threshold}: stresses stay above it")
+
+    @property
+    def name(self) -> str:
+        return self.modulus.name
+
+    def evaluate(self, balance: Balanced) -> tuple[float, Partials]:
+        value, (dO_dsigma, dO_dL) = self.modulus.evaluate(balance)
+        sigma = balance.sigma
+        power, square = self._powers(balance)
+        total = np.add.reduce(power)
+        # s scales as σ/|σ|, so the derivative in the direction of σ cancels.
+        derivative = PENALTY_EXPONENT * (power / sigma - total * sigma / square) / len(sigma)
+        return value - total.item() / len(sigma), (dO_dsigma + derivative, dO_dL)
+
+    def by_stiffness(self, balance: Balanced) -> Array:
+        # The unit is proportional to the mean stiffness.
+        return self.modulus.by_stiffness(balance) - self._powers(balance)[0].mean() / balance.network.stiffness.sum()
+
+    def extreme(self, manifold: CriticalManifold, positive: bool = True) -> tuple[float, float]:
+        return -np.inf, self.modulus.extreme(manifold)[1]
+
+    def preconditioner(self, balance: Balanced) -> Array | float:
+        return PENALTY_EXPONENT**2 / len(balance.sigma) * self._powers(balance)[0]
+
+    def _powers(self, balance: Balanced) -> tuple[Array, float]:
+        """u (s/r)^(−10), (N_b,), and Σσ²."""
+        sigma = balance.sigma
+        square = (sigma @ sigma).item()
+        scale = np.sqrt(len(sigma) / square) / self.threshold
+        return self.unit(balance.network) * _power(1.0 / (scale * sigma) ** 2, PENALTY_EXPONENT // 2), square
+
+
+def _power(x: Array, n: int) -> Array:
+    """xⁿ of an integer n ≥ 1 by squares, since a general power is ten times slower."""
+    if n == 1:
+        return x
+    half = _power(x, n // 2) ** 2
+    return x * half if n % 2 else half
+
+
+def is_dilation(A: Array) -> bool:
+    """Whether a strain A (d, d) is a dilation up to rounding."""
+    return bool(np.abs(A - A[0, 0] * np.eye(len(A))).max() <= ISOTROPIC * np.abs(A).max())
+
+
+def largest_value(manifold: CriticalManifold, A: Array) -> float:
+    """The largest modulus for the symmetric strain A (d, d), over all stresses of any sign."""
+    F, moment = force_map(manifold.network, manifold.balance(manifold.network.stiffness).bond_vectors, A)
+    return float(np.trace(F @ moment @ F.T)) / manifold.network.volume
+
+
+def force_map(network: Network, L_star: Array, A: Array) -> tuple[Array, Array]:
+    """F = A + W of the best force network T = kFL*, and the moments M = Σ k L*L*ᵀ: F M is symmetric."""
+    M = (network.stiffness[:, None] * L_star).T @ L_star
+    if is_dilation(A):
+        return A, M
+    W = scipy.linalg.solve_sylvester(M, M, M @ A - A @ M)
+    return A + 0.5 * (W - W.T), M
+
+
+def vanishes(F: Array, moment: Array, A: Array) -> bool:
+    """Whether the bound Σk|FL*|² is zero up to rounding: the strain A (d, d) changes no length to first order."""
+    return bool(np.trace(F @ moment @ F.T) <= ISOTROPIC**2 * np.sum(A**2) * np.trace(moment))
+
+
+def dilation(dimension: int) -> Array:
+    """The affine strain of dV/V = γ to first order, A = 1/d: its modulus is B_0 (`BulkModulus`)."""
+    return np.eye(dimension) / dimension
+
+
+def pure_shear(dimension: int) -> Array:
+    """The pure shear A = ½(e_x e_yᵀ + e_y e_xᵀ): its modulus is G_0 (`ShearModulus`)."""
+    if dimension < 2:
+        raise InputError("a shear needs at least two dimensions")
+    A = np.zeros((dimension, dimension))
+    A[0, 1] = A[1, 0] = 0.5
+    return A
+
+
+def named_modulus(network: Network, name: str) -> TransitionModulus:
+    """B_0 or G_0."""
+    return _moduli(network.dimension)[name]
+
+
+@cache
+def _moduli(d: int) -> dict[str, TransitionModulus]:
+    """The same objects at every call: those of one name are equal."""
+    bulk = {"B_0": TransitionModulus(dilation(d), "B_0")}
+    return bulk | ({"G_0": TransitionModulus(pure_shear(d), "G_0")} if d > 1 else {})
+
+
+def transition_modulus(network: Network, strain: Deformable) -> TransitionModulus:
+    """The modulus at the transition for the affine strain A (d, d), or for the start of a deformation.
+
+    Raises `InputError` for a deformation with free components, which follow without resistance at the transition.
+
+    >>> import critflow as cf
+    >>> from critflow.quantities import transition_modulus
+    >>> network = cf.voronoi_network(n_vertices=20, seed=1)
+    >>> found = cf.optimize(network, transition_modulus(network, 'dilation'), 'closed_form')
+    >>> abs(found.objective - cf.upper_bound(network, 'B_0')) < 1e-9
+    True
+    """
+    network = of_kind(Network, network=network)
+    deformation = deformation_of(strain, network.dimension)
+    if deformation.free:
+        raise InputError(f"free components leave no modulus at the transition: fix those of {deformation.name}")
+    return TransitionModulus(deformation.rate(0.0), f"modulus[{deformation.name}]")
+
+
+# Error of a modulus at the transition: of its bond vectors, of the rounding of σ, and of its sums.
+#
+# Errors δL of the bond vectors and the rounding of σ change a modulus by its partial derivatives, to first order, and
+# by a second order that is bounded in closed form; the rounding of its sums is measured in extended precision.  The
+# errors are proved for bond vectors whose `bond_errors` are; where those are estimates (stresses of both signs) so are
+# they.
+
+
+def transition_modulus_error(
+    A: Array, critical: CriticalConfiguration, volume: float | None = None, roundings: int = 1
+) -> float:
+    """Error of one modulus μ_A = w²/(Vc), w = Σσḣ, c = Σσ²|L|²/k, at a configuration, for a symmetric strain A.
+
+    roundings  how often σ was scaled
+    """
+    sigma, L, dL = critical.sigma, critical.bond_vectors, critical.bond_errors
+    k, V = critical.network.stiffness, critical.network.volume if volume is None else volume
+    size, AL = np.abs(sigma), L @ A
+    length, stretch = critical.lengths, np.linalg.norm(AL, axis=1)
+    hdot = np.abs(dot(L, AL))
+    work, cost = sigma @ dot(L, AL), sigma**2 @ (length**2 / k)
+    ratio = float(work / cost)
+
+    value, (dO_dsigma, dO_dL) = TransitionModulus(A).evaluate(critical)
+    scale = critical.network.volume / V
+    value, dO_dsigma, dO_dL = value * scale, dO_dsigma * scale, dO_dL * scale
+    # σ is rounded from the stress that was solved for.
+    first = np.linalg.norm(dO_dL, axis=1) @ dL + 0.5 * roundings * EPS * (np.abs(dO_dsigma) @ size)
+    # f = w²/c changes by its first order and, exactly, (δw − f_w δc/2)²/(c + δc) more; w and c are quadratic in L.
+    second_work = float(np.linalg.norm(A, 2) * (size @ dL**2))
+    second_cost = float((sigma**2 / k) @ dL**2)
+    dwork = 2 * (size * stretch) @ dL + 0.5 * EPS * (size @ hdot) + second_work
+    dcost = 2 * (sigma**2 * length / k) @ dL + EPS * cost + second_cost
+    if dcost >= cost:
+        return np.inf
+    change = dwork + abs(ratio) * dcost
+    curved = 2 * abs(ratio) * second_work + ratio * ratio * second_cost + change * change / (cost - dcost)
+    return float(first + curved / V + _sum_rounding(A, critical, V, value) + _input_rounding(critical, value))
+
+
+def _sum_rounding(A: Array, critical: CriticalConfiguration, volume: float, value: float) -> float:
+    """|μ − w²/(Vc)| with w and c of the same σ and L in extended precision."""
+    sigma, L, k = critical.sigma, critical.bond_vectors, critical.network.stiffness
+    stress, components = extended(sigma), [np.ascontiguousarray(axis) for axis in L.T]
+    hdot, square = (Extended(np.zeros_like(sigma), np.zeros_like(sigma)) for _ in range(2))
+    for i, j in np.ndindex(A.shape):
+        product = two_product(components[i], components[j])
+        if A[i, j]:
+            hdot = add(hdot, multiply(extended(np.full_like(sigma, A[i, j])), product))
+        if i == j:
+            square = add(square, product)
+    tension = multiply(multiply(stress, stress), square)
+    work = total(multiply(stress, hdot))
+    cost = total(divide(tension, extended(k)))
+    exact = divide(multiply(work, work), multiply(cost, extended(np.array([volume]))))
+    return float(abs((value - exact.high[0]) - exact.low[0]))
+
+
+def _input_rounding(critical: CriticalConfiguration, value: float) -> float:
+    """Error of a modulus by the rounding of the volume, a determinant, and of the strain, 1/d."""
+    cell = critical.network.cell
+    if cell is None:
+        return 2 * EPS * abs(value)
+    skew = float(np.prod(np.linalg.norm(cell, axis=1))) / critical.network.volume
+    return EPS * abs(value) * (2 + 2 * len(cell) * skew)

@@ -1,0 +1,309 @@
+"""Values of quantities at a critical configuration, with their errors and exact gradients by stress and stiffness.
+
+The configuration x(σ) does not depend on k, so that dO/dk = ∂O/∂k at constant σ and L.  Gradients by σ take one solve
+with P.
+
+At the largest bulk modulus the Hessian ∂²B_0/∂σ∂σ is negative semidefinite.  Its null space is σ itself, because the
+configuration does not depend on the scale of σ, and σ̇ = −σ e/|L| for every isogonal mode e, which keeps the tensions:
+N_v/2 directions for a periodic network of three edges a vertex, of which the paper counts N_v/2 − 1, those that
+change the configuration (`BulkModulusHessian`).
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from difflib import get_close_matches
+
+import numpy as np
+from scipy.sparse.linalg import LinearOperator
+
+from critflow.arguments import of_kind
+from critflow.calls import running
+from critflow.deformation import DEFORMATIONS, strain_basis
+from critflow.extensions import missing, named, quantities
+from critflow.manifold import CriticalConfiguration, CriticalManifold, require_one_self_stress
+from critflow.networks import Array, Network
+from critflow.quantities import Quantity, evaluate, has_exact_hessian, only_positive, require_valid
+from critflow.result import InputError, Record
+
+# The vocabulary of quantities: one name each, one parser, one table of aliases.
+#
+# B_0 G_0              bulk and shear modulus at the transition
+# C_B C_G              their derivatives with respect to volumetric strain past it
+# V_L V_tau            variances of lengths and of tensions
+# S_xx S_xy ...        components of S/√D, the stress at the transition
+# C_xxxx C_xxyy ...    components of the elasticity tensor
+# modulus[D]           modulus of a deformation D, such as modulus[uniaxial]
+# stiffening[D]        its derivative with respect to the strain
+# length[α] area[f]    length of an edge, area of a face
+#
+# Extras add names, such as onset[D], by their declarations; what they call by other words than D, EDGE and FACE in
+# brackets goes to the factory as it is written.
+
+_MODULI = "critflow.quantities"
+_COMPONENTS = "critflow.design_names:tensor_component"
+_VARIANCES = "critflow.quantities"
+_LENGTHS = "critflow.design_names"
+_STIFFENING = "critflow.growth"
+
+FACTORIES = {
+    "B_0": f"{_MODULI}:named_modulus",
+    "G_0": f"{_MODULI}:named_modulus",
+    "C_B": f"{_STIFFENING}:volumetric_stiffening",
+    "C_G": f"{_STIFFENING}:volumetric_stiffening",
+    "V_L": f"{_VARIANCES}:variance",
+    "V_tau": f"{_VARIANCES}:variance",
+    "S_AXES": _COMPONENTS,
+    "C_AXES": _COMPONENTS,
+    "length[EDGE]": f"{_LENGTHS}:edge_length",
+    "area[FACE]": f"{_LENGTHS}:face_area",
+    "modulus[D]": f"{_MODULI}:transition_modulus",
+    "stiffening[D]": f"{_STIFFENING}:stiffening_along",
+}
+"""Factories by name, "module:function", of which a module is imported when one of its names is used.
+
+A factory takes the network, and the text in brackets or else the whole name.  AXES are those of a component of a
+tensor, EDGE and FACE a number, D the name of a deformation.
+"""
+
+ALIASES = {
+    "bulk_modulus": "B_0",
+    "shear_modulus": "G_0",
+    "length_variance": "V_L",
+    "tension_variance": "V_tau",
+}
+"""Long spellings of names."""
+
+_INDEXED = re.compile(r"(\w+)\[([^\[\]]+)\]")
+
+
+def quantity(network: Network, name: str | Quantity) -> Quantity:
+    """The quantity of a name, or the given quantity itself.
+
+    network  of the quantity, or an object that has one; only its dimension, edges and faces matter
+
+    Raises `InputError` for unknown names, with the nearest right one and the list.
+
+    >>> import critflow as cf
+    >>> cf.quantity(cf.lattice("honeycomb", 2, 2), 'bulk_modulus').name
+    'B_0'
+    """
+    network = of_kind(Network, network=network)
+    name = of_kind(str, Quantity, name=name)
+    if isinstance(name, Quantity):
+        return name
+    symbol = ALIASES.get(name, name)
+    plain, indexed = _plain(network.dimension), _indexed()
+    argument, place = symbol, plain.get(symbol)
+    if place is None and (match := _INDEXED.fullmatch(symbol)):
+        stem, argument = match.groups()
+        kind, factory = indexed.get(stem, ("", ""))
+        if factory and _fits(kind, argument):
+            place = factory
+    if place is None:
+        raise InputError(_unknown(network, name))
+    found: Quantity = named(place)(network, argument)
+    return found
+
+
+def _fits(kind: str, argument: str) -> bool:
+    """Whether the text in brackets is of a kind; that of other kinds is the business of their factories."""
+    if kind in ("EDGE", "FACE"):
+        return argument.isdecimal()
+    return kind != "D" or argument in DEFORMATIONS
+
+
+def _plain(dimension: int) -> dict[str, str]:
+    """Factories of the names without brackets."""
+    axes = strain_basis(dimension)[0]
+    components = {
+        "S_AXES": [f"S_{one}" for one in axes],
+        "C_AXES": [f"C_{one}{other}" for a, one in enumerate(axes) for other in axes[a:]],
+        "G_0": ["G_0"] * (dimension > 1),
+    }
+    factories = {name: place for name, place in (FACTORIES | quantities()).items() if "[" not in name}
+    return {one: place for name, place in factories.items() for one in components.get(name, [name])}
+
+
+def _indexed() -> dict[str, tuple[str, str]]:
+    """What stands in brackets and the factory, by the part of the name before them."""
+    split = [(*name.rstrip("]").partition("["), place) for name, place in (FACTORIES | quantities()).items()]
+    return {stem: (kind, place) for stem, _, kind, place in split if kind}
+
+
+def _unknown(network: Network, name: str) -> str:
+    """The sentence for a name that no quantity has."""
+    if extra := missing(str(name)):
+        return f"{name!r:.40} is of the extra {extra!r} of critflow, which is not installed: install critflow again"
+    listed = names(network)
+    spellings = [*listed, *(alias for alias, symbol in ALIASES.items() if symbol in listed)]
+    same_letters = [spelling for spelling in spellings if spelling.casefold() == str(name).casefold()]
+    nearest = same_letters or get_close_matches(str(name), spellings, 1, 0.5)
+    hint = f"did you mean {nearest[0]!r}? " if nearest else ""
+    plainest = ", ".join(name for name in listed if len(name) < 6 and name[:2] not in ("S_", "C_")) + ", C_B, C_G"
+    *deformed, last = [f"{stem}[D]" for stem, (kind, _) in _indexed().items() if kind == "D"]
+    indexed = ", ".join(f"{stem}[{kind}]" for stem, (kind, _) in _indexed().items() if kind != "D")
+    return (
+        f"no quantity is called {name!r:.40}: {hint}choose from {plainest}, S_xx, C_xxyy, {indexed}, "
+        f"and {', '.join(deformed)} or {last} of a deformation D: {', '.join(DEFORMATIONS)}"
+    )
+
+
+def names(network: Network) -> list[str]:
+    """The names of all quantities, with a placeholder for the number of an edge or face."""
+    listed = list(_plain(network.dimension))
+    for stem, (kind, _) in _indexed().items():
+        listed += [f"{stem}[{name}]" for name in (DEFORMATIONS if kind == "D" else (kind,))]
+    return listed
+
+
+# The largest possible values of quantities over all stresses of a network, in closed form.
+
+
+@running("upper_bound")
+def upper_bound(network: Network | CriticalManifold, name: str | Quantity, signs: str = "positive") -> float:
+    """The largest possible value of a quantity over all stresses of a network in closed form; infinite without one.
+
+    Error bound (proof, up to rounding).  B_0 ≤ (1/d²V) Σ k|L*|² with L* the configuration at σ = k; every other modulus
+    at the transition likewise.  `quantity(network, name).extreme` has the smallest possible value too.
+
+    signs  "positive", or "any" for stresses of both signs
+
+    >>> import critflow as cf
+    >>> round(cf.upper_bound(cf.lattice("honeycomb", 2, 2), 'B_0'), 6)
+    0.288675
+    """
+    network = of_kind(Network, CriticalManifold, network=network)
+    name = of_kind(str, Quantity, name=name)
+    of_kind(str, signs=signs)
+    manifold = CriticalManifold.of(network)
+    return quantity(manifold.network, name).extreme(manifold, only_positive(signs))[1]
+
+
+FLAT = 1e-9  # eigenvalues of a stress Hessian below this part of the largest are zero; rounding leaves about 1e-13
+DENSE_EDGES = 2000  # most edges for all eigenvalues of a stress Hessian: 32 MB and some seconds
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Properties(Record):
+    """Quantities of a critical configuration and their gradients (N_b,), by name.
+
+    values
+    errors        of the values (estimate)
+    by_stress     dO/dσ at constant k; orthogonal to σ, whose scale changes nothing.  NaN where edges are slack: a small
+                  stress on them would move vertices that nothing holds
+    by_stiffness  dO/dk at constant σ
+    """
+
+    values: dict[str, float]
+    errors: dict[str, float] = field(repr=False)
+    by_stress: dict[str, Array] = field(repr=False)
+    by_stiffness: dict[str, Array] = field(repr=False)
+
+
+@running("properties")
+def properties(critical: CriticalConfiguration, quantities: Sequence[str | Quantity] | str | Quantity) -> Properties:
+    """Quantities of a critical configuration with their errors and exact gradients by σ and by k.
+
+    quantities  names such as "B_0", "C_B", "S_xy" or "stiffening[uniaxial]", or `Quantity` objects
+
+    Raises `InputError` for unknown names, and for networks with several self-stresses where a quantity needs one.
+
+    >>> import critflow as cf
+    >>> best = cf.optimize(cf.voronoi_network(n_vertices=20, seed=1), 'B_0')
+    >>> bool(abs(cf.properties(best, ['B_0']).by_stress['B_0']).max() < 1e-12)
+    True
+    """
+    critical = of_kind(CriticalConfiguration, critical=critical)
+    given = [quantities] if isinstance(quantities, str | Quantity) else quantities
+    if not isinstance(given, list | tuple) or not given or not all(isinstance(one, str | Quantity) for one in given):
+        raise InputError("give a list of at least one quantity, such as ['B_0']")
+    parsed = {key if isinstance(key, str) else key.name: quantity(critical.network, key) for key in given}
+    if any(one.one_self_stress for one in parsed.values()):
+        require_one_self_stress(critical.network)
+    for one in parsed.values():
+        require_valid(one, critical)
+    balance = critical.manifold.balance(critical.sigma)
+    evaluated = {name: one.evaluate(critical) for name, one in parsed.items()}
+    rows = balance.pull_backs([partials for _, partials in evaluated.values()])
+    if not critical.sigma.all():
+        rows = np.full_like(rows, np.nan)
+    return Properties(
+        {name: float(value) for name, (value, _) in evaluated.items()},
+        {name: one.error(critical) for name, one in parsed.items()},
+        dict(zip(parsed, rows, strict=True)),
+        {name: one.by_stiffness(critical) for name, one in parsed.items()},
+    )
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class FlatDirections(Record):
+    """The directions in stress along which a quantity does not change to second order.
+
+    directions   orthonormal σ̇ of zero curvature, (n_flat, N_b); σ/|σ| lies in their span
+    eigenvalues  of the Hessian at Σσ² = N_b, ascending, (N_b,)
+    gap          largest |eigenvalue| counted as zero and the next one, relative to the largest of all
+    """
+
+    directions: Array
+    eigenvalues: Array
+    gap: tuple[float, float]
+
+    @property
+    def n_flat(self) -> int:
+        """The nullity, scaling of σ included."""
+        return len(self.directions)
+
+
+@running("stress_hessian")
+def stress_hessian(critical: CriticalConfiguration, name: str | Quantity = "B_0") -> LinearOperator:
+    """∂²O/∂σ∂σ at Σσ² = N_b, configuration following σ, as an operator (N_b, N_b) (`BulkModulusHessian`).
+
+    A product costs two solves on the factor of P; the matrix itself is never formed.  Where `evaluate` of the quantity
+    does not take complex σ and L, as for C_B and C_G, it is a difference of gradients with nine digits.
+    """
+    critical = of_kind(CriticalConfiguration, critical=critical)
+    name = of_kind(str, Quantity, name=name)
+    manifold, goal = critical.manifold, quantity(critical.network, name)
+    require_valid(goal, critical)
+    evaluation = evaluate(manifold, goal, manifold.configuration(critical.sigma).sigma)
+    product = evaluation.hessian_product if has_exact_hessian(manifold, goal) else evaluation.hessian_difference
+
+    def apply(direction: Array) -> Array:
+        return product(np.ravel(direction))
+
+    n = critical.network.n_edges
+    return LinearOperator((n, n), matvec=apply, rmatvec=apply, dtype=float)
+
+
+@running("flat_directions")
+def flat_directions(
+    critical: CriticalConfiguration, name: str | Quantity = "B_0", tolerance: float = FLAT
+) -> FlatDirections:
+    """Null space of the Hessian of a quantity over stress, by all its eigenvalues.
+
+    tolerance  eigenvalues of at most this part of the largest are zero
+
+    Meant for an optimum: elsewhere ∂²O/∂σ∂σ σ = −dO/dσ, so that not even the scaling of σ is flat.  Raises
+    `InputError` for networks of more than 2,000 edges.
+
+    >>> import critflow as cf
+    >>> from critflow.quantity_names import flat_directions
+    >>> flat_directions(cf.optimize(cf.lattice("honeycomb", 2, 2), 'B_0')).n_flat
+    4
+    """
+    critical = of_kind(CriticalConfiguration, critical=critical)
+    name = of_kind(str, Quantity, name=name)
+    of_kind(float, tolerance=tolerance)
+    n = critical.network.n_edges
+    if n > DENSE_EDGES:
+        raise InputError(f"{n} edges are more than {DENSE_EDGES}: use the products of stress_hessian()")
+    operator = stress_hessian(critical, name)
+    columns = operator @ np.eye(n)
+    eigenvalues, vectors = np.linalg.eigh(0.5 * (columns + columns.T))
+    size = np.abs(eigenvalues) / np.abs(eigenvalues).max()
+    zero = size <= tolerance
+    gap = (float(size[zero].max(initial=0.0)), float(size[~zero].min(initial=np.inf)))
+    return FlatDirections(vectors[:, zero].T, eigenvalues, gap)

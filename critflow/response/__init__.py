@@ -1,1 +1,0 @@
-"""Linear and nonlinear response: elasticity at the transition and under stress, stiffening."""

@@ -1,0 +1,608 @@
+"""Sparse symmetric matrices with a fixed pattern and variable values, and their factors.
+
+The pattern and its symbolic analysis are made once, the values follow from their sources by one precomputed sparse
+product, and each factorisation A = L D Lᵀ is numeric only.  The signs of D are the inertia of A, which separates rigid
+from unstable configurations.  The solver depends on the size and on the installed packages
+(`critflow.sparse`).
+
+A `Factor` owns its numbers.  Solvers overwrite their L and D in place, so the pattern gives its first solver to the
+newest factor; an older factor in use again eliminates its own matrix once more, in a second solver that stays with it.
+One factor at a time thus needs one analysis and the memory of one L, and any number of factors are valid together.
+Threads may share a pattern: they wait for each other.
+"""
+
+from __future__ import annotations
+
+import weakref
+from collections.abc import Callable, Iterable, Iterator
+from copy import copy
+from functools import cache
+from itertools import combinations_with_replacement
+from threading import RLock
+from typing import Any, NamedTuple, Protocol
+
+import numpy as np
+import qdldl
+import scipy.sparse as sp
+from numpy.typing import NDArray
+from scipy.sparse.csgraph import depth_first_order
+from scipy.sparse.linalg import SuperLU, splu
+
+from critflow.extensions import extras
+from critflow.networks import Array, IntArray, Network
+from critflow.numerics import EPS, product
+from critflow.result import InputError
+
+# The sparse solvers of symmetric matrices behind one interface, and the choice between them by size.
+#
+# All eliminate along the diagonal only, so that A = L D Lᵀ and the signs of D are the inertia:
+#
+# qdldl    row by row on a minimum-degree ordering; always installed, and the fastest for small matrices
+# superlu  SciPy's SuperLU on a minimum-degree ordering; always installed
+#
+# Extras bring others for large networks (`backends` of their `extra.toml`, with the sizes from which they are faster):
+# eliminating ones, and iterative ones for Laplacians of positive stresses, without inertia, as a kind of `Factor`.
+
+Indices = NDArray[np.int32]
+
+# Entries of the upper triangle up to which qdldl is faster, of networks in the plane and in space.  Measured for one
+# numeric factorisation and four solves: on Voronoi networks of 300 to 10⁵ vertices the crossovers of the Laplacian, the
+# elastic Hessian and the saddle matrix are 180,000, 100,000 and 170,000 entries; they have 2.5, 9 and 12.5 a vertex.
+# In space factors fill in faster, as N^(4/3): on foams of 60 to 8,000 vertices the crossovers are 6,000, 11,000 and
+# 10,000 entries, of 3, 24 and 23 a vertex.
+CROSSOVERS = {"superlu": (150_000, 9_000)}
+
+
+class Backend(Protocol):
+    """Factorisations of matrices of one pattern, each given by its upper triangle in columns, diagonal included.
+
+    The analysis is made from a model, any positive definite matrix of that pattern.  A vanishing pivot is no error: it
+    is a zero of `pivots`.
+    """
+
+    def __init__(self, model: sp.csc_matrix): ...
+
+    def another(self, model: sp.csc_matrix) -> Backend:
+        """A second solver for the same pattern, with the same analysis, so that it gives the same bits."""
+
+    def update(self, matrix: sp.csc_matrix) -> None:
+        """Factorise a matrix; the numbers of the last one are overwritten."""
+
+    def solve(self, right: Array) -> Array:
+        """x of A x = r, both (n,)."""
+
+    def pivots(self) -> Array:
+        """D in the order of elimination, (n,)."""
+
+
+class QDLDL:
+    """Without pivoting; stops at an exact zero, and the pivots after it are leftovers."""
+
+    def __init__(self, model: sp.csc_matrix):
+        self._solver = qdldl.Solver(model, upper=True)
+        self.solve = self._solver.solve
+
+    def another(self, model: sp.csc_matrix) -> QDLDL:
+        # The library shares no analysis between solvers, but repeats it alike.
+        return QDLDL(model)
+
+    def update(self, matrix: sp.csc_matrix) -> None:
+        self._solver.update(matrix, upper=True)
+
+    def pivots(self) -> Array:
+        return self._solver.factors()[1].copy()
+
+
+class MinimumDegree:
+    """SuperLU in its symmetric mode, on an ordering that is found once."""
+
+    def __init__(self, model: sp.csc_matrix):
+        # The matrix in full and in its order, with the place of each entry in the upper triangle, from 1.
+        place = sp.csc_matrix((np.arange(1, model.nnz + 1, dtype=np.int32), model.indices, model.indptr), model.shape)
+        full = place + sp.triu(place, 1, format="csc").T
+        self._order = self._ordering(sp.csc_matrix((model.data[full.data - 1], full.indices, full.indptr), full.shape))
+        full = full[self._order][:, self._order].tocsc()
+        full.sort_indices()
+        self._place = full.data - 1
+        self._matrix = sp.csc_matrix((np.empty(full.nnz), full.indices, full.indptr), full.shape)
+        self._factor: SuperLU | None = None
+
+    def another(self, model: sp.csc_matrix) -> MinimumDegree:
+        # The ordering is shared, and so is the matrix, which SuperLU reads only while it eliminates.
+        solver = copy(self)
+        solver._factor = None
+        return solver
+
+    def _ordering(self, full: sp.csc_matrix) -> Indices:
+        factor = _eliminate(full, "MMD_AT_PLUS_A")
+        order, L = np.argsort(factor.perm_c), factor.L
+        # The elimination tree leads from each column to its first row below the diagonal.  In postorder the columns
+        # of a subtree are adjacent, which makes wide blocks.
+        L.sort_indices()
+        n = len(order)
+        inner = np.diff(L.indptr) > 1
+        parent = np.full(n, n)
+        parent[inner] = L.indices[L.indptr[:-1][inner] + 1]
+        tree = sp.csr_array((np.ones(n), (parent, np.arange(n))), shape=(n + 1, n + 1))
+        return order[depth_first_order(tree, n, return_predecessors=False)[:0:-1]]
+
+    def update(self, matrix: sp.csc_matrix) -> None:
+        np.take(matrix.data, self._place, out=self._matrix.data)
+        self._factor = None
+        if np.isfinite(self._matrix.data).all():
+            try:
+                self._factor = _eliminate(self._matrix, "NATURAL")
+            except RuntimeError:
+                # A column without any pivot.
+                self._factor = None
+
+    def solve(self, right: Array) -> Array:
+        x = np.full(right.shape, np.nan)
+        if self._factor is not None:
+            x[self._order] = self._factor.solve(right[self._order])
+        return x
+
+    def pivots(self) -> Array:
+        # Where the diagonal vanished, rows were exchanged, and the pivots are not those of L D Lᵀ.
+        if self._factor is None or (self._factor.perm_r != np.arange(len(self._order))).any():
+            return np.zeros(len(self._order))
+        return self._factor.U.diagonal()
+
+
+def _eliminate(matrix: sp.csc_matrix, ordering: str) -> SuperLU:
+    return splu(matrix, permc_spec=ordering, diag_pivot_thresh=0.0, options={"SymmetricMode": True})
+
+
+def multiply(upper: sp.csc_matrix, lower: sp.csr_matrix, x: Array) -> Array:
+    """A x of the symmetric matrix with this upper triangle and its transpose, x (n,) or (n, d)."""
+    diagonal = upper.data[upper.indptr[1:] - 1]
+    return product(upper, x) + product(lower, x) - (diagonal * x.T).T
+
+
+# The solvers of the scene by name.
+BACKENDS: dict[str, type[Backend]] = {"qdldl": QDLDL, "superlu": MinimumDegree}
+
+
+@cache
+def _brought(table: str) -> dict[str, Any]:
+    """The installed solvers that extras declare in a table, "backends" or "iterations", by name."""
+    declared = [(extra, name, entry) for extra in extras().values() for name, entry in getattr(extra, table).items()]
+    kinds = {name: extra.named(entry["place"]) for extra, name, entry in declared}
+    return {name: kind for name, kind in kinds.items() if kind.installed()}
+
+
+def _crossovers(table: str) -> dict[str, Any]:
+    """The crossovers that extras declare in a table, by name, also of solvers that are not installed."""
+    return {name: entry["crossovers"] for extra in extras().values() for name, entry in getattr(extra, table).items()}
+
+
+def eliminating_backends() -> dict[str, type[Backend]]:
+    """The installed sparse solvers that have an inertia, by name."""
+    return BACKENDS | _brought("backends")
+
+
+def backend_named(name: str) -> type[Backend]:
+    """The eliminating solver of a name; an extra is imported for its own alone."""
+    return BACKENDS[name] if name in BACKENDS else _brought("backends")[name]
+
+
+def iterative_factor(name: str) -> Any:
+    """The kind of `Factor` of an iterative solver; None for an eliminating one."""
+    return None if name in BACKENDS else _brought("iterations").get(name)
+
+
+def available_backends() -> tuple[str, ...]:
+    """Names of the sparse solvers that are installed, each good for `backend=`."""
+    return *eliminating_backends(), *_brought("iterations")
+
+
+def choose_backend(backend: str, n_entries: int, in_space: bool = False) -> str:
+    """The name itself if it is installed, or for "auto" the fastest elimination for that many entries (`CROSSOVERS`).
+
+    in_space  whether the network has three dimensions
+
+    Raises `InputError` for a name that is unknown or not installed.
+    """
+    if backend == "auto":
+        sizes = {name: entries[in_space] for name, entries in (CROSSOVERS | _crossovers("backends")).items()}
+        if n_entries <= min(sizes.values()):
+            return "qdldl"  # without the import of an extra
+        larger = min(eliminating_backends().keys() & sizes.keys(), key=sizes.__getitem__)
+        return larger if n_entries > sizes[larger] else "qdldl"
+    if backend not in BACKENDS and backend not in (installed := available_backends()):
+        raise InputError(
+            f"no backend {backend!r} is installed: choose 'auto' or one of {', '.join(installed)}, and pip install "
+            "'critflow[fast,multigrid]' for all of them"
+        )
+    return backend
+
+
+def choose_iteration(elimination: str, n_entries: int) -> str:
+    """The iterative solver that is faster than an elimination for a Laplacian in space; none, "", for smaller ones."""
+    for name, crossovers in _crossovers("iterations").items():
+        if n_entries > crossovers.get(elimination, np.inf) and name in _brought("iterations"):
+            return name
+    return ""
+
+
+# Shift δ in units of the mean value.  A matrix with the same inertia at ±δ counts as regular; the shift is far above
+# the rounding of pivots.
+INERTIA_SHIFT = 1e-9
+REDUCED = 1e-12  # reduction of the residual at which an iterative solver ends: rounding is near 1e-14 at 10⁶ vertices
+REFINED_SOLVES = 20  # most refinements of a solve with A + δ.  Each reduces the error by δ over the smallest eigenvalue
+
+
+class Entries(NamedTuple):
+    """Contributions coefficients_e × values[sources_e] to the entries (rows_e, cols_e) of a matrix, (n_entries,) each.
+
+    Symmetric contributions may be listed in full: entries below the diagonal, and those with a negative index, are
+    ignored.
+    """
+
+    rows: Any
+    cols: Any
+    sources: Any
+    coefficients: Any
+
+
+class FixedPattern:
+    """A sparse symmetric matrix A = Σ_s values_s A_s with constant A_s, from the entries of its upper triangle.
+
+    size       number of rows n
+    n_sources  number of values
+    in_space   whether the network has three dimensions
+    laplacian  whether it is its Laplacian, for which "auto" may choose an iterative solver in space
+    """
+
+    def __init__(
+        self,
+        size: int,
+        n_sources: int,
+        entries: Iterable[Entries],
+        backend: str = "auto",
+        in_space: bool = False,
+        laplacian: bool = False,
+    ):
+        parts = [_upper(*np.broadcast_arrays(*part)) for part in entries]
+        rows, cols, sources, coefficients = (np.concatenate(part) for part in zip(*parts, strict=True))
+        # Every diagonal entry is part of the pattern, so that shifts and zero blocks fit.
+        diagonal = np.arange(size, dtype=np.int32)
+        keys = np.concatenate([cols, diagonal]).astype(np.int64) * size + np.concatenate([rows, diagonal])
+        places, slot = np.unique(keys, return_inverse=True)
+        slot = slot[: len(rows)].astype(np.int32)
+        gather = sp.coo_array((coefficients, (slot, sources)), shape=(len(places), n_sources))
+        self._gather = sp.csr_array(gather)
+        self.size, self.n_sources = size, n_sources
+        # One matrix and its transpose take the data of each factor in turn; making them takes longer than a product.
+        cols, rows = np.divmod(places, size)
+        starts = np.searchsorted(cols, np.arange(size + 1)).astype(np.int32)
+        self._matrix = sp.csc_matrix((np.zeros(len(rows)), rows.astype(np.int32), starts), shape=(size, size))
+        self._transposed = self._matrix.T
+        # The diagonal ends each column of an upper triangle.
+        self._diagonal = self._matrix.indptr[1:] - 1
+        self.backend = choose_backend(backend, len(places), in_space)
+        if backend == "auto" and in_space and laplacian:
+            self.backend = choose_iteration(self.backend, len(places)) or self.backend
+        kind = iterative_factor(self.backend)
+        self._kind: type[Factor] = kind or Factor
+        # An iterative solver of "auto" leaves what it cannot serve to this one.
+        self.elimination = choose_backend("auto", len(places), in_space) if kind else self.backend
+        self.may_eliminate = not kind or backend == "auto"
+        # Solvers and the factors whose numbers they contain; the first one belongs to the newest factor.
+        self._solvers: list[Backend] = []
+        self._owners: list[Callable[[], Factor | None]] = []
+        # Solvers and the matrix are overwritten, and solvers release Python's own lock.
+        self._lock = RLock()
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Without solvers, which a copy makes at its first use, and without the lock."""
+        return self.__dict__ | {"_solvers": [], "_owners": [], "_lock": None}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        self.__dict__.update(state, _lock=RLock())
+
+    def analyse(self) -> None:
+        """Order and analyse the pattern for elimination, as the first elimination does otherwise."""
+        with self._lock:
+            if not self._solvers:
+                self._add(backend_named(self.elimination)(self._model()))
+
+    def factorize(self, values: Array, shift: float | Array = 0.0) -> Factor:
+        """L D Lᵀ of A + shift·1, with values (n_sources,) and a shift for all or for each of the rows (n,)."""
+        data = product(self._gather, values)
+        if isinstance(shift, np.ndarray) or shift:
+            data[self._diagonal] += shift
+        factor = self._kind(self, data)
+        with self._lock:
+            factor.prepare()
+        return factor
+
+    def filled(self, data: Array) -> sp.csc_matrix:
+        """The upper triangle with other data; valid until the next call."""
+        self._matrix.data = data
+        return self._matrix
+
+    def factorize_shifted(self, values: Array) -> tuple[Factor, bool, int]:
+        """L D Lᵀ of A + δ, whether its inertia is that of A, and the number of negative pivots of A − δ.
+
+        Values of both signs may give a vanishing pivot without a vanishing eigenvalue.  Where the inertias of A + δ
+        and A − δ differ, an eigenvalue lies within δ of zero.
+        """
+        shift = INERTIA_SHIFT * float(np.mean(np.abs(values)))
+        below = self.factorize(values, -shift)
+        sound, n_negative = below.sound, below.n_negative
+        above = self.factorize(values, shift)
+        return above, sound and above.sound and above.n_negative == n_negative, n_negative
+
+    def factorize_signed(self, values: Array) -> Factor:
+        """As `factorize` for values of both signs: `singular` only where an eigenvalue is as good as zero.
+
+        Where a pivot vanishes, A + δ is factorised instead, and `solve` refines its answers.  Right-hand sides in the
+        range of a singular A have answers too: none of the null space enters them.
+        """
+        factor = self.factorize(values)
+        if factor.singular:
+            factor, regular, _ = self.factorize_shifted(values)
+            factor._refine(INERTIA_SHIFT * float(np.mean(np.abs(values))), regular)
+        return factor
+
+    def _model(self) -> sp.csc_matrix:
+        """A matrix of this pattern for the analysis, safely positive definite: a Laplacian with a weak ground."""
+        indices, indptr = self._matrix.indices, self._matrix.indptr
+        data = np.full(len(indices), -1.0)
+        data[self._diagonal] = np.diff(indptr) + np.bincount(indices, minlength=self.size) - 2 + 0.01
+        return sp.csc_matrix((data, indices, indptr), shape=self._matrix.shape)
+
+    def _multiply(self, factor: Factor, x: Array) -> Array:
+        with self._lock:
+            self._matrix.data = self._transposed.data = factor._data
+            return multiply(self._matrix, self._transposed, x)
+
+    def _solver_of(self, factor: Factor) -> Backend:
+        """The solver that contains the numbers of a factor, after another elimination if they are overwritten."""
+        if self._owners and self._owners[0]() is factor:
+            return self._solvers[0]
+        for solver, owner in zip(self._solvers, self._owners, strict=True):
+            if owner() is factor:
+                return solver
+        # The first solver stays with the newest factor, or two factors in use would overwrite each other in turn.
+        unused = (place for place, owner in enumerate(self._owners) if place and owner() is None)
+        place = next(unused, len(self._solvers))
+        self.analyse()
+        if place == len(self._solvers):
+            self._add(self._solvers[0].another(self._model()))
+        self.eliminate(factor, place)
+        return self._solvers[place]
+
+    def _add(self, solver: Backend) -> None:
+        self._solvers.append(solver)
+        self._owners.append(_nobody)
+
+    def eliminate(self, factor: Factor, place: int = 0) -> None:
+        """Let a solver eliminate the matrix of a factor; the first one serves the newest."""
+        if not self._solvers:
+            self.analyse()
+        self._owners[place] = _nobody
+        self._matrix.data = factor._data
+        self._solvers[place].update(self._matrix)
+        self._owners[place] = weakref.ref(factor)
+
+
+def _nobody() -> None:
+    """The owner of a solver without numbers."""
+
+
+class Factor:
+    """L D Lᵀ of one matrix A, for any number of right-hand sides; no other factorisation changes its answers.
+
+    A factor that another one of the same pattern has displaced repeats its elimination at its next use.
+    """
+
+    __slots__ = ("__weakref__", "_data", "_pattern", "_pivots", "_shift", "_singular")
+
+    def __init__(self, pattern: FixedPattern, data: Array):
+        # The upper triangle of A + shift, which stands in for A where the shift is not zero.
+        self._pattern, self._data, self._shift = pattern, data, 0.0
+        self._pivots: Array | None = None
+        self._singular = False
+
+    def prepare(self) -> None:
+        """Eliminate."""
+        self._pattern.eliminate(self)
+
+    def _refine(self, shift: float, regular: bool) -> None:
+        """Serve A in place of A + shift; `regular` as the inertias on both sides of A have it."""
+        self._shift, self._singular = shift, not regular
+
+    @property
+    def backend(self) -> str:
+        """Name of the solver (`critflow.sparse`)."""
+        return self._pattern.elimination
+
+    @property
+    def iterates(self) -> bool:
+        """Whether the time of a solve depends on the reduction of the residual."""
+        return False
+
+    def solve(self, right_side: Array) -> Array:
+        """x of A x = r, for r of shape (n,) or (n, d)."""
+        return self._refined(right_side) if self._shift else self._solved(right_side)
+
+    def solve_roughly(self, right_side: Array, reduction: float) -> Array:
+        """As `solve`, with the residual reduced by this factor only, where the solver iterates."""
+        return self.solve(right_side)
+
+    def eliminate(self) -> bool:
+        """Leave an iterative solver for elimination where it may; whether anything changed."""
+        return False
+
+    def _solved(self, right_side: Array) -> Array:
+        pattern = self._pattern
+        with pattern._lock:
+            return by_columns(pattern._solver_of(self).solve, right_side)
+
+    def _refined(self, right_side: Array) -> Array:
+        """Iterative refinement, which removes the shift."""
+        x, best = self._solved(right_side), np.inf
+        for _ in range(REFINED_SOLVES):
+            residual = right_side - self.multiply(x)
+            size = float(np.abs(residual).max(initial=0.0))
+            if not size < 0.5 * best:
+                break
+            x, best = x + self._solved(residual), size
+        return x
+
+    def multiply(self, x: Array) -> Array:
+        """A x, for x of shape (n,) or (n, d)."""
+        product = self._pattern._multiply(self, x)
+        return product - self._shift * x if self._shift else product
+
+    @property
+    def pivots(self) -> Array:
+        """The diagonal D in the order of elimination, (n,); zero where a pivot vanished."""
+        if self._pivots is None:
+            with self._pattern._lock:
+                self._pivots = self._pattern._solver_of(self).pivots()
+        return self._pivots
+
+    @property
+    def n_negative(self) -> int:
+        """Number of negative eigenvalues of A (Sylvester's law of inertia)."""
+        return int(np.count_nonzero(self.pivots < 0))
+
+    @property
+    def sound(self) -> bool:
+        """Whether the elimination is complete: all pivots are finite and not zero, so that their signs count."""
+        return bool(np.isfinite(self.pivots).all() and (self.pivots != 0).all())
+
+    @property
+    def singular(self) -> bool:
+        """Whether a pivot vanishes, is not finite, or is below the rounding of the largest one."""
+        if self._shift:
+            return self._singular
+        size = np.abs(self.pivots)
+        return not bool(size.min() > len(size) * EPS * size.max() and np.isfinite(size).all())
+
+    @property
+    def indefinite(self) -> bool:
+        """Whether A is not safely positive definite."""
+        return self.singular or self.n_negative > 0
+
+
+def by_columns(solve: Callable[[Array], Array], right_side: Array) -> Array:
+    """Solutions for one right-hand side (n,) or several (n, d)."""
+    if right_side.ndim == 1:
+        return solve(right_side)
+    x = np.empty(right_side.shape)
+    for column in range(right_side.shape[1]):
+        x[:, column] = solve(right_side[:, column])
+    return x
+
+
+def _upper(rows: Any, cols: Any, sources: Any, coefficients: Any) -> tuple[Indices, Indices, Indices, Array]:
+    """The entries of the upper triangle, flat, with short integers: at 10⁶ vertices memory counts."""
+    upper = (rows <= cols) & (rows >= 0)
+    short = (part[upper].astype(np.int32) for part in (rows, cols, sources))
+    return *short, coefficients[upper].astype(float)
+
+
+# Patterns of the matrices of a network: stress-weighted Laplacian and elastic Hessian.
+#
+# Their patterns stay the same while σ, the lengths or the strain change, so each is a `FixedPattern` made once.
+
+# Shift of the Hessian of unit springs, relative to ⟨|L|²⟩, that removes the zero modes of any geometry.
+BALANCE_SHIFT = 1e-13
+
+
+def laplacian(network: Network, backend: str = "auto") -> FixedPattern:
+    """P = gᵀ diag(σ) g over the free vertices, (n_free, n_free), from σ (N_b,) (`PrestressMatrix`)."""
+    entries = [Entries(*pair) for pair in end_pairs(network)]
+    return FixedPattern(len(network.free), network.n_edges, entries, backend, network.dimension > 2, laplacian=True)
+
+
+def end_pairs(network: Network) -> Iterator[tuple[IntArray, IntArray, IntArray, float]]:
+    """All pairs (i, j) of free ends of an edge, with the edges α and the product g_αi g_αj.
+
+    The four of an edge from a vertex to its own image, which moves with it, cancel.
+    """
+    tail, head = free_ends(network).T
+    for i, j, sign in ((tail, tail, 1.0), (head, head, 1.0), (tail, head, -1.0), (head, tail, -1.0)):
+        edge = np.flatnonzero((i >= 0) & (j >= 0))
+        yield i[edge], j[edge], edge, sign
+
+
+def block_laplacian(network: Network, backend: str = "auto") -> FixedPattern:
+    """Σ_α g_α g_αᵀ ⊗ C_α over the free coordinates, (d·n_free)², from the upper triangles of C_α (`GenericHessian`).
+
+    The values are `edge_blocks(...)`: with C_α = K_α L_α L_αᵀ + σ_α 1 this is the elastic Hessian.
+    """
+    d = network.dimension
+    return FixedPattern(d * len(network.free), n_block_values(network), block_entries(network), backend, d > 2)
+
+
+def n_block_values(network: Network) -> int:
+    """Number of values of `block_laplacian`."""
+    return network.n_edges * network.dimension * (network.dimension + 1) // 2
+
+
+def block_entries(network: Network) -> Iterator[Entries]:
+    """The entries of `block_laplacian`, for patterns with further ones."""
+    d = network.dimension
+    # Number of each pair (row, col) in the upper triangle of a symmetric block.
+    number = np.zeros((d, d), int)
+    number[np.triu_indices(d)] = np.arange(d * (d + 1) // 2)
+    number = np.maximum(number, number.T)
+    for i, j, edge, sign in end_pairs(network):
+        for row, col in np.ndindex(d, d):
+            yield Entries(d * i + row, d * j + col, edge + network.n_edges * number[row, col], sign)
+
+
+def edge_blocks(axial: Array, vectors: Array, isotropic: Array) -> Array:
+    """Values for `block_laplacian` of C_α = axial_α v_α v_αᵀ + isotropic_α 1: two (N_b,) and v (N_b, d)."""
+    d = vectors.shape[1]
+    blocks = np.empty((d * (d + 1) // 2, len(vectors)))
+    for block, (row, col) in zip(blocks, combinations_with_replacement(range(d), 2), strict=True):
+        np.multiply(axial * vectors[:, row], vectors[:, col], out=block)
+        if row == col:
+            block += isotropic
+    return blocks.ravel()
+
+
+def free_ends(network: Network) -> NDArray[np.int64]:
+    """Tail and head of each edge as positions among the free vertices, −1 for fixed ones, (N_b, 2)."""
+    index = np.full(network.n_vertices, -1)
+    index[network.free] = np.arange(len(network.free))
+    return index[network.edges]
+
+
+def rigidity_matrix(network: Network, coordinates: Array) -> sp.csr_array:
+    """R = ∂|L|/∂x over the free coordinates, (N_b, d·n_free): incidence times unit vectors (`RigidityMatrix`)."""
+    L = network.bond_vectors(coordinates)
+    return spread_columns(network, L / np.linalg.norm(L, axis=1)[:, None])
+
+
+def spread_columns(network: Network, vectors: Array) -> sp.csr_array:
+    """The matrix (N_b, d·n_free) with entries g_{αi} v_{αμ} of edge vectors v (N_b, d)."""
+    g, d = network.free_incidence, network.dimension
+    columns = [sp.diags_array(vectors[:, axis]) @ g for axis in range(d)]
+    order = np.arange(d * g.shape[1]).reshape(d, -1).T.ravel()
+    return sp.csr_array(sp.hstack(columns).tocsc()[:, order])
+
+
+def balanced_part(
+    network: Network, L: Array, sigma: Array, pattern: FixedPattern, shift: float = BALANCE_SHIFT
+) -> Array:
+    """The component of σ in balance at bond vectors L: σ less its projection on the columns of R^h.
+
+    Close to the transition, where extensions have few digits, or where edges are much shorter than the coordinates are
+    large, unbalanced forces from rounding are not small compared with the tensions.
+
+    pattern  of the elastic Hessian, whose `shift` removes the zero modes
+    """
+    ones = np.ones(len(sigma))
+    factor = pattern.factorize(edge_blocks(ones, L, 0 * ones), shift)
+    for _ in range(3):
+        force = network.divergence @ (sigma[:, None] * L)
+        u = factor.solve(force.ravel()).reshape(force.shape)
+        sigma = sigma - np.einsum("ad,ad->a", L, network.free_incidence @ u)
+    return sigma

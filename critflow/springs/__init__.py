@@ -1,1 +1,0 @@
-"""Springs: laws, states and equilibria."""
