@@ -189,8 +189,8 @@ def show_configuration(case: xr.Dataset, path: Path) -> str:
     network = Network(arrays["edges"], arrays["offsets"], arrays["cell"])
     critical = CriticalConfiguration(network, sigma, x, network.bond_vectors(x))
     title = ", ".join(f"{axis} {case[axis].item()}" for axis in case.attrs["axes"].split())
+    text = provided("certificate_text", "certificates")(critical, title, outcome)
     figure = network_figure(network.edges, network.offsets, arrays["cell"], x, sigma, critical.lengths, title)
     figure.savefig(path, dpi=200)
     plt.close(figure)
-    text = provided("certificate_text", "certificates")(critical, title, outcome)
     return f"{text}\ndrawn in {path}"
