@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from critflow.workflow.load import load_study, named_studies
+from critflow.engine.code_digest import load_study, named_studies
 from workflows.pages.paper import EQUATIONS, FIGURES, printed
 from workflows.pages.results import PAGE, REFERENCE, rendered, studies
 
