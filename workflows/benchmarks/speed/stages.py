@@ -18,10 +18,10 @@ import numpy as np
 
 from critflow import Network, Status, optimize, stiffening
 from critflow.elastic import elasticity
+from critflow.engine import stable_rng
 from critflow.manifold import CriticalConfiguration, CriticalManifold, critical_configuration
 from critflow.points import STANDARD_HARD_CORE, random_sequential_addition, voronoi_network
 from critflow.quantities import LengthVariance
-from critflow.workflow import stable_rng
 
 from ..timing import Method, Timing, stopwatch
 
