@@ -130,7 +130,7 @@ def newton_taut(path: Boundary, lengths: Array, start: OnsetState, damping: floa
     if part is None:
         return None
     factor, factor_error, misses = None, start.factor_error, 0
-    best = state = replace(start, sigma=np.where(start.taut, start.sigma, 0.0), error=np.inf, part=part)
+    best = state = replace(start, sigma=np.where(start.taut, start.sigma, 0.0), error=np.inf, part=part, factor=None)
     for _ in range(ONSET_STEPS):
         try:
             at = part.residuals(path, lengths, state)
