@@ -17,7 +17,6 @@ import time
 import numpy as np
 
 from critflow import CriticalManifold, optimize, quantity, strain_path, voronoi_network
-from critflow.paths import PathSolver
 
 SEEDS = range(5)
 
@@ -33,38 +32,38 @@ def median_ms(function, repeats=1, arguments=SEEDS):
     return statistics.median(times)
 
 
-def refactor_and_solve(pattern, right):
-    """One numeric refactorisation and four solves of the last matrix of a pattern, without the library around them."""
-    solver = pattern._solvers[0]
-    solver.update(pattern._matrix)
+def refactor_and_solve(solver, matrix, right):
+    """One numeric refactorisation and four solves of a matrix, without the library around them."""
+    solver.update(matrix)
     for _ in range(4):
         solver.solve(right)
 
 
-def strain_steps(networks, critical, measure, repeats=3):
+def strain_steps(critical, measure, repeats=3):
     """Paths of ten steps, and the processor time in ms of a step and of its refactorisation with four solves, in turn.
 
     Processor time, since another load of the machine enters the time that passes.
     """
-    strains, patterns = 1e-3 * np.arange(1, 11), [CriticalManifold(network).hessian for network in networks]
+    strains, patterns = 1e-3 * np.arange(1, 11), [start.manifold.hessian for start in critical]
+    alone = [(pattern._solver(), pattern._model()) for pattern in patterns]
     paths, steps, units = [], [], []
     for _ in range(repeats + 1):
-        for start, pattern in zip(critical, patterns, strict=True):
+        for start, pattern, unit in zip(critical, patterns, alone, strict=True):
             right, begin = np.random.default_rng(1).standard_normal(pattern.size), time.process_time()
-            paths.append(strain_path(start, strains, measure=measure, solver=PathSolver(pattern=pattern)))
+            paths.append(strain_path(start, strains, measure=measure))
             after = time.process_time()
-            refactor_and_solve(pattern, right)
+            refactor_and_solve(*unit, right)
             steps.append(1e3 * (after - begin) / len(strains))
             units.append(1e3 * (time.process_time() - after))
     # The first round makes the patterns.
-    return paths, steps[len(networks) :], units[len(networks) :]
+    return paths, steps[len(critical) :], units[len(critical) :]
 
 
-def strain_rows(networks, manifolds, stressed):
+def strain_rows(manifolds, stressed):
     largest_bulk = [optimize(manifold, "bulk_modulus").value for manifold in manifolds]
     for kind, starts in (("random stress", stressed), ("largest bulk modulus", largest_bulk)):
         for name in ("moduli", "tensors"):
-            paths, steps, units = strain_steps(networks, starts, name)
+            paths, steps, units = strain_steps(starts, name)
             ratio = statistics.median(step / unit for step, unit in zip(steps, units, strict=True))
             worst = max(s.value.max_force.max() for s in paths)
             unit = f"{ratio:.2f} x a refactor and four solves, {statistics.median(units):.2f} ms"
@@ -87,11 +86,11 @@ def main():
         return manifold.balance(sigma).pull_back(*partials)
 
     _, partials = goal.evaluate(manifold.balance(sigma))
-    pattern = manifold.prestress
-    right = rng.standard_normal(pattern.size)
+    solver, matrix = manifold.prestress._solver(), manifold.prestress._model()
+    right = rng.standard_normal(manifold.prestress.size)
 
     def bare(_seed):
-        refactor_and_solve(pattern, right)
+        refactor_and_solve(solver, matrix, right)
 
     whole, least = [], []
     for _ in range(20):
@@ -99,7 +98,7 @@ def main():
         least.append(median_ms(bare, 20, (0,)))
     ratio = statistics.median(a / b for a, b in zip(whole, least, strict=True))
     row("configuration + gradient", statistics.median(whole), f"{ratio:.2f} x the bare refactor and four solves")
-    strain_rows(networks, manifolds, [m.configuration(np.abs(rng.standard_normal(1500))) for m in manifolds])
+    strain_rows(manifolds, [m.configuration(np.abs(rng.standard_normal(1500))) for m in manifolds])
 
 
 if __name__ == "__main__":

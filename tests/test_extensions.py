@@ -58,18 +58,34 @@ def test_a_quantity_of_an_extra_that_is_not_installed(without):
     assert "onset" not in str(error.value)
 
 
+def test_components_of_an_extra_that_is_not_installed(without):
+    """The list of an extra has them by their axes, S_AXES and C_AXES."""
+    without("design_names")
+    network = lattice("honeycomb", 2, 2)
+    for name in ("S_xy", "C_xxyy"):
+        with pytest.raises(InputError, match=f"'{name}' is of the extra 'design_names' of critflow, which is not"):
+            quantity(network, name)
+    with pytest.raises(InputError, match="C_B, C_G") as error:
+        quantity(network, "nonsense")
+    assert "S_xx" not in str(error.value)
+
+
 def test_a_service_of_an_extra_that_needs_one_that_is_not_installed():
     extra = next(one for one in extensions.extras().values() if one.functions)
     with pytest.raises(InputError, match=f"'{extra.name}' of critflow needs the extra 'nonsense', which is not"):
         replace(extra, needs=["nonsense"]).named(next(iter(extra.functions.values())))
 
 
+def share(network, pair):
+    """A factory of quantities."""
+    raise ValueError(pair)
+
+
 def test_what_an_extra_writes_in_brackets_goes_to_its_factory(monkeypatch):
     """Names in other words than EDGE, FACE and D, such as a pair of vertices."""
-    declared = {"share[I-J]": "critflow.design_names:edge_length"}
-    monkeypatch.setattr("critflow.quantity_names.quantities", lambda: declared)
+    monkeypatch.setattr("critflow.quantity_names.quantities", lambda: {"share[I-J]": f"{__name__}:share"})
     network = lattice("honeycomb", 2, 2)
-    with pytest.raises(ValueError, match="3-5:1:0"):  # this factory knows whole numbers alone
+    with pytest.raises(ValueError, match="3-5:1:0"):
         quantity(network, "share[3-5:1:0]")
-    with pytest.raises(InputError, match=r"did you mean 'share\[I-J\]'.*area\[FACE\], share\[I-J\], and modulus"):
+    with pytest.raises(InputError, match=r"did you mean 'share\[I-J\]'.*C_G, share\[I-J\], and modulus"):
         quantity(network, "shar[3-5]")

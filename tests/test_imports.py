@@ -33,7 +33,7 @@ ALLOWED = {
 # Modules that may import a solver package, guard it from other threads or, for the C library MKL, search the disk.
 SOLVERS = {
     "critflow.calls": {"contextlib", "sys", "threading", "threadpoolctl", "time"},
-    "critflow.sparse": {"qdldl", "threading"},
+    "critflow.sparse": {"qdldl"},
     "critflow.extensions": {"importlib", "pathlib", "tomllib"},
     "critflow.cones": {"clarabel"},
 }

@@ -13,7 +13,7 @@ import numpy as np
 import critflow as cf
 from critflow.engine import Claim, Coordinate, Study
 from critflow.engine.study import plural
-from critflow.equilibria import geometric_split
+from critflow.extras.hessian.splits import geometric_split
 from critflow.extras.weak.soft_spectrum import soft_spectrum
 from critflow.extras.weak.weak_equilibrium import weak_equilibrium
 from critflow.extras.weak.weak_modulus import WeakModulus

@@ -4,11 +4,20 @@ import numpy as np
 import pytest
 from problems import critical_of, partly_compressed, relaxed_directly, stiff_lattice
 
-from critflow import CriticalManifold, SolveError, Status, WormLike, critical_from_lengths, strain_path
-from critflow import paths as continuation
+from critflow import (
+    CriticalManifold,
+    SolveError,
+    Status,
+    WormLike,
+    critical_from_lengths,
+    lattice,
+    paths,
+    spring_state,
+    strain_path,
+)
 from critflow import voronoi_network as voronoi
 from critflow.deformation import deformation_of
-from critflow.paths import Predictor
+from critflow.paths import Path, Point
 
 
 def test_path_ends_with_the_range_of_its_law():
@@ -97,15 +106,15 @@ def test_the_velocity_at_a_transition_is_found_where_it_is_needed(measure):
 def test_no_strain_exceeds_its_budget(monkeypatch):
     # Steps beyond a fixed length fail, so that strides never grow.
     critical, steps = critical_of(voronoi(8, seed=1)), []
-    monkeypatch.setattr(continuation, "_MOST_STEPS", 50)
-    attempt = continuation.attempt
+    monkeypatch.setattr(paths, "_MOST_STEPS", 50)
+    step_to = Path.step_to
 
-    def short_ones(problem, point, strain):
-        steps.append(abs(strain - point.cell.strain))
-        step = attempt(problem, point, strain)
-        return step if steps[-1] < 2e-6 else step.failed(Status.unstable, "too far")
+    def short_ones(path, strain, change):
+        steps.append(abs(strain - path.points[-1].strain))
+        end = step_to(path, strain, change)
+        return end if steps[-1] < 2e-6 else end.refused(Status.unstable, "too far")
 
-    monkeypatch.setattr(continuation, "attempt", short_ones)
+    monkeypatch.setattr(Path, "step_to", short_ones)
     solution = strain_path(critical, [0.01, 0.02], throw=False)
     assert solution.status is Status.step_limit and "closer" in solution.note
     assert len(steps) <= 50
@@ -124,27 +133,36 @@ def test_slack_parts_do_not_shorten_the_steps():
     np.testing.assert_allclose(other.bulk_modulus[-1], path.bulk_modulus[-1], rtol=1e-9)
 
 
+def path_through(points):
+    """A path with these points (γ, z, dz/dγ), each predicted from those before it."""
+    network = lattice("square", 2, 2)
+    state = spring_state(network, np.ones(network.n_edges), network.positions)
+    deformation = deformation_of("dilation", 2)
+    path = Path(network, deformation, np.ones(1), state.pattern(), "newton", 1e-9, "energy", None)
+    for strain, z, velocity in points:
+        point = Point(strain, state, np.eye(2), z=z, velocity=velocity)
+        path.accept(point, path.predictions(strain) if path.points else np.zeros((1, len(z))))
+    return path
+
+
 @pytest.mark.parametrize("strains, degree", [([0.0, 1.0], 3), ([0.0, 0.3, 1.0], 5)])
 def test_a_path_is_extrapolated_to_the_order_of_its_points(strains, degree):
     """Hermite polynomials of two and three points with velocities are exact up to the third and the fifth power."""
 
-    def path(t):
+    def z(t):
         return np.array([t**degree, 1 - 2 * t**degree])
 
     def velocity(t):
         return degree * np.array([t ** (degree - 1), -2 * t ** (degree - 1)])
 
-    predictor = Predictor.at(0.0, path(0.0), velocity(0.0))
-    for t in strains[1:]:
-        predictor = predictor.extended(t, path(t), velocity(t), predictor.changes(t))
-    np.testing.assert_allclose(predictor.changes(1.7)[-1], path(1.7) - path(1.0), rtol=1e-11)
+    path = path_through([(t, z(t), velocity(t)) for t in strains])
+    np.testing.assert_allclose(path.predictions(1.7)[-1], z(1.7) - z(1.0), rtol=1e-11)
     # Far beyond the last step a straight line errs least.
-    np.testing.assert_allclose(predictor.changes(9.0)[0], 8.0 * velocity(1.0))
+    np.testing.assert_allclose(path.predictions(9.0)[0], 8.0 * velocity(1.0))
 
 
 def test_a_path_with_a_kink_is_extrapolated_from_two_points():
-    predictor = Predictor.at(0.0, np.zeros(1), np.ones(1))
-    for t in (1.0, 2.0, 3.0, 4.0):
-        predictor = predictor.extended(t, np.array([abs(t - 1.5)]), np.sign([t - 1.5]), predictor.changes(t))
+    points = [(t, np.array([abs(t - 1.5)]), np.sign([t - 1.5])) for t in (1.0, 2.0, 3.0, 4.0)]
+    path = path_through([(0.0, np.zeros(1), np.ones(1)), *points])
     # Two points after the kink lie on a line; three points across it do not.
-    np.testing.assert_allclose(predictor.chosen(predictor.changes(5.0)), [1.0])
+    np.testing.assert_allclose(path.predictions(5.0)[path.better], [1.0])

@@ -35,7 +35,6 @@ from critflow import (
 from critflow import voronoi_network as voronoi
 from critflow.deformation import DEFORMATIONS, deformation_of
 from critflow.manifold import critical_configuration
-from critflow.paths import PathSolver
 from critflow.springs import SpringState
 from critflow.taut_part import backbone
 from workflows.benchmarks import reference
@@ -69,7 +68,7 @@ def test_path_is_relaxed_at_every_strain(name):
 
 def test_fire_follows_the_same_path():
     critical = critical_of(with_random_stiffness(voronoi(20, seed=2), 1))
-    fire = strain_path(critical, [0.02, 0.04], solver=PathSolver("fire", 1e-13))
+    fire = strain_path(critical, [0.02, 0.04], method="fire", tolerance=1e-13)
     newton = strain_path(critical, [0.02, 0.04])
     assert fire.status is newton.status is Status.ok
     np.testing.assert_allclose(fire.value.bulk_modulus, newton.value.bulk_modulus, rtol=1e-8)
@@ -166,6 +165,19 @@ def test_modulus_and_stress_are_derivatives_of_the_relaxed_energy(deformation, s
         boundary = state.network.boundary_vectors @ F.gradient(strain).T
         np.testing.assert_allclose(one.network.boundary_vectors, boundary, rtol=0, atol=1e-14)
     assert not path.inserted.any() and path.steps.max() <= 4
+
+
+def test_a_path_of_energies_has_their_second_derivative():
+    network = with_random_stiffness(voronoi(24, seed=2), 1)
+    # The last stress is of affine motion, without any relaxation.
+    for sigma in (random_stress(network.n_edges, 4), network.stiffness):
+        critical = CriticalManifold(network).configuration(sigma)
+        exact = strain_path(critical, [0.01, 0.02]).value
+        for options in ({}, {"method": "fire", "tolerance": 1e-9}):
+            path = strain_path(critical, [0.01, 0.02], measure="energy", **options).value
+            bounds = path.modulus_error + exact.modulus_error
+            assert (np.abs(path.modulus - exact.modulus) <= bounds).all() and bounds.max() < 1e-6
+            assert np.isnan(path.bulk_modulus).all() and path.elasticity == ()
 
 
 def test_a_strain_that_loosens_is_floppy():

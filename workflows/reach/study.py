@@ -67,4 +67,5 @@ study = network_study(
     variables=(*support.table(), *poisson.table(), *surfaces.table()),
     figures={"reach": support.figure, "poisson": poisson.figure, "surfaces": surfaces.figure},
     claims=claims,
+    extras=("anisotropy",),
 )

@@ -7,7 +7,8 @@ from scipy.optimize import brentq
 
 import critflow as cf
 from critflow.engine import stable_rng
-from critflow.pruning import carrying_part
+from critflow.extras.anisotropy.tensors import voigt
+from critflow.extras.pruning.pruning import carrying_part
 from critflow.taut_part import backbone
 
 # Length of the stored curves.
@@ -210,7 +211,7 @@ def poisson(network):
     Infinite for networks that do not resist dilation, where it would be −1.
     """
     found = cf.elasticity(network, network.positions)
-    B, G = found.value.voigt
+    B, G = voigt(found.value)
     return (B - G) / (B + G) if found.ok and B > SOFT * G else np.inf
 
 

@@ -9,7 +9,6 @@ from critflow.deformation import deformation_of
 from critflow.elastic import elasticity_at_transition
 from critflow.growth import NO_STIFFENING
 from critflow.manifold import require_one_self_stress
-from critflow.paths import PathSolver
 from critflow.taut_edges import NO_STRESS
 from critflow.taut_part import backbone
 
@@ -92,7 +91,7 @@ def measured(manifold, found, parameters, wanted, undefined=1.0):
             values = (of_all.C_B, of_all.C_G, of_all.C_G_stress_corrected)
             result |= {name: sign * value * undefined for name, value in zip(names, values, strict=True)}
     if not wanted.isdisjoint((*_ALONG, *bounds(_OF_PATH))):
-        result |= _along_path(manifold, critical, parameters, undefined, deformation, side)
+        result |= _along_path(critical, parameters, undefined, deformation, side)
         result |= {f"{name}_fit_deviation": result[f"{name}_fit"] - result[name] for name in _EXACT if name in result}
     return result
 
@@ -154,7 +153,7 @@ def tightening(critical, deformation):
     return -1.0 if np.vdot(sigma[:, None] * L, L @ deformation.velocity(0.0).T) < 0 else 1.0
 
 
-def _along_path(manifold, critical, parameters, undefined, deformation, side):
+def _along_path(critical, parameters, undefined, deformation, side):
     """Moduli at strains of the tightening sign, and their growth with the distance |γ| from the transition."""
     strains = np.array(parameters["strains"])
     # The taut part alone, of which the coefficients are.
@@ -164,7 +163,6 @@ def _along_path(manifold, critical, parameters, undefined, deformation, side):
         deformation=deformation,
         taut_only=True,
         measure="moduli",
-        solver=PathSolver(pattern=manifold.hessian),
         throw=False,
     ).value
     result = {

@@ -12,50 +12,43 @@ from dataclasses import dataclass, replace
 from critflow.extras.cables.floppy import unstressed_part
 from critflow.extras.cables.slack import with_slack_placed
 from critflow.networks import Array
-from critflow.paths import Beginning, Cell, Correction, Interval, PathPoint, PathProblem, Tangent, Unknowns
+from critflow.paths import NONE_FREE, Path, Point
+from critflow.sparse import Factor
 from critflow.springs import SpringState
 
 
-@dataclass(frozen=True, eq=False)
-class Cables:
-    """The unknowns of a path of springs, for cables: `unknowns` of the vertices, or of a free cell too."""
+def cable_path(springs: type[Path]) -> type[Path]:
+    """The class of a path of cables, from that of springs, such as one in a free cell."""
+    return type(f"Cable{springs.__name__}", (CablePath, springs), {})
 
-    unknowns: Unknowns
 
-    def cell(self, strain: float, free: Array | None = None) -> Cell:
-        return self.unknowns.cell(strain, free)
+@dataclass(eq=False)
+class CablePath(Path):
+    """What cables change in a path of springs, of the vertices or of a free cell too."""
 
-    def point(self, state: SpringState, cell: Cell) -> Array:
-        return self.unknowns.point(state, cell)
+    @property
+    def largest_force(self) -> float:
+        return self.tolerance
 
-    def velocity(self, along: Tangent, cell: Cell) -> Array:
-        return self.unknowns.velocity(along, cell)
-
-    def rates(self, cell: Cell) -> tuple[Array, Array]:
-        return self.unknowns.rates(cell)
-
-    def predicted(
-        self, state: SpringState, here: Cell, strain: float, change: Array, stress: Array | None = None
-    ) -> tuple[SpringState, Cell]:
-        """The state after a change, with floppy vertices among slack cables placed where none of these is tight."""
-        start, cell = self.unknowns.predicted(state, here, strain, change, stress)
-        return with_slack_placed(start, state.sigma if stress is None else stress), cell
-
-    def corrected(self, start: SpringState, cell: Cell) -> Correction:
-        """The equilibrium from a prediction, from a second one where corrections do not converge on kinks."""
-        correction = self.unknowns.corrected(start, cell)
-        solution = correction.solution
-        # In a free cell a correction fails where no stress fixes the cell.
-        if solution.ok or len(cell.free):
-            return correction
-        placed = with_slack_placed(solution.value, solution.value.sigma)
-        if placed is solution.value:
-            return correction
-        again = self.unknowns.corrected(placed, cell)
-        steps = solution.stats.steps + again.solution.stats.steps
-        return again._replace(solution=replace(again.solution, stats=replace(again.solution.stats, steps=steps)))
-
-    def beginning(self, problem: PathProblem, first: Beginning, gamma: Array) -> tuple[list[Interval], PathPoint]:
+    def begin(self, springs: SpringState) -> list[Point]:
         """The strains below the onset of cables that are floppy at γ = 0, which have no stress, and the onset."""
-        floppy = unstressed_part(problem, first.springs, gamma) if first.stress is None else None
-        return self.unknowns.beginning(problem, first, gamma) if floppy is None else floppy
+        floppy = unstressed_part(self, springs) if self.stress is None else None
+        return super().begin(springs) if floppy is None else floppy
+
+    def moved(self, here: Point, strain: float, change: Array, free: Array = NONE_FREE) -> Point:
+        """The point after a change, with floppy vertices among slack cables placed where none of these is tight."""
+        start = super().moved(here, strain, change, free)
+        sigma = here.state.sigma if self.stress is None else self.stress
+        return replace(start, state=with_slack_placed(start.state, sigma))
+
+    def corrected(self, start: Point) -> tuple[Point, Factor | None]:
+        """The equilibrium from a prediction, from a second one where corrections do not converge on kinks."""
+        end, factor = super().corrected(start)
+        # In a free cell a correction fails where no stress fixes the cell.
+        if end.ok or len(end.free):
+            return end, factor
+        placed = with_slack_placed(end.state, end.state.sigma)
+        if placed is end.state:
+            return end, factor
+        again, factor = super().corrected(replace(start, state=placed))
+        return replace(again, steps=end.steps + again.steps), factor

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from critflow.deformation import Deformation
@@ -11,29 +13,15 @@ from critflow.extras.cables.onset_start import cables_at_onset
 from critflow.extras.cables.search import NotFloppy, floppy_start
 from critflow.linear_response import Elasticity, Errors
 from critflow.manifold import CriticalManifold
-from critflow.networks import Array
-from critflow.paths import (
-    BALANCED_START,
-    Attempt,
-    Interval,
-    PathPoint,
-    PathProblem,
-    Predictor,
-    Tangent,
-    balanced,
-    begin,
-    refused,
-)
+from critflow.paths import BALANCED_START, Path, Point, balanced
 from critflow.result import Status
 from critflow.springs import SpringState
 
 _AT_ONSET = "this strain lies between the bounds on the onset of rigidity: choose another"
 
 
-def unstressed_part(
-    problem: PathProblem, springs: SpringState, gamma: Array
-) -> tuple[list[Interval], PathPoint] | None:
-    """The strains γ (n,) of a path up to its onset, and the point from which it goes on; None without a floppy part.
+def unstressed_part(path: Path, springs: SpringState) -> list[Point] | None:
+    """The strains of a path up to its onset, and with that as its first point; None without a floppy part.
 
     Cables that are floppy at γ = 0 are so up to their onset (`critical_strain`), whatever coordinates are given.  A
     strain between the bounds on the onset is refused.
@@ -41,12 +29,12 @@ def unstressed_part(
     tense = springs.sigma.max() > BALANCED_START * springs.stiffness_scale
     if tense and balanced(springs):
         return None
-    unknowns, direction = problem.unknowns, 1 if gamma[-1] > 0 else -1
-    path, rest, cell = problem.deformation, springs.rest_lengths, unknowns.cell(0.0)
-    solution = critical_strain(problem.reference, rest, path, direction=direction, throw=False)
-    onset = solution.value
-    point = PathPoint(cell, springs, Predictor.at(0.0, unknowns.point(springs, cell)))
-    lower = upper = np.inf
+    gamma = path.strains
+    solution = critical_strain(
+        path.network, springs.rest_lengths, path.deformation, direction=1 if gamma[-1] > 0 else -1, throw=False
+    )
+    onset, lower, upper = solution.value, np.inf, np.inf
+    path.points = [path.point(0.0, springs)]
     if solution.status is not Status.floppy:
         if not all(onset.proven):
             return None
@@ -54,27 +42,25 @@ def unstressed_part(
         critical, law = onset.configuration, springs.law
         assert critical.rest_lengths is not None
         cables = cables_at_onset(critical, critical.rest_lengths, law)
-        point = begin(problem, cables.springs, cables.stress, unknowns.cell(onset.strain, onset.free)).point
-    reached = [_unstressed(problem, point, springs, strain) for strain in gamma if abs(strain) < lower]
+        path.points, path.stress = [path.point(onset.strain, cables.springs, onset.free)], cables.stress
+    reached = [_unstressed(path, springs, strain) for strain in gamma if abs(strain) < lower]
     if len(reached) < len(gamma) and abs(gamma[len(reached)]) <= upper:
-        reached.append(refused(point, gamma[len(reached)], Status.undecided, _AT_ONSET))
-    return reached, point
+        reached.append(path.refused(gamma[len(reached)], Status.undecided, _AT_ONSET))
+    return reached
 
 
-def _unstressed(problem: PathProblem, point: PathPoint, springs: SpringState, strain: float) -> Interval:
+def _unstressed(path: Path, springs: SpringState, strain: float) -> Point:
     """Cables below their onset: a configuration with all |L| < ℓ, without energy, stress or stiffness."""
-    here = problem.reference.deformed(problem.deformation.gradient(strain))
-    still = Deformation.linear(np.zeros((here.dimension,) * 2)).freeing(*problem.deformation.free)
-    found = floppy_start(BoundaryPath(CriticalManifold(here), still), springs.rest_lengths)
-    if isinstance(found, NotFloppy):
-        return refused(point, strain, Status.undecided, _AT_ONSET)
-    q, x = found
-    cell = problem.unknowns.cell(strain, q)
-    network = problem.reference.deformed(cell.gradient)
+    here = path.network.deformed(path.deformation.gradient(strain))
+    still = Deformation.linear(np.zeros((here.dimension,) * 2)).freeing(*path.deformation.free)
+    interior = floppy_start(BoundaryPath(CriticalManifold(here), still), springs.rest_lengths)
+    if isinstance(interior, NotFloppy):
+        return path.refused(strain, Status.undecided, _AT_ONSET)
+    q, x = interior
+    network = path.network.deformed(path.gradient(strain, q))
     L, d = network.free_incidence @ x + network.boundary_vectors, network.dimension
     state = SpringState(network, springs.rest_lengths, network.all_coordinates(x), L, springs.law)
     moduli, zero = None, np.zeros((d * (d + 1) // 2,) * 2)
-    if problem.has_moduli:
+    if path.has_moduli:
         moduli = Elasticity(zero, zero, np.zeros((d, d)), network.volume, Errors(zero, 0.0, 0.0, 0.0))
-    end = Attempt(cell, state, tangent=Tangent(np.zeros_like(x), np.zeros(len(q)), 0.0, 0.0), moduli=moduli)
-    return Interval(point, strain, end, ended=True)
+    return replace(path.point(strain, state, q), moduli=moduli, second=(0.0, 0.0))

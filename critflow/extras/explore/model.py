@@ -17,7 +17,6 @@ from critflow.manifold import CriticalManifold
 from critflow.networks import Array, IntArray, Network
 from critflow.optima import optimize
 from critflow.result import CritflowError, InputError
-from critflow.sparse import FixedPattern, block_laplacian
 
 OPTIMA = {"min_V_L": "V_L", "min_V_tau": "V_tau", "max_B_0": "B_0", "max_G_0": "G_0"}
 """The quantity of each population that is an optimum."""
@@ -64,11 +63,6 @@ class Model:
             return upper_bound(self.manifold, "B_0")
         except CritflowError:
             return np.nan
-
-    @cached_property
-    def pattern(self) -> FixedPattern:
-        """The pattern of the Hessian past the transition."""
-        return block_laplacian(self.network)
 
     @cached_property
     def dual(self) -> Dual | None:

@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from critflow.checks import floats, integers
-from critflow.digits import Digits, digits_of
 from critflow.engine.settings import stored_configuration
+from critflow.extras.pruning.digits import Digits, digits_of
 from critflow.result import EnvironmentFailure, InputError, Record
 
 Array = NDArray[np.float64]

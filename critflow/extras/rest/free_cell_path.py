@@ -7,74 +7,79 @@ derivatives by γ and each are S F''F⁻¹ S⁻¹ and E_m A S⁻¹.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from functools import cached_property
 
 import numpy as np
 
 from critflow.extras.rest.free_cell import FreeCellState, relaxed_with_cell, stretched
 from critflow.networks import Array
-from critflow.paths import FLOPPY, Cell, Correction, Tangent, Vertices, keeps_lengths, weakly_stressed
+from critflow.paths import FLOPPY, NONE_FREE, Path, Point, keeps_lengths, weakly_stressed
 from critflow.result import InputError, Status
+from critflow.sparse import Factor
 from critflow.springs import SpringState
 
 
-@dataclass(frozen=True, eq=False)
-class FreeCell(Vertices):
-    """The vertices and the free components q (m,) of the cell, by Newton's method; else an `InputError`."""
+@dataclass(eq=False)
+class FreeCellPath(Path):
+    """The path of the vertices and the free components q (m,) of the cell, by Newton's method; else an `InputError`."""
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         if self.method != "newton":
             raise InputError("free components of the cell need Newton's method: method='newton'")
+        self.free_strains = self.deformation.free_strains
 
-    @cached_property
-    def strains(self) -> Array:
-        """E, (m, d, d)."""
-        return self.deformation.free_strains
+    @property
+    def largest_force(self) -> float:
+        return self.tolerance
 
-    def cell(self, strain: float, free: Array | None = None) -> Cell:
-        """The cell (1 + Σ q E) F(γ)."""
-        q = np.zeros(len(self.strains)) if free is None else free
-        return Cell(strain, stretched(q, self.strains) @ self.gradient(strain), q)
+    def gradient(self, strain: float, free: Array = NONE_FREE) -> Array:
+        """(1 + Σ q E) F(γ), with q = 0 where it is not given."""
+        F = super().gradient(strain)
+        return stretched(free, self.free_strains) @ F if len(free) else F
 
-    def point(self, state: SpringState, cell: Cell) -> Array:
+    def point(self, strain: float, state: SpringState, free: Array = NONE_FREE) -> Point:
+        return super().point(strain, state, free if len(free) else np.zeros(len(self.free_strains)))
+
+    def unknowns(self, point: Point) -> Array:
         """(y, q), (n_free·d + m,)."""
-        return np.concatenate([super().point(state, cell), cell.free])
+        return np.concatenate([super().unknowns(point), point.free])
 
-    def velocity(self, along: Tangent, cell: Cell) -> Array:
+    def velocity(self, point: Point, relaxation: Array, along: Array) -> Array:
         """The rate of (y, q), (n_free·d + m,)."""
-        return np.concatenate([super().velocity(along, cell), along.free_rate])
+        return np.concatenate([super().velocity(point, relaxation, along), along[1:]])
 
-    def predicted(
-        self, state: SpringState, here: Cell, strain: float, change: Array, stress: Array | None = None
-    ) -> tuple[SpringState, Cell]:
-        """The state after a change of (y, q) and the affine motion to another cell; of y alone where q inverts it."""
+    def moved(self, here: Point, strain: float, change: Array, free: Array = NONE_FREE) -> Point:
+        """The point after a change of (y, q) and the affine motion to another cell; of y alone where q inverts it."""
         n, q = len(change) - len(here.free), here.free
-        moved = q + change[n:]
-        cell = self.cell(strain, moved if np.linalg.det(stretched(moved, self.strains)) > 0 else q)
-        return self.moved(state, here, cell, change[:n]), cell
+        free = q + change[n:]
+        inverted = not np.linalg.det(stretched(free, self.free_strains)) > 0
+        return super().moved(here, strain, change[:n], q if inverted else free)
 
-    def corrected(self, start: SpringState, cell: Cell) -> Correction:
+    def corrected(self, start: Point) -> tuple[Point, Factor | None]:
         """The equilibrium of vertices and cell; `Status.floppy` where springs keep their lengths in some cell."""
-        strain, F = cell.strain, self.gradient(cell.strain)
-        free = FreeCellState(start, cell.free, self.strains)
-        solution, factor, q = relaxed_with_cell(free, self.reference, F, self.pattern, self.tolerance)
-        cell = self.cell(strain, q)
+        strain, F = start.strain, super().gradient(start.strain)
+        state = FreeCellState(start.state, start.free, self.free_strains)
+        solution, factor, q = relaxed_with_cell(state, self.network, F, self.pattern, self.largest_force)
         # The energy of cables is convex: in a floppy cell smaller steps gain nothing.
-        retry_smaller = not (solution.status is Status.floppy and solution.value.unique)
-        if solution.status is Status.ill_conditioned and weakly_stressed(solution.value, strain):
+        final = solution.status is Status.floppy and solution.value.unique
+        end = replace(start.relaxed_to(solution, final), gradient=self.gradient(strain, q), free=q)
+        if end.status is Status.ill_conditioned and weakly_stressed(end.state, strain):
             # Nearly balanced stresses remain that the tolerance of the forces hides, though all lengths can be kept.
-            near = FreeCellState(solution.value, q, self.strains).near_rest(self.pattern)
+            near = FreeCellState(end.state, q, self.free_strains).near_rest(self.pattern)
             if keeps_lengths(near.springs, strain):
-                solution = replace(solution, status=Status.floppy, note=FLOPPY.format(strain))
-                retry_smaller = False
-        return Correction(solution, factor, cell, retry_smaller)
+                end = end.refused(Status.floppy, FLOPPY.format(strain), final=True)
+        return end, factor
 
-    def rates(self, cell: Cell) -> tuple[Array, Array]:
+    def rates(self, point: Point) -> tuple[Array, Array]:
         """Rates and second derivatives of the module, (1 + m, d, d)."""
-        back = np.linalg.inv(self.gradient(cell.strain))
-        velocity = self.deformation.rate(cell.strain) @ back
-        acceleration = self.deformation.second_rate(cell.strain) @ back
-        E, S = self.strains, stretched(cell.free, self.strains)
+        back = np.linalg.inv(super().gradient(point.strain))
+        velocity = self.deformation.rate(point.strain) @ back
+        acceleration = self.deformation.second_rate(point.strain) @ back
+        E, S = self.free_strains, stretched(point.free, self.free_strains)
         G = np.linalg.inv(S)
         rates = np.concatenate([(S @ velocity @ G)[None], E @ G])
         return rates, np.concatenate([(S @ acceleration @ G)[None], E @ velocity @ G])
+
+    def along(self, E: Array) -> Array:
+        """(1, q̇); free components that no stress resists do not follow."""
+        return np.concatenate([[1.0], -np.linalg.lstsq(E[1:, 1:], E[1:, 0], rcond=None)[0]])

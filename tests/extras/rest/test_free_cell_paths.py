@@ -21,7 +21,6 @@ from critflow import (
 from critflow import voronoi_network as voronoi
 from critflow.deformation import deformation_of
 from critflow.extras.rest.free_cell import stretched
-from critflow.paths import PathSolver
 
 
 @pytest.mark.parametrize("sign", [1, -1])
@@ -68,7 +67,7 @@ def test_the_path_back_returns_to_its_start():
 
 def test_fire_is_refused():
     with pytest.raises(InputError, match="Newton"):
-        strain_path(stiff_lattice(), [0.01], "uniaxial_free", solver=PathSolver("fire"))
+        strain_path(stiff_lattice(), [0.01], "uniaxial_free", method="fire")
 
 
 def test_free_cell_in_space_has_no_stress():

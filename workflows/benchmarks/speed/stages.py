@@ -20,7 +20,7 @@ from critflow import Network, Status, optimize, stiffening
 from critflow.elastic import elasticity
 from critflow.engine import stable_rng
 from critflow.manifold import CriticalConfiguration, CriticalManifold, critical_configuration
-from critflow.points import STANDARD_HARD_CORE, random_sequential_addition, voronoi_tessellation
+from critflow.points import STANDARD_HARD_CORE, random_sequential_addition, voronoi_network
 from critflow.quantities import LengthVariance
 
 from ..timing import Method, Timing, stopwatch
@@ -76,7 +76,7 @@ def measured(n_vertices: int, seed: int, least: float) -> list[Timing]:
     """Timings of every stage of one network."""
     stage, n_cells = _Stages(least), n_vertices // 2
     points = stage("points", _points, n_cells, seed)
-    network = stage("tessellation", voronoi_tessellation, points)
+    network = stage("tessellation", _tessellated, points)
     del points
     manifold = stage("analysis", _analysed, network)
     sigma = stable_rng(seed, "stress", str(n_vertices)).uniform(0.5, 1.5, network.n_edges)
@@ -100,6 +100,10 @@ def measured(n_vertices: int, seed: int, least: float) -> list[Timing]:
     exact, backend = stage("coefficients", _coefficients, network, best.value)
     stage.note(exact.stats.residual, backend, exact.status)
     return stage.timings
+
+
+def _tessellated(points: np.ndarray) -> Network:
+    return voronoi_network(points=points)
 
 
 def _points(n_cells: int, seed: int) -> np.ndarray:
@@ -126,4 +130,4 @@ def _optimum(manifold: CriticalManifold) -> Any:
 def _coefficients(network: Network, critical: CriticalConfiguration) -> tuple[Any, str]:
     """C_B and C_G from the analysis of their matrix on, and the solver behind."""
     manifold = CriticalManifold(network)
-    return stiffening(critical, throw=False), manifold.system(critical.sigma).pattern.backend
+    return stiffening(critical, throw=False), manifold.saddle.pattern.backend
