@@ -16,7 +16,7 @@ from critflow.workflow import Claim, Coordinate, Study, decimals, stable_rng
 
 from .shared.checks import voronoi_check
 from .shared.reports import PAPER
-from .shared.tables import NETWORK, networks, numbers, outcomes
+from .shared.tables import NETWORK, networks, numbers, of_network, outcomes
 from .shared.verification import contradictions, forces
 
 
@@ -44,9 +44,7 @@ def case(parameters, *, seed):
         wrong.append(np.count_nonzero(np.abs(nearest - solved.bond_vectors).max(axis=1) > 1e-9))
     return {
         "status": Status.ok,
-        "edges": network.edges,
-        "offsets": network.offsets,
-        "cell": network.cell,
+        **of_network(network),
         "boundary_vectors": network.boundary_vectors,
         "positions": network.positions,
         "sigma": critical.sigma,

@@ -16,16 +16,16 @@ from matplotlib.figure import Figure
 from critflow import Status, voronoi_network
 from critflow.paths import check_strains
 from critflow.pictures import draw_network, unit_pressure_tensions
-from critflow.points import check_voronoi
+from critflow.points import STANDARD_HARD_CORE
 from critflow.workflow import Axis, Coordinate, Study, decimals
 from critflow.workflow.study import plural
 
 from .paper.committed import committed_run
 from .paper.verdicts import claims_of
-from .shared.checks import check_deformation, check_fit, check_network, check_positive
+from .shared.checks import check_deformation, check_fit, check_positive
 from .shared.figures import violins
 from .shared.measurements import DRAWN, identified, measured, table, verify
-from .shared.own_network import check_own, own_manifold, own_network, with_digest
+from .shared.own_network import check_planar, with_digest
 from .shared.population_reports import of, percolation_measurements, population_measurements, summary
 from .shared.populations import (
     LABELS,
@@ -33,21 +33,19 @@ from .shared.populations import (
     PAPER_POPULATIONS,
     POPULATION_LABELS,
     POPULATIONS,
-    SPREADS,
+    SETTINGS,
     configuration,
     prepared,
 )
 from .shared.reports import PAPER, parameters
 from .shared.structure import face_anisotropy, force_anisotropy
+from .shared.tables import networks
 
 
 def case(parameters, *, seed, population, wanted):
     """A critical configuration, its structure, and its moduli at the transition and along the strain path."""
     own = parameters.get("network", "")
-    if own:
-        manifold = own_manifold(own)
-    else:
-        manifold = prepared(voronoi_network, parameters["n_vertices"], seed, parameters["hard_core"])
+    manifold = prepared(voronoi_network, parameters["n_vertices"], seed, parameters["hard_core"], own)
     found = configuration(manifold, parameters, seed, population, random_start=bool(own and seed))
     if not np.isfinite(found.value.coordinates).all():
         return identified(manifold.network, found)
@@ -67,10 +65,7 @@ def check(parameters, axes):
     check_positive(parameters, "threshold", "spread", "hard_core", "fit_window", "fit_degree")
     check_fit(parameters)
     check_deformation(parameters["deformation"])
-    if network := own_network(parameters):
-        check_own(network)
-    else:
-        check_network(check_voronoi, parameters["n_vertices"], parameters["hard_core"])
+    check_planar(parameters)
 
 
 STRUCTURE = {
@@ -214,7 +209,7 @@ def _random_note(ds):
         "random_lengths": "as recorded by the protocol of the paper in its box",
         "random_lengths_transition": "at the transition",
     }
-    given = [p for p in SPREADS if p in ds.population]
+    given = [p for p in states if p in ds.population]
     stressed = {p: 100 * float(ds.stressed_fraction.sel(population=p).mean()) for p in given}
     listed = "; ".join(f"{LABELS[p]}: {states[p]}, {stressed[p]:.3g} % of the edges stressed" for p in given)
     return f"Random rest lengths have spread $s$ = {parameters(ds)['spread']:g}. {listed}." if given else ""
@@ -242,14 +237,13 @@ study = Study(
     references=PAPER,
     committed=committed_run("ensemble"),
     axes=(
-        Axis("seed", range(100), "seed of the network", noun="network"),
-        Axis("population", POPULATIONS, MEANING, labels=POPULATION_LABELS),
+        networks(100),
+        Axis("population", tuple(POPULATIONS), MEANING, labels=POPULATION_LABELS),
     ),
     parameters={
         "n_vertices": 1000,
-        "hard_core": 0.82,
-        "threshold": 0.1,
-        "spread": 0.3,
+        "hard_core": STANDARD_HARD_CORE,
+        **SETTINGS,
         "strains": decimals("0.001:0.010:0.001"),
         "fit_window": 0.01,
         "fit_degree": 1,

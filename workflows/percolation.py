@@ -31,7 +31,7 @@ from .shared.power_laws import shown
 from .shared.reports import PAPER, parameters, series
 from .shared.strain_protocol import critical_by_strain, critical_in_printed_box
 from .shared.structure import face_anisotropy, force_anisotropy, relative_variance
-from .shared.tables import bounded, numbers, outcomes
+from .shared.tables import bounded, networks, numbers, outcomes
 
 STATES = {
     "transition": "at the transition, either box",
@@ -330,7 +330,7 @@ study = Study(
     title="Random rest lengths against their spread, by box, state and size of the network",
     references=PAPER,
     axes=(
-        Axis("seed", range(80), "seed of the network", noun="network"),
+        networks(80),
         Axis("n_vertices", (50, 100, 200, 400, 1000), "number of vertices", key="n_vertices"),
     ),
     parameters={

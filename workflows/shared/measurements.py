@@ -14,7 +14,7 @@ from critflow.taut_part import backbone
 
 from .reports import parameters as parameters_of
 from .structure import relative_variance
-from .tables import NETWORK, numbers, outcomes, validity
+from .tables import NETWORK, numbers, of_network, outcomes, validity
 from .verification import balance_error, bond_vectors, contradictions, forces
 from .verification import configuration as configuration_checks
 
@@ -45,13 +45,7 @@ def bounds(names):
 
 def identified(network, found):
     """The network, the status and whether it is a sound one: all that is stored where no configuration was found."""
-    return {
-        "edges": network.edges,
-        "offsets": network.offsets,
-        "cell": network.cell,
-        "status": found.status,
-        "valid": int(found.status in SOUND),
-    }
+    return {**of_network(network), "status": found.status, "valid": int(found.status in SOUND)}
 
 
 def measured(manifold, found, parameters, wanted, undefined=1.0):
