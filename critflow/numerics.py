@@ -100,3 +100,12 @@ def product(matrix: sp.csr_array | sp.csc_matrix, x: Array) -> Array:
     y = np.zeros((matrix.shape[0], *x.shape[1:]))
     KERNELS[matrix.format][x.ndim - 1](len(y), *x.shape, matrix.indptr, matrix.indices, matrix.data, x, y)
     return y
+
+
+def symmetric_product(upper: sp.csc_matrix, x: Array) -> Array:
+    """A x of the symmetric A with this upper triangle, x (n,) or (n, d) of floats; the diagonal ends each column."""
+    above, below = np.zeros(x.shape), np.zeros(x.shape)
+    # The rows of the transpose are the columns.
+    for kind, y in (("csc", above), ("csr", below)):
+        KERNELS[kind][x.ndim - 1](len(y), *x.shape, upper.indptr, upper.indices, upper.data, x, y)
+    return above + below - (upper.data[upper.indptr[1:] - 1] * x.T).T

@@ -21,7 +21,6 @@ Lengths in given ratios are the same problem on the path F = (1 + s) 1, whose st
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -36,14 +35,14 @@ from critflow.result import InputError, NetworkError
 from critflow.saddles import Saddle, SaddleFactor
 from critflow.taut_part import connected_parts
 
-# The boundary of a network that moves with the unknowns of Newton's method: b → F(s, q) b.
-#
-# The strain s is one unknown; an extra may add free components q of the cell.  Derivatives are by (q, s), the strain
-# last.  Lengths in given ratios need the strain alone, F = (1 + s) 1, a common factor of all lengths.
 
+@dataclass(frozen=True, eq=False)
+class Boundary:
+    """The boundary of one network that moves with the unknowns of Newton's method: b → F(s, q) b.
 
-class Boundary(ABC):
-    """F(s, q) of one network."""
+    The strain s is one unknown.  Here it is a common factor of all lengths, F = (1 + s) 1; other paths, and free
+    components q of the cell, override `gradient` and `rates`.  Derivatives are by (q, s), the strain last.
+    """
 
     manifold: CriticalManifold
 
@@ -56,13 +55,16 @@ class Boundary(ABC):
         """Indices of the components of q that the balance of forces determines."""
         return np.zeros(0, np.int64)
 
-    @abstractmethod
     def gradient(self, s: float, q: Array) -> Array:
         """F(s, q), (d, d); raises `InputError` where det F ≤ 0."""
+        F = (1 + s) * np.eye(self.network.dimension)
+        if not (np.isfinite(s) and np.linalg.det(F) > 0):
+            raise InputError(f"a strain of {s:g} inverts or flattens the cell")
+        return F
 
-    @abstractmethod
     def rates(self, s: float, q: Array) -> Array:
         """Derivatives of F(s, q) by (q, s), (n_q + 1, d, d)."""
+        return np.eye(self.network.dimension)[None]
 
     def velocities(self, s: float, q: Array) -> Array:
         """A_k = (∂F/∂y_k) F⁻¹ of the determined components of q, and of the strain last, (k, d, d)."""
@@ -82,22 +84,6 @@ class Boundary(ABC):
     def bond_vectors(self, s: float, q: Array, x: Array) -> Array:
         """L = F(s, q) b + g x, (N_b, d), for coordinates x (n_free, d)."""
         return self.boundary_vectors(self.gradient(s, q)) + self.network.free_incidence @ x
-
-
-@dataclass(frozen=True, eq=False)
-class Expansion(Boundary):
-    """F = (1 + s) 1, without free components."""
-
-    manifold: CriticalManifold
-
-    def gradient(self, s: float, q: Array) -> Array:
-        F = (1 + s) * np.eye(self.network.dimension)
-        if not (np.isfinite(s) and np.linalg.det(F) > 0):
-            raise InputError(f"a strain of {s:g} inverts or flattens the cell")
-        return F
-
-    def rates(self, s: float, q: Array) -> Array:
-        return np.eye(self.network.dimension)[None]
 
 
 FITTED = 1e-9  # relative error of the lengths of a solution of Newton's method; short edges limit it by rounding
@@ -142,25 +128,30 @@ def newton_taut(path: Boundary, lengths: Array, start: OnsetState, damping: floa
         part = taut_part(path, start.taut)
     if part is None:
         return None
-    misses = 0
-    best = state = replace(start, sigma=np.where(start.taut, start.sigma, 0.0), error=np.inf, part=part, factor=None)
+    factor, factor_error, misses = None, start.factor_error, 0
+    best = state = replace(start, sigma=np.where(start.taut, start.sigma, 0.0), error=np.inf, part=part)
     for _ in range(ONSET_STEPS):
         try:
-            residuals = part.residuals(path, lengths, state)
+            at = part.residuals(path, lengths, state)
         except InputError:
             break
-        misses = 0 if residuals.error < 0.5 * best.error else misses + 1
-        state = replace(state, error=residuals.error)
+        misses = 0 if at.error < 0.5 * best.error else misses + 1
+        state = replace(state, error=at.error)
         # Of two iterates whose residuals are rounding the later is closer.
-        if residuals.error < 2 * best.error:
+        if at.error < 2 * best.error:
             best = state
-        if misses > (best.error > FITTED) or not np.isfinite(residuals.error):
+        if misses > (best.error > FITTED) or not np.isfinite(at.error):
             break
         try:
-            state = part.step(path, state, residuals, damping)
+            # The factor of an earlier state leaves the product of the errors of both states.
+            if factor is None or damping or not factor_error * at.error < EPS:
+                factor_error = at.error
+                factor = part.saddle.factorize(state.sigma[part.taut], at.L, damping or REGULARISATION)
+            change = part.change(path, state, at, factor, at.elongation, 1 if damping else MOST_REFINEMENTS)
+            state = part.moved(path, state, change)
         except (InputError, np.linalg.LinAlgError):
             break
-    return replace(best, steps=state.steps, factor=state.factor, factor_error=state.factor_error)
+    return replace(best, steps=state.steps, factor=factor, factor_error=factor_error)
 
 
 @dataclass(frozen=True, eq=False)
@@ -202,14 +193,6 @@ class TautPart:
             )
         return Residuals(velocities, L, force, target - h, changes, error if np.isfinite(error) else np.inf)
 
-    def step(self, path: Boundary, state: OnsetState, at: Residuals, damping: float) -> OnsetState:
-        """One step of Newton's method."""
-        factor, error = state.factor, state.factor_error
-        if factor is None or damping or not error * at.error < EPS:
-            factor, error = self.saddle.factorize(state.sigma[self.taut], at.L, damping or REGULARISATION), at.error
-        change = self.change(path, state, at, factor, at.elongation, 1 if damping else MOST_REFINEMENTS)
-        return replace(self.moved(path, state, change), factor=factor, factor_error=error)
-
     def change(
         self,
         path: Boundary,
@@ -243,7 +226,7 @@ class TautPart:
 
 
 def taut_part(path: Boundary, taut: Mask) -> TautPart | None:
-    """The taut edges as a network; None where they cannot be in balance."""
+    """The taut edges as a network with a fixed vertex in each component; None where they cannot be in balance."""
     network = path.network
     components = [] if taut.all() else connected_parts(network, taut)
     try:
@@ -252,27 +235,23 @@ def taut_part(path: Boundary, taut: Mask) -> TautPart | None:
         elif len(components) == 1:
             part, vertices = network.part(taut)
         else:
-            part, vertices = _grounded(network, taut, components)
+            # Each component has a pin, whose position is not used.
+            edges, fixed = network.edges[taut], set(network.pins)
+            for component in components:
+                ends = network.edges[component]
+                if fixed.isdisjoint(ends.ravel().tolist()):
+                    fixed.add(int(ends.min()))
+            vertices = np.unique(edges)
+            pinned = np.flatnonzero(np.isin(vertices, list(fixed)))
+            pins = {int(i): np.zeros(network.dimension) for i in pinned}
+            index = np.searchsorted(vertices, edges)
+            part = Network(index, network.offsets[taut], network.cell, pins=pins, n_vertices=len(vertices))
     except NetworkError:
         return None
     row = np.full(network.n_vertices, -1)
     row[network.free] = np.arange(len(network.free))
     saddle = path.manifold.saddle if part is network else Saddle(part)
     return TautPart(part, saddle, taut, vertices, row[vertices[part.free]], len(components) > 1)
-
-
-def _grounded(network: Network, taut: Mask, components: list[Mask]) -> tuple[Network, IntArray]:
-    """The taut edges as a network with a pin in each component, and its vertices; positions of pins are not used."""
-    edges, fixed = network.edges[taut], set(network.pins)
-    for component in components:
-        ends = network.edges[component]
-        if fixed.isdisjoint(ends.ravel().tolist()):
-            fixed.add(int(ends.min()))
-    vertices = np.unique(edges)
-    pinned = np.flatnonzero(np.isin(vertices, list(fixed)))
-    pins = {int(i): np.zeros(network.dimension) for i in pinned}
-    index = np.searchsorted(vertices, edges)
-    return Network(index, network.offsets[taut], network.cell, pins=pins, n_vertices=len(vertices)), vertices
 
 
 def unknown_configuration(network: Network) -> CriticalConfiguration:
