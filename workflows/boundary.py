@@ -123,14 +123,10 @@ def boundary_figure(ds):
     return figure
 
 
-def _crosses(one):
-    return one.offsets.values.any(axis=1)
-
-
 def _draw_copies(axes, one, cell, positions):
     tail = positions[one.edges.values[:, 0]]
     head = positions[one.edges.values[:, 1]] + one.offsets.values @ cell
-    segments, crosses = np.stack([tail, head], axis=1), _crosses(one)
+    segments, crosses = np.stack([tail, head], axis=1), one.offsets.values.any(axis=1)
     for image in product((-2, -1, 0, 1, 2), repeat=2):
         here = image == (0, 0)
         width, order = (2.4, 3) if here else (1.3, 2)

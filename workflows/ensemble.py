@@ -20,8 +20,7 @@ from critflow.paths import check_strains
 from critflow.pictures import draw_network, unit_pressure_tensions
 from critflow.points import STANDARD_HARD_CORE
 
-from .paper.committed import committed_run
-from .paper.verdicts import claims_of
+from .paper.verdicts import claims_of, committed_run
 from .shared.checks import check_deformation, check_fit, check_positive
 from .shared.figures import violins
 from .shared.measurements import DRAWN, identified, measured, table, verify
@@ -101,9 +100,10 @@ def structure_figure(ds):
 
 def response_figure(ds):
     """`ResponseMetrics`: moduli at the transition and how they grow past it."""
-    note = (
-        f"Red lines: no change with strain{_deformation_note(ds)}. Undefined: edges shrink to zero length. {_DRAWINGS}"
-    )
+    deformation = parameters(ds).get("deformation", "dilation")
+    # The paper has dilations.
+    other = "" if deformation == "dilation" else f" of the {deformation.replace('_', ' ')}"
+    note = f"Red lines: no change with strain{other}. Undefined: edges shrink to zero length. {_DRAWINGS}"
     return _panels(
         ds,
         RESPONSE,
@@ -120,6 +120,7 @@ def _panels(ds, names, title, note):
     size = (12.5, 4.3 * 2 + 0.45 + low)
     figure = Figure(figsize=size, dpi=150)
     figure.suptitle(title, fontsize=13, y=1 - 0.1 / size[1], va="top")
+    of_populations = [LABELS[str(p)].replace("random ", "random\n").replace(", ", "\n") for p in ds.population.values]
     for n, ((name, label), letter) in enumerate(zip(names.items(), "ABCD", strict=True)):
         left, bottom = 6.25 * (n % 2), low + 4.3 * (1 - n // 2)
         axes = _axes(figure, left + 0.72, bottom + 0.5, 4.1, 3.55)
@@ -127,7 +128,7 @@ def _panels(ds, names, title, note):
             axes.axhline(0.0, color="#C00000", linewidth=1.0, zorder=0)
         values = ds[name].transpose("population", "seed")
         drawn = np.maximum(values.values, LEAST_DRAWN.get(name, -np.inf))
-        violins(axes, list(drawn), _names(ds), log=name in LEAST_DRAWN)
+        violins(axes, list(drawn), of_populations, log=name in LEAST_DRAWN)
         axes.set_ylabel(label, fontsize=10)
         axes.set_title(letter, loc="left", fontweight="bold", fontsize=12, y=1.0)
         for row, (one, caption) in enumerate(_examples(ds, values)):
@@ -167,12 +168,6 @@ def _tensions(one):
     return unit_pressure_tensions(one.sigma.values, one.length.values, float(abs(np.linalg.det(one.cell.values))))
 
 
-def _deformation_note(ds):
-    """The deformation where it is not the dilation of the paper."""
-    name = parameters(ds).get("deformation", "dilation")
-    return "" if name == "dilation" else f" of the {name.replace('_', ' ')}"
-
-
 def gallery(ds):
     """`Networks`: the first network in every population on one scale of the tension, and its bar in the last place."""
     shown = [one for p in ds.population.values if np.isfinite((one := ds.isel(seed=0).sel(population=p)).sigma).all()]
@@ -196,11 +191,6 @@ def gallery(ds):
 
 
 _NUMBERS = {1: "one", 2: "two", 3: "three", 4: "four", 5: "five", 6: "six", 7: "seven"}
-
-
-def _names(ds):
-    names = (LABELS[str(population)] for population in ds.population.values)
-    return [name.replace("random ", "random\n").replace(", ", "\n") for name in names]
 
 
 def _random_note(ds):
@@ -256,7 +246,7 @@ study = Study(
     case=case,
     check=check,
     complete=with_digest,
-    variables=tuple(table(planar=True)),
+    variables=table(planar=True),
     figures={"gallery": gallery, "structure": structure_figure, "response": response_figure},
     needs={
         "gallery": (*DRAWN, "B_0"),

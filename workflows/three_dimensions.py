@@ -162,7 +162,7 @@ study = Study(
     coordinates=(Coordinate("strain", "strains", "volumetric strain past the transition"),),
     case=case,
     check=check,
-    variables=tuple(table(planar=False)),
+    variables=table(planar=False),
     figures={"response": response_figure},
     needs={
         "response": tuple(PANELS),

@@ -19,9 +19,8 @@ from critflow.extras.weak.weak_equilibrium import weak_equilibrium
 from critflow.extras.weak.weak_modulus import WeakModulus
 from critflow.quantities import transition_modulus
 
-from .paper.committed import committed_run
 from .paper.statements import Measurement
-from .paper.verdicts import claims_of
+from .paper.verdicts import claims_of, committed_run
 from .shared.checks import voronoi_check
 from .shared.figures import counted, legend_below, lettered, panels
 from .shared.populations import LABELS, NAMES, NARROW, PAPER_POPULATIONS, configuration

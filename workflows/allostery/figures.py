@@ -8,7 +8,7 @@ from critflow.pictures import periodic_segments
 
 from ..shared.figures import counted, legend_below, lettered, panels
 from ..shared.populations import LABELS, NARROW, PAPER_POPULATIONS
-from ..shared.reports import parameters, series
+from ..shared.reports import half_point, parameters, series
 from .measurements import BINS, KINDS, LIMITED, N_SOURCES, NOISES, REACHED, STRESSES, STYLES
 
 LOST = 0.1  # error of a response that is lost
@@ -25,11 +25,7 @@ def thresholds(ds):
     part, fractions = success(ds), np.array(parameters(ds)["fractions"])
     found = np.full((part.shape[0], len(KINDS)), np.nan)
     for s, k in np.ndindex(*found.shape):
-        curve = np.minimum.accumulate(part[s, :, k])
-        if curve[0] >= 0.5 > curve[-1]:
-            n = int(np.argmax(curve < 0.5))
-            share = (curve[n - 1] - 0.5) / (curve[n - 1] - curve[n])
-            found[s, k] = fractions[n - 1] + share * (fractions[n] - fractions[n - 1])
+        found[s, k] = half_point(fractions, np.minimum.accumulate(part[s, :, k]))
     return found
 
 

@@ -21,13 +21,12 @@ from critflow.points import STANDARD_HARD_CORE
 from critflow.quantity_names import flat_directions
 from critflow.result import StudyError
 
-from ..paper.committed import committed_run
+from ..paper.verdicts import committed_run
 from ..shared import populations
 from ..shared.checks import check_positive
-from ..shared.measurements import moduli_with_bounds, stressed_fraction
+from ..shared.measurements import moduli_with_bounds, of_configuration
 from ..shared.own_network import check_planar, with_digest
 from ..shared.reports import PAPER
-from ..shared.structure import relative_variance
 from ..shared.tables import NETWORK, bounded, networks, numbers, of_network, outcomes
 from .report import PANELS, claims, gallery, verify
 
@@ -109,24 +108,17 @@ def case(parameters, *, seed, panel):
         flat = (zero.n_flat, *zero.gap)
     return {
         **shared,
-        "sigma": critical.sigma,
+        **of_configuration(critical),
         "tension": critical.tensions / pressure(critical),
-        "length": critical.lengths,
-        "position": critical.coordinates,
-        "position_error_bound": critical.error_bound,
         "amplitude": amplitudes,
-        "V_L": relative_variance(critical.lengths),
-        "V_tau": relative_variance(critical.tensions),
         "B_0": bulk,
         "B_0_error_bound": bulk_error,
         "B_0_affine": affine_bulk_modulus(critical),
         "G_0": shear,
         "G_0_error_bound": shear_error,
-        "stressed_fraction": stressed_fraction(critical.sigma),
         "flat_directions": float(flat[0]),
         "flat_largest": flat[1],
         "curved_smallest": flat[2],
-        "residual": critical.residual,
         "iterations": found.stats.steps,
     }
 

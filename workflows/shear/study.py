@@ -24,7 +24,7 @@ from critflow.points import STANDARD_HARD_CORE, check_voronoi
 from critflow.quantities import pure_shear, transition_modulus
 from critflow.result import Status, StudyError
 
-from ..paper.committed import committed_run
+from ..paper.verdicts import committed_run
 from ..shared.checks import check_network
 from ..shared.populations import MEANING, POPULATIONS, SETTINGS, configuration, prepared
 from ..shared.reports import PAPER
