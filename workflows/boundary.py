@@ -16,7 +16,7 @@ from critflow.pictures import COLOURS
 
 from .shared.checks import voronoi_check
 from .shared.reports import PAPER
-from .shared.tables import NETWORK, networks, numbers, outcomes
+from .shared.tables import NETWORK, networks, numbers, of_network, outcomes
 from .shared.verification import contradictions, forces
 
 
@@ -44,9 +44,7 @@ def case(parameters, *, seed):
         wrong.append(np.count_nonzero(np.abs(nearest - solved.bond_vectors).max(axis=1) > 1e-9))
     return {
         "status": Status.ok,
-        "edges": network.edges,
-        "offsets": network.offsets,
-        "cell": network.cell,
+        **of_network(network),
         "boundary_vectors": network.boundary_vectors,
         "positions": network.positions,
         "sigma": critical.sigma,
@@ -125,14 +123,10 @@ def boundary_figure(ds):
     return figure
 
 
-def _crosses(one):
-    return one.offsets.values.any(axis=1)
-
-
 def _draw_copies(axes, one, cell, positions):
     tail = positions[one.edges.values[:, 0]]
     head = positions[one.edges.values[:, 1]] + one.offsets.values @ cell
-    segments, crosses = np.stack([tail, head], axis=1), _crosses(one)
+    segments, crosses = np.stack([tail, head], axis=1), one.offsets.values.any(axis=1)
     for image in product((-2, -1, 0, 1, 2), repeat=2):
         here = image == (0, 0)
         width, order = (2.4, 3) if here else (1.3, 2)

@@ -18,14 +18,13 @@ from critflow.engine import Axis, Coordinate, Study, decimals
 from critflow.engine.study import plural
 from critflow.paths import check_strains
 from critflow.pictures import draw_network, unit_pressure_tensions
-from critflow.points import check_voronoi
+from critflow.points import STANDARD_HARD_CORE
 
-from .paper.committed import committed_run
-from .paper.verdicts import claims_of
-from .shared.checks import check_deformation, check_fit, check_network, check_positive
+from .paper.verdicts import claims_of, committed_run
+from .shared.checks import check_deformation, check_fit, check_positive
 from .shared.figures import violins
 from .shared.measurements import DRAWN, identified, measured, table, verify
-from .shared.own_network import check_own, own_manifold, own_network, with_digest
+from .shared.own_network import check_planar, with_digest
 from .shared.population_reports import of, percolation_measurements, population_measurements, summary
 from .shared.populations import (
     LABELS,
@@ -33,21 +32,19 @@ from .shared.populations import (
     PAPER_POPULATIONS,
     POPULATION_LABELS,
     POPULATIONS,
-    SPREADS,
+    SETTINGS,
     configuration,
     prepared,
 )
 from .shared.reports import PAPER, parameters
 from .shared.structure import face_anisotropy, force_anisotropy
+from .shared.tables import networks
 
 
 def case(parameters, *, seed, population, wanted):
     """A critical configuration, its structure, and its moduli at the transition and along the strain path."""
     own = parameters.get("network", "")
-    if own:
-        manifold = own_manifold(own)
-    else:
-        manifold = prepared(voronoi_network, parameters["n_vertices"], seed, parameters["hard_core"])
+    manifold = prepared(voronoi_network, parameters["n_vertices"], seed, parameters["hard_core"], own)
     found = configuration(manifold, parameters, seed, population, random_start=bool(own and seed))
     if not np.isfinite(found.value.coordinates).all():
         return identified(manifold.network, found)
@@ -67,10 +64,7 @@ def check(parameters, axes):
     check_positive(parameters, "threshold", "spread", "hard_core", "fit_window", "fit_degree")
     check_fit(parameters)
     check_deformation(parameters["deformation"])
-    if network := own_network(parameters):
-        check_own(network)
-    else:
-        check_network(check_voronoi, parameters["n_vertices"], parameters["hard_core"])
+    check_planar(parameters)
 
 
 STRUCTURE = {
@@ -106,9 +100,10 @@ def structure_figure(ds):
 
 def response_figure(ds):
     """`ResponseMetrics`: moduli at the transition and how they grow past it."""
-    note = (
-        f"Red lines: no change with strain{_deformation_note(ds)}. Undefined: edges shrink to zero length. {_DRAWINGS}"
-    )
+    deformation = parameters(ds).get("deformation", "dilation")
+    # The paper has dilations.
+    other = "" if deformation == "dilation" else f" of the {deformation.replace('_', ' ')}"
+    note = f"Red lines: no change with strain{other}. Undefined: edges shrink to zero length. {_DRAWINGS}"
     return _panels(
         ds,
         RESPONSE,
@@ -125,6 +120,7 @@ def _panels(ds, names, title, note):
     size = (12.5, 4.3 * 2 + 0.45 + low)
     figure = Figure(figsize=size, dpi=150)
     figure.suptitle(title, fontsize=13, y=1 - 0.1 / size[1], va="top")
+    of_populations = [LABELS[str(p)].replace("random ", "random\n").replace(", ", "\n") for p in ds.population.values]
     for n, ((name, label), letter) in enumerate(zip(names.items(), "ABCD", strict=True)):
         left, bottom = 6.25 * (n % 2), low + 4.3 * (1 - n // 2)
         axes = _axes(figure, left + 0.72, bottom + 0.5, 4.1, 3.55)
@@ -132,7 +128,7 @@ def _panels(ds, names, title, note):
             axes.axhline(0.0, color="#C00000", linewidth=1.0, zorder=0)
         values = ds[name].transpose("population", "seed")
         drawn = np.maximum(values.values, LEAST_DRAWN.get(name, -np.inf))
-        violins(axes, list(drawn), _names(ds), log=name in LEAST_DRAWN)
+        violins(axes, list(drawn), of_populations, log=name in LEAST_DRAWN)
         axes.set_ylabel(label, fontsize=10)
         axes.set_title(letter, loc="left", fontweight="bold", fontsize=12, y=1.0)
         for row, (one, caption) in enumerate(_examples(ds, values)):
@@ -172,12 +168,6 @@ def _tensions(one):
     return unit_pressure_tensions(one.sigma.values, one.length.values, float(abs(np.linalg.det(one.cell.values))))
 
 
-def _deformation_note(ds):
-    """The deformation where it is not the dilation of the paper."""
-    name = parameters(ds).get("deformation", "dilation")
-    return "" if name == "dilation" else f" of the {name.replace('_', ' ')}"
-
-
 def gallery(ds):
     """`Networks`: the first network in every population on one scale of the tension, and its bar in the last place."""
     shown = [one for p in ds.population.values if np.isfinite((one := ds.isel(seed=0).sel(population=p)).sigma).all()]
@@ -203,18 +193,13 @@ def gallery(ds):
 _NUMBERS = {1: "one", 2: "two", 3: "three", 4: "four", 5: "five", 6: "six", 7: "seven"}
 
 
-def _names(ds):
-    names = (LABELS[str(population)] for population in ds.population.values)
-    return [name.replace("random ", "random\n").replace(", ", "\n") for name in names]
-
-
 def _random_note(ds):
     """The spread of the random rest lengths, their two states, and the edges that are stressed in each."""
     states = {
         "random_lengths": "as recorded by the protocol of the paper in its box",
         "random_lengths_transition": "at the transition",
     }
-    given = [p for p in SPREADS if p in ds.population]
+    given = [p for p in states if p in ds.population]
     stressed = {p: 100 * float(ds.stressed_fraction.sel(population=p).mean()) for p in given}
     listed = "; ".join(f"{LABELS[p]}: {states[p]}, {stressed[p]:.3g} % of the edges stressed" for p in given)
     return f"Random rest lengths have spread $s$ = {parameters(ds)['spread']:g}. {listed}." if given else ""
@@ -242,14 +227,13 @@ study = Study(
     references=PAPER,
     committed=committed_run("ensemble"),
     axes=(
-        Axis("seed", range(100), "seed of the network", noun="network"),
-        Axis("population", POPULATIONS, MEANING, labels=POPULATION_LABELS),
+        networks(100),
+        Axis("population", tuple(POPULATIONS), MEANING, labels=POPULATION_LABELS),
     ),
     parameters={
         "n_vertices": 1000,
-        "hard_core": 0.82,
-        "threshold": 0.1,
-        "spread": 0.3,
+        "hard_core": STANDARD_HARD_CORE,
+        **SETTINGS,
         "strains": decimals("0.001:0.010:0.001"),
         "fit_window": 0.01,
         "fit_degree": 1,
@@ -262,7 +246,7 @@ study = Study(
     case=case,
     check=check,
     complete=with_digest,
-    variables=tuple(table(planar=True)),
+    variables=table(planar=True),
     figures={"gallery": gallery, "structure": structure_figure, "response": response_figure},
     needs={
         "gallery": (*DRAWN, "B_0"),

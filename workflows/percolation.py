@@ -27,11 +27,10 @@ from .shared.checks import check_network
 from .shared.figures import legend_below, lettered
 from .shared.measurements import coefficients, moduli_with_bounds, stressed_fraction
 from .shared.populations import random_lengths
-from .shared.power_laws import shown
-from .shared.reports import PAPER, parameters, series
+from .shared.reports import PAPER, half_point, parameters, series, shown
 from .shared.strain_protocol import critical_by_strain, critical_in_printed_box
 from .shared.structure import face_anisotropy, force_anisotropy, relative_variance
-from .shared.tables import bounded, numbers, outcomes
+from .shared.tables import bounded, networks, numbers, outcomes
 
 STATES = {
     "transition": "at the transition, either box",
@@ -123,16 +122,6 @@ def percolating(ds, state="transition"):
     one = of_state(ds, state)
     full = (one.stressed_fraction == 1.0).where(one.stressed_fraction.notnull())
     return full.transpose("n_vertices", "spread", "seed")
-
-
-def half_point(spreads, full):
-    """The spread at which half of the networks have every edge stressed, between two that were run; else NaN."""
-    below = np.flatnonzero(full < 0.5)
-    if not len(below) or below[0] == 0:
-        return np.nan
-    last = below[0] - 1
-    part = (full[last] - 0.5) / (full[last] - full[last + 1])
-    return float(spreads[last] + part * (spreads[last + 1] - spreads[last]))
 
 
 def half_points(ds, state):
@@ -330,7 +319,7 @@ study = Study(
     title="Random rest lengths against their spread, by box, state and size of the network",
     references=PAPER,
     axes=(
-        Axis("seed", range(80), "seed of the network", noun="network"),
+        networks(80),
         Axis("n_vertices", (50, 100, 200, 400, 1000), "number of vertices", key="n_vertices"),
     ),
     parameters={

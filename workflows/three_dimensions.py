@@ -21,8 +21,18 @@ from .shared.checks import check_fit, check_network, check_positive
 from .shared.figures import counted, lettered, page
 from .shared.measurements import identified, measured, table, verify
 from .shared.population_reports import described, of, summary
-from .shared.populations import LABELS, MEANING, NAMES, PAPER_POPULATIONS, POPULATION_LABELS, configuration, prepared
+from .shared.populations import (
+    LABELS,
+    MEANING,
+    NAMES,
+    NARROW,
+    PAPER_POPULATIONS,
+    POPULATION_LABELS,
+    configuration,
+    prepared,
+)
 from .shared.reports import PAPER, parameters
+from .shared.tables import networks
 
 
 def case(parameters, *, seed, population, wanted):
@@ -139,21 +149,20 @@ study = Study(
     title="Populations of critical configurations in three dimensions, strained past the rigidity transition",
     references=f"{PAPER}, whose networks are planar",
     axes=(
-        Axis("seed", range(20), "seed of the network", noun="network"),
+        networks(20),
         Axis("population", PAPER_POPULATIONS, MEANING, labels=POPULATION_LABELS),
     ),
     parameters={
         "n_vertices": 400,
         "hard_core": FOAM_HARD_CORE,
-        "threshold": 0.1,
-        "spread": 0.1,
+        **NARROW,
         "strains": decimals("0.001:0.010:0.001"),
         "fit_window": 0.01,
     },
     coordinates=(Coordinate("strain", "strains", "volumetric strain past the transition"),),
     case=case,
     check=check,
-    variables=tuple(table(planar=False)),
+    variables=table(planar=False),
     figures={"response": response_figure},
     needs={
         "response": tuple(PANELS),

@@ -19,12 +19,11 @@ from critflow.extras.weak.weak_equilibrium import weak_equilibrium
 from critflow.extras.weak.weak_modulus import WeakModulus
 from critflow.quantities import transition_modulus
 
-from .paper.committed import committed_run
 from .paper.statements import Measurement
-from .paper.verdicts import claims_of
+from .paper.verdicts import claims_of, committed_run
 from .shared.checks import voronoi_check
 from .shared.figures import counted, legend_below, lettered, panels
-from .shared.populations import LABELS, NAMES, PAPER_POPULATIONS, configuration
+from .shared.populations import LABELS, NAMES, NARROW, PAPER_POPULATIONS, configuration
 from .shared.reports import PAPER, finite, parameters, series, spread
 from .shared.tables import networks, numbers, outcomes
 
@@ -40,7 +39,6 @@ WINDOW = np.array([-3e-3, -1e-3])
 WINDOWS, LEAST_KAPPA = (1.0, 0.1, 0.01), 1e-13
 # Volumetric strains of the soft band.
 STRAINS = (1e-4, 1e-5)
-NETWORK = {"threshold": 0.1, "spread": 0.1}
 RAISED = 1.1  # the modulus of a design, relative to that of max B_0
 THIRD = 0.005  # of the modulus at the transition over B_0: half of the last digit of 0.33
 STEP = 1e-4  # strain of the differences of relaxed stresses: their error is 1e-5 of the modulus
@@ -133,7 +131,7 @@ def onset_moduli(manifold, seed, kappas):
     weak, stiff = np.full((len(PAPER_POPULATIONS), len(kappas)), np.nan), np.full(len(PAPER_POPULATIONS), np.nan)
     dilation = transition_modulus(manifold.network, "dilation")
     for n, population in enumerate(PAPER_POPULATIONS):
-        found = configuration(manifold, NETWORK, seed, population)
+        found = configuration(manifold, NARROW, seed, population)
         if found.ok:
             weak[n] = cf.weak_forces(found.value, cf.AngleSprings()).value.modulus(0.0, kappas)
             stiff[n] = cf.properties(found.value, [dilation]).values[dilation.name]
@@ -202,7 +200,7 @@ def population_figure(ds):
         1,
         "As κ → 0 weak bending leaves a third of the modulus at the transition, in every population\n"
         f"({counted(ds)} of {parameters(ds)['n_vertices']} vertices; means; random ℓ: "
-        f"s = {NETWORK['spread']:g})",
+        f"s = {NARROW['spread']:g})",
         height=3.3,
     )
     for n, name in enumerate(PAPER_POPULATIONS):

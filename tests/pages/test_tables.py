@@ -9,8 +9,8 @@ import pytest
 from critflow.engine.code_digest import load_study
 from workflows.pages.tables import COMMITTED, MODULI, REFERENCE, filled, pages
 from workflows.pages.verdicts import differences, found, of_committed_run, of_the_paper, statement_counts, statements
-from workflows.paper.committed import committed_run
 from workflows.paper.statements import STATEMENTS
+from workflows.paper.verdicts import committed_run
 
 ROOT = Path(__file__).parents[2]
 

@@ -10,7 +10,7 @@ import xarray as xr
 
 from critflow import CriticalManifold, Status, voronoi_network
 from critflow.engine.code_digest import load_study, named_studies
-from workflows.shared.populations import LABELS, PAPER_POPULATIONS, POPULATIONS
+from workflows.shared.populations import LABELS, NAMES, PAPER_POPULATIONS, POPULATIONS
 from workflows.shared.reports import finite, spread, status_counts
 from workflows.shared.verification import balance_error, bond_vectors, contradictions, forces
 from workflows.topology import fracture
@@ -24,8 +24,9 @@ def test_populations_are_listed_by_name():
         for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
             if isinstance(node, ast.ImportFrom) and (node.module or "").startswith("critflow"):
                 assert "OBJECTIVES" not in {alias.name for alias in node.names}, path
-    assert set(LABELS) == set(POPULATIONS) and len(set(LABELS.values())) == len(POPULATIONS)
-    assert load_study("ensemble").study.axes[1].values == POPULATIONS
+    for one in (LABELS, NAMES):
+        assert len(set(one.values())) == len(POPULATIONS)
+    assert load_study("ensemble").study.axes[1].values == tuple(POPULATIONS)
     assert load_study("three_dimensions").study.axes[1].values == PAPER_POPULATIONS
 
 

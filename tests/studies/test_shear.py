@@ -6,7 +6,7 @@ import pytest
 from critflow import upper_bound, voronoi_network
 from critflow.quantities import pure_shear, transition_modulus
 from critflow.result import Status
-from workflows.shared.power_laws import exponent
+from workflows.shared.reports import exponent
 
 STUDY = "shear"
 

@@ -7,7 +7,7 @@ from problems import random_stress
 from critflow import CriticalManifold, Status, critical_from_lengths, stiffening, voronoi_network
 from critflow.engine import stable_rng
 from workflows.shared import strain_protocol
-from workflows.shared.populations import STREAMS, random_lengths
+from workflows.shared.populations import POPULATIONS, random_lengths
 from workflows.shared.strain_protocol import critical_by_strain, critical_in_printed_box
 
 NETWORK = voronoi_network(100, seed=1)
@@ -76,7 +76,7 @@ def test_the_state_in_the_printed_box_is_an_equilibrium_of_its_springs(spread):
 def test_slack_parts_in_the_printed_box_carry_exactly_nothing():
     """Edges of a part at its rest lengths: the backbone leaves them out, and C_B is that of the stressed part."""
     manifold = CriticalManifold(voronoi_network(1000, seed=1))
-    rest_lengths = random_lengths(stable_rng(1, STREAMS["random_lengths"]), 1500, 0.3)
+    rest_lengths = random_lengths(stable_rng(1, POPULATIONS["random_lengths"].stream), 1500, 0.3)
     solution = critical_in_printed_box(manifold, rest_lengths)
     sigma = solution.value.sigma
     assert solution.status is Status.slack_edges and (sigma == 0).any()

@@ -7,9 +7,9 @@ from critflow.extras.local.drawing import add_response, response_legend
 from critflow.pictures import periodic_segments
 
 from ..shared.figures import counted, legend_below, lettered, panels
-from ..shared.populations import LABELS, PAPER_POPULATIONS
-from ..shared.reports import parameters, series
-from .measurements import BINS, KINDS, LIMITED, N_SOURCES, NETWORK, NOISES, REACHED, STRESSES, STYLES
+from ..shared.populations import LABELS, NARROW, PAPER_POPULATIONS
+from ..shared.reports import half_point, parameters, series
+from .measurements import BINS, KINDS, LIMITED, N_SOURCES, NOISES, REACHED, STRESSES, STYLES
 
 LOST = 0.1  # error of a response that is lost
 FRAMES, SWING = 16, 0.25  # of the movie, and the largest strain of its source
@@ -25,11 +25,7 @@ def thresholds(ds):
     part, fractions = success(ds), np.array(parameters(ds)["fractions"])
     found = np.full((part.shape[0], len(KINDS)), np.nan)
     for s, k in np.ndindex(*found.shape):
-        curve = np.minimum.accumulate(part[s, :, k])
-        if curve[0] >= 0.5 > curve[-1]:
-            n = int(np.argmax(curve < 0.5))
-            share = (curve[n - 1] - 0.5) / (curve[n - 1] - curve[n])
-            found[s, k] = fractions[n - 1] + share * (fractions[n] - fractions[n - 1])
+        found[s, k] = half_point(fractions, np.minimum.accumulate(part[s, :, k]))
     return found
 
 
@@ -66,7 +62,7 @@ def response_figure(ds):
     figure, (left, middle, right) = panels(
         3,
         "Designs have responses of ±1 at no stress, or at the stress that they are for\n"
-        f"({counted(ds)} of {parameters(ds)['n_vertices']} vertices, medians; random ℓ: s = {NETWORK['spread']:g})",
+        f"({counted(ds)} of {parameters(ds)['n_vertices']} vertices, medians; random ℓ: s = {NARROW['spread']:g})",
         height=4.4,
     )
     middles = 0.5 * (BINS[1:] + BINS[:-1])

@@ -6,10 +6,9 @@ import critflow as cf
 from critflow.engine import stable_rng
 from critflow.extras.local.diagonals import face_diagonals, response_name
 
-from ..shared.populations import PAPER_POPULATIONS, configuration
+from ..shared.populations import NARROW, PAPER_POPULATIONS, configuration
 from ..shared.tables import stacked
 
-NETWORK = {"threshold": 0.1, "spread": 0.1}
 KINDS = ("signs", "amplitudes")  # of the goals: ±1, and uniform between −1 and 1
 N_SOURCES = 3  # of the conditions of a capacity
 BINS = np.arange(0.5, 6.0, 1.0)  # distances of the centres of source and target, in units of √(V/N_v)
@@ -40,7 +39,7 @@ def untrained(manifold, pairs, seed):
     places = bins(manifold.network, pairs)
     rows = []
     for population in PAPER_POPULATIONS:
-        solution = configuration(manifold, NETWORK, seed, population)
+        solution = configuration(manifold, NARROW, seed, population)
         row = {"typical": np.full(len(BINS) - 1, np.nan), "largest": np.nan, "reciprocity": np.nan}
         if solution.ok and (solution.value.sigma > 0).all():
             eta = responses(solution.value, pairs[:UNTRAINED], pairs)

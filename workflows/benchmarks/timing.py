@@ -214,13 +214,8 @@ def _first_round(method: Method, patience: float) -> Iterator[Timing]:
             continue
         try:
             answer, wall, busy = stopwatch(timing.work)
-            timing = _judged(timing, answer)
+            timing = replace(timing, status=answer.status, error=method.error(answer.values))
         except Exception:  # other packages may raise any exception
             yield replace(timing, status=Status.failed)
             continue
         yield timing.repeated(wall, busy) if busy > patience else timing
-
-
-def _judged(timing: Timing, answer: Answer) -> Timing:
-    """The timing with the error and the outcome of an answer."""
-    return replace(timing, status=answer.status, error=timing.method.error(answer.values))

@@ -229,9 +229,9 @@ _MEASURES = (
 )
 
 
-def _bound(value, least=1e-16):
+def _bound(value):
     """A power of ten that a small number does not exceed, at least the rounding error of numbers of order one."""
-    return f"1e{int(np.ceil(np.log10(max(float(value), least))))}"
+    return f"1e{int(np.ceil(np.log10(max(float(value), 1e-16))))}"
 
 
 # Verification

@@ -17,19 +17,17 @@ import numpy as np
 import critflow as cf
 from critflow.engine import Axis, Study, stable_rng
 from critflow.isogonal import affine_bulk_modulus, face_modes
-from critflow.points import check_voronoi
+from critflow.points import STANDARD_HARD_CORE
 from critflow.quantity_names import flat_directions
 from critflow.result import StudyError
 
-from ..paper.committed import committed_run
-from ..shared.checks import check_network, check_positive
-from ..shared.measurements import moduli_with_bounds, stressed_fraction
-from ..shared.own_network import check_own, own_manifold, own_network, with_digest
-from ..shared.populations import OPTIMA, STREAMS, random_lengths
+from ..paper.verdicts import committed_run
+from ..shared import populations
+from ..shared.checks import check_positive
+from ..shared.measurements import moduli_with_bounds, of_configuration
+from ..shared.own_network import check_planar, with_digest
 from ..shared.reports import PAPER
-from ..shared.strain_protocol import critical_in_printed_box
-from ..shared.structure import relative_variance
-from ..shared.tables import NETWORK, bounded, numbers, outcomes
+from ..shared.tables import NETWORK, bounded, networks, numbers, of_network, outcomes
 from .report import PANELS, claims, gallery, verify
 
 # Distance between the faces that panels C and F inflate, in units of the root of the mean area of a vertex.
@@ -41,7 +39,7 @@ FLAT, MOST_EDGES = 1e-9, 1500
 @lru_cache(maxsize=2)
 def prepared(n_vertices, seed, hard_core, own=""):
     """Manifold, bound of B_0 and faces to inflate of one network, which its panels share."""
-    manifold = own_manifold(own) if own else cf.CriticalManifold(cf.voronoi_network(n_vertices, seed, hard_core))
+    manifold = populations.prepared(cf.voronoi_network, n_vertices, seed, hard_core, own)
     network = manifold.network
     at = face_centres(manifold.configuration(network.stiffness)) @ np.linalg.inv(network.cell)
     chosen = np.zeros(len(at), bool)
@@ -64,25 +62,16 @@ def configuration(manifold, chosen, parameters, seed, panel) -> tuple[cf.Solutio
     """The solution of a panel, and the isogonal amplitude of every face."""
     network, amplitudes = manifold.network, np.zeros(len(chosen))
     kind, _, variant = panel.rpartition("_")
-    rng = stable_rng(seed, STREAMS.get(panel, f"{STREAMS.get(kind, kind)}_{variant}"))
-    if panel in OPTIMA:
-        return cf.optimize(manifold, OPTIMA[panel], throw=False), amplitudes
+    plain = panel in populations.POPULATIONS
+    population = populations.POPULATIONS[panel if plain else kind]
+    rng = stable_rng(seed, population.stream if plain else f"{population.stream}_{variant}")
+    if callable(population.rule):
+        return population.rule(manifold, parameters, rng), amplitudes
     if kind == "max_G_0":
-        threshold = parameters["thresholds"][int(variant) - 1]
-        found = cf.optimize(
-            manifold, OPTIMA[kind], threshold=threshold, starts=parameters["starts"], rng=rng, throw=False
-        )
-        return found, amplitudes
-    if kind == "random_stress":
-        return manifold.solve(np.abs(rng.standard_normal(network.n_edges))), amplitudes
-    if panel.startswith("random_lengths"):
-        lengths = random_lengths(rng, network.n_edges, parameters["spread"])
-        if panel == "random_lengths":
-            return critical_in_printed_box(manifold, lengths), amplitudes
-        return cf.critical_from_lengths(manifold, lengths, throw=False), amplitudes
-
-    found = cf.optimize(manifold, OPTIMA[kind], throw=False)
-    if not np.isfinite(found.value.coordinates).all():
+        options = {"threshold": parameters["thresholds"][int(variant) - 1], "starts": parameters["starts"], "rng": rng}
+        return cf.optimize(manifold, population.rule, **options, throw=False), amplitudes
+    found = cf.optimize(manifold, population.rule, throw=False)
+    if plain or not np.isfinite(found.value.coordinates).all():
         return found, amplitudes
     modes = face_modes(found.value)
     if variant == "designed":
@@ -108,8 +97,7 @@ def case(parameters, *, seed, panel):
     manifold, bound, chosen = prepared(parameters["n_vertices"], seed, parameters["hard_core"], own)
     network = manifold.network
     found, amplitudes = configuration(manifold, chosen, parameters, seed, panel)
-    shared = {"edges": network.edges, "offsets": network.offsets, "cell": network.cell, "chosen": chosen.astype("i1")}
-    shared |= {"status": found.status, "B_0_bound": bound}
+    shared = {**of_network(network), "chosen": chosen.astype("i1"), "status": found.status, "B_0_bound": bound}
     if not np.isfinite(found.value.coordinates).all():
         return shared
     critical = found.value
@@ -120,24 +108,17 @@ def case(parameters, *, seed, panel):
         flat = (zero.n_flat, *zero.gap)
     return {
         **shared,
-        "sigma": critical.sigma,
+        **of_configuration(critical),
         "tension": critical.tensions / pressure(critical),
-        "length": critical.lengths,
-        "position": critical.coordinates,
-        "position_error_bound": critical.error_bound,
         "amplitude": amplitudes,
-        "V_L": relative_variance(critical.lengths),
-        "V_tau": relative_variance(critical.tensions),
         "B_0": bulk,
         "B_0_error_bound": bulk_error,
         "B_0_affine": affine_bulk_modulus(critical),
         "G_0": shear,
         "G_0_error_bound": shear_error,
-        "stressed_fraction": stressed_fraction(critical.sigma),
         "flat_directions": float(flat[0]),
         "flat_largest": flat[1],
         "curved_smallest": flat[2],
-        "residual": critical.residual,
         "iterations": found.stats.steps,
     }
 
@@ -149,10 +130,7 @@ def check(parameters, axes):
     if not 0 < parameters["fraction"] < 1:
         raise StudyError(f"fraction={parameters['fraction']} must lie between 0 and 1, where the first edge vanishes")
     check_positive(parameters, "spread", "shortest", "starts", "hard_core")
-    if network := own_network(parameters):
-        check_own(network, planar_faces_needed=True)
-    else:
-        check_network(check_voronoi, parameters["n_vertices"], parameters["hard_core"])
+    check_planar(parameters, planar_faces_needed=True)
 
 
 MEMBER = ("panel", "seed")
@@ -197,15 +175,15 @@ study = Study(
     references=f"{PAPER}, figure Networks",
     committed=committed_run("gallery"),
     axes=(
-        Axis("seed", (0,), "seed of the network", noun="network"),
+        networks(1),
         Axis("panel", PANELS, "critical configuration, by its panel in the figure"),
     ),
     parameters={
         "n_vertices": 400,
-        "hard_core": 0.82,
+        "hard_core": STANDARD_HARD_CORE,
         "thresholds": (0.1, 0.03, 0.01),
         "starts": 4,
-        "spread": 0.3,
+        "spread": populations.SETTINGS["spread"],
         "fraction": 0.9,
         "shortest": 0.15,
         "network": "",

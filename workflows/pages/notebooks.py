@@ -31,14 +31,9 @@ def text_cell(text: str, number: int) -> dict[str, Any]:
     text = re.sub(r"\]\((?!https?:|#|attachment:)([^)]+)\)", r"](../\1)", text)
     cell: dict[str, Any] = {"cell_type": "markdown", "id": f"cell-{number}", "metadata": {}}
     if names:
-        cell["attachments"] = {
-            f"{name}.png": {"image/png": encoded(DOCS / "pictures" / f"{name}.png")} for name in names
-        }
+        files = {f"{name}.png": (DOCS / "pictures" / f"{name}.png").read_bytes() for name in names}
+        cell["attachments"] = {name: {"image/png": base64.b64encode(of).decode()} for name, of in files.items()}
     return cell | {"source": text.strip().splitlines(keepends=True)}
-
-
-def encoded(picture: Path) -> str:
-    return base64.b64encode(picture.read_bytes()).decode()
 
 
 def notebook(cells: list[dict[str, Any]]) -> str:

@@ -85,7 +85,7 @@ def _study(study: str, reference: Path) -> str:
         ]
         lines += [
             "",
-            *(_picture(study, file, caption) for file in files),
+            *(f"![{caption}](reference/{study}/figures/{file})" for file in files),
             "",
             f"*{caption}. {figure.seen}".rstrip() + "*",
         ]
@@ -95,10 +95,6 @@ def _study(study: str, reference: Path) -> str:
         links = (f"[{Path(file).stem}](reference/{study}/figures/{file})" for file in others)
         lines += ["", f"More pictures: {', '.join(links)}."]
     return "\n".join([*lines, ""])
-
-
-def _picture(study: str, file: str, text: str) -> str:
-    return f"![{text}](reference/{study}/figures/{file})"
 
 
 def _table(claims: dict[str, list[Claim]]) -> str:

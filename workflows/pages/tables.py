@@ -10,14 +10,21 @@ import sys
 from collections.abc import Callable
 from pathlib import Path
 
+from ..paper.verdicts import COMMITTED
 from ..shared.populations import NAMES
-from .found import what_we_found
 from .paper import EQUATIONS, named
-from .verdicts import differences, ensemble_statements, found, of_committed_run, statement_counts, statements
+from .verdicts import (
+    differences,
+    ensemble_statements,
+    found,
+    of_committed_run,
+    statement_counts,
+    statements,
+    what_we_found,
+)
 
 ROOT = Path(__file__).parents[2]
 REFERENCE = ROOT / "results" / "reference"
-COMMITTED = Path(__file__).parents[1] / "paper" / "committed.json"
 # Both conventions of C_G: the sign that the paper states of max G_0 is that of the stress-corrected one.
 MODULI = {
     "B_0": "B_0",
@@ -114,13 +121,6 @@ def _spread(row: dict) -> str:
     return f"{row['median']:.3g} ({row['q05']:.3g} to {row['q95']:.3g})"
 
 
-def _claim_rows(statement: str, claims: list[dict]) -> list[str]:
-    """A table of claims."""
-    columns = ("statement", "criterion", "value", "sample", "verdict")
-    rows = (row(*(claim[name] for name in columns)) for claim in claims)
-    return [*head(statement, "criterion", "measured", "sample", "verdict"), *rows]
-
-
 # Speed, size and failure
 
 
@@ -153,7 +153,8 @@ def programs(reference: Path) -> str:
 def _best(cells: dict) -> tuple[str, str, str]:
     """Time of the default at its least error, of its preparation, and the error."""
     seconds, error = min(cells["default"], key=lambda point: point[1])
-    return _time(seconds), _time(cells["preparation"]), _power(error)
+    # At the sign of minus no line is broken.
+    return _time(seconds), _time(cells["preparation"]), f"{error:.0e}".replace("-", "−")
 
 
 def _finest(cells: dict) -> dict[str, list[float]]:
@@ -170,11 +171,6 @@ def _multiple(name: str, ratios: list[float]) -> str:
 def _plain(title: str) -> str:
     """A title without the dollars of its mathematics."""
     return re.sub(r"\$(.*?)\$", lambda m: m[1].replace("\\tau", "τ").replace("{", "").replace("}", ""), title)
-
-
-def _power(error: float) -> str:
-    """With a sign of minus, at which no line is broken."""
-    return f"{error:.0e}".replace("-", "−")
 
 
 def _time(seconds: float) -> str:
@@ -209,8 +205,11 @@ def failures(reference: Path) -> str:
         f"the claimed bound or tolerance; {refused:,} return a status or an error message with the reason.",
         f"Silent wrong answers: {summary['violations']}.",
         "",
+        *head("claim", "criterion", "measured", "sample", "verdict"),
     ]
-    return "\n".join([*lines, *_claim_rows("claim", _read(reference, "failure_map", "claims"))])
+    columns = ("statement", "criterion", "value", "sample", "verdict")
+    claims = _read(reference, "failure_map", "claims")
+    return "\n".join([*lines, *(row(*(claim[name] for name in columns)) for claim in claims)])
 
 
 # The equations of the paper
@@ -235,9 +234,9 @@ def pages() -> list[Path]:
     return [ROOT / "README.md", *sorted(set(docs.rglob("*.md")) - made)]
 
 
-def write_committed(reference: Path = REFERENCE) -> None:
+def write_committed() -> None:
     """Write the verdicts of the committed runs where the studies read them."""
-    runs = {file.parent.name: of_committed_run(reference, file.parent.name) for file in reference.glob("*/claims.json")}
+    runs = {file.parent.name: of_committed_run(REFERENCE, file.parent.name) for file in REFERENCE.glob("*/claims.json")}
     kept = json.dumps({name: text for name, text in sorted(runs.items()) if text}, indent=1, ensure_ascii=False)
     COMMITTED.write_text(kept + "\n", encoding="utf-8")
 

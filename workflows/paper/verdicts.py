@@ -1,7 +1,13 @@
-"""Verdicts: the only place where a measurement becomes "holds", "differs" or "undecided"."""
+"""Verdicts: the only place where a measurement becomes "holds", "differs" or "undecided".
 
+`committed.json` has the verdicts of the committed runs in words, which `python -m workflows.pages.tables` writes.  The
+results themselves are in `results/reference/` of the repository, without which the studies can be installed.
+"""
+
+import json
 import math
 from collections.abc import Iterable
+from pathlib import Path
 
 from critflow.engine import Claim
 
@@ -10,6 +16,12 @@ from .statements import STATEMENTS, Measurement, Statement, statement
 # An exponent is known if its 95 % interval is no wider than this to each side.
 WIDEST = 0.15
 LIKELY = 0.5  # a part of the cases above it leaves a share undecided
+COMMITTED = Path(__file__).with_name("committed.json")
+
+
+def committed_run(study: str) -> str:
+    """The verdicts of the committed run of a study, empty if it has none."""
+    return str(json.loads(COMMITTED.read_text(encoding="utf-8")).get(study, ""))
 
 
 def claims_of(measurements: Iterable[Measurement]) -> list[Claim]:
@@ -71,6 +83,7 @@ def _claim(one: Statement, measured: list[Measurement]) -> Claim:
     # The value of the statement is that of the measurements which gave its verdict.
     shown = [row for row, word in zip(measured, each, strict=True) if row.counts and word == result]
     shown = shown or [row for row in measured if row.counts] or measured
+    texts = [f"{row.variant}: {row.text}" if len(measured) > 1 and row.variant else row.text for row in shown]
     reason = {"differs": one.because or "outside the criterion", "undecided": _open(one, counting)}
     notes = dict.fromkeys(row.note for row in measured if row.note)
     rows = [
@@ -78,14 +91,10 @@ def _claim(one: Statement, measured: list[Measurement]) -> Claim:
         for row, word in zip(measured, each, strict=True)
     ]
     return Claim(
-        one.id, one.text, "", "; ".join(_named(row, len(measured)) for row in shown), result,
+        one.id, one.text, "", "; ".join(texts), result,
         "; ".join(filter(None, (reason.get(result, ""), *notes))), one.criterion, measured[0].n, "paper", one.place,
         one.difference if result == "differs" else "", rows if len(rows) > 1 else [],
     )  # fmt: skip
-
-
-def _named(row: Measurement, count: int) -> str:
-    return f"{row.variant}: {row.text}" if count > 1 and row.variant else row.text
 
 
 def _open(one: Statement, verdicts: list[str]) -> str:

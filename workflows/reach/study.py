@@ -11,6 +11,7 @@ from critflow.engine import Coordinate
 from critflow.result import StudyError
 
 from ..shared.checks import check_network, check_positive, voronoi_check
+from ..shared.populations import NARROW
 from ..shared.tables import network_study
 from . import poisson, support, surfaces
 
@@ -47,6 +48,7 @@ def claims(ds):
 study = network_study(
     name="reach",
     title="The reach of networks: linear responses and onsets",
+    extras=("anisotropy",),
     parameters={
         "n_vertices": 100,
         "directions": 24,
@@ -58,8 +60,7 @@ study = network_study(
         "surface_vertices": 100,
         "surface_directions": 32,
         "excess": 0.05,
-        "threshold": 0.1,
-        "spread": 0.1,
+        **NARROW,
     },
     coordinates=(Coordinate("ratio", "ratios", "requested Poisson's ratio"),),
     case=case,

@@ -94,6 +94,20 @@ def draw_in_cell(axes, lines, widths, n_vertices, shear=0.0, **style):
     axes.set_axis_off()
 
 
+def size_axis(axes, sizes):
+    """Numbers of vertices on a logarithmic axis."""
+    axes.set(xscale="log", xlabel="number of vertices $N_v$")
+    axes.set_xticks(sizes, [f"{size:,}" for size in sizes])
+    axes.set_xticks([], minor=True)
+
+
+def median_bars(axes, x, values, **style):
+    """Medians of values (n, networks) with bars that hold two thirds of them; the medians (n,)."""
+    low, middle, high = np.nanquantile(values, (1 / 6, 0.5, 5 / 6), axis=1)
+    axes.errorbar(x, middle, (middle - low, high - middle), linestyle="none", **style)
+    return middle
+
+
 def heading(figure, letter, text):
     """Name a row of pictures by a letter, as `lettered` names panels."""
     figure.suptitle(f"$\\bf{{{letter}}}$  {text}", fontsize=TEXT, x=0.01, ha="left")

@@ -7,6 +7,7 @@ import numpy as np
 from critflow import CriticalManifold, InputError, Status, stiffening, strain_path
 from critflow.deformation import deformation_of
 from critflow.elastic import elasticity_at_transition
+from critflow.engine import Variable
 from critflow.growth import NO_STIFFENING
 from critflow.manifold import require_one_self_stress
 from critflow.taut_edges import NO_STRESS
@@ -14,7 +15,7 @@ from critflow.taut_part import backbone
 
 from .reports import parameters as parameters_of
 from .structure import relative_variance
-from .tables import NETWORK, numbers, outcomes, validity
+from .tables import NETWORK, numbers, of_network, outcomes, validity
 from .verification import balance_error, bond_vectors, contradictions, forces
 from .verification import configuration as configuration_checks
 
@@ -45,12 +46,20 @@ def bounds(names):
 
 def identified(network, found):
     """The network, the status and whether it is a sound one: all that is stored where no configuration was found."""
+    return {**of_network(network), "status": found.status, "valid": int(found.status in SOUND)}
+
+
+def of_configuration(critical):
+    """Arrays of a configuration, its variances, its stressed part and its residual force."""
     return {
-        "edges": network.edges,
-        "offsets": network.offsets,
-        "cell": network.cell,
-        "status": found.status,
-        "valid": int(found.status in SOUND),
+        "sigma": critical.sigma,
+        "length": critical.lengths,
+        "position": critical.coordinates,
+        "position_error_bound": critical.error_bound,
+        "V_L": relative_variance(critical.lengths),
+        "V_tau": relative_variance(critical.tensions),
+        "stressed_fraction": stressed_fraction(critical.sigma),
+        "residual": critical.residual,
     }
 
 
@@ -65,15 +74,8 @@ def measured(manifold, found, parameters, wanted, undefined=1.0):
     moduli = moduli_of_parts(parts, critical.network.volume)
     result = {
         **identified(manifold.network, found),
-        "sigma": critical.sigma,
-        "length": critical.lengths,
-        "position": critical.coordinates,
-        "position_error_bound": critical.error_bound,
+        **of_configuration(critical),
         **dict(zip(_AT_TRANSITION, np.sum([(each.bulk, each.shear) for each in moduli], axis=0), strict=True)),
-        "V_L": relative_variance(critical.lengths),
-        "V_tau": relative_variance(critical.tensions),
-        "stressed_fraction": stressed_fraction(critical.sigma),
-        "residual": critical.residual,
         "optimality": found.stats.residual,
         "iterations": found.stats.steps,
     }
@@ -240,11 +242,6 @@ COMMENTS = {
 
 def table(planar):
     """The stored variables with their comments; shapes of faces in the plane only."""
-    return [replace(variable, comment=COMMENTS.get(variable.name, "")) for variable in _rows(planar)]
-
-
-def _rows(planar):
-    """Names, dimensions, types, units and meanings of the stored variables."""
     member, each = ("population", "seed"), ("population", "seed", "strain")
     # CF has no unit of stiffness: quantities in units of k are dimensionless, and their long names contain the unit.
     in_k = ", in units of k"
@@ -253,48 +250,55 @@ def _rows(planar):
         "kappa_phys": "mean shape anisotropy of the faces, λ the eigenvalues of the gyration tensor",
         "kappa_force": "mean shape anisotropy of the force triangles, λ likewise",
     }
-    yield from NETWORK
-    yield from numbers(
-        (*member, "edge"),
-        sigma="geometric stress (tension per length), sum of squares N_b",
-        length="edge length at the transition",
-    )
-    yield from numbers((*member, "vertex", "axis"), position="coordinates of the vertices at the transition")
-    yield from numbers(
-        member,
-        B_0="bulk modulus at the transition" + of_modulus,
-        G_0="shear modulus at the transition" + of_modulus,
-    )
-    yield from numbers(
-        each,
-        B="bulk modulus V d2E/dV2" + of_modulus,
-        G="shear modulus (1/V) d2E/dε2, energy convention" + of_modulus,
-        G_stress_corrected="shear modulus less half of dE/dV" + of_modulus,
-        energy="elastic energy" + in_k,
-        max_force="largest unbalanced force component" + in_k,
-    )
-    yield from numbers(each, "i2", newton_steps="Newton steps of the relaxation")
-    yield from outcomes(each, path_status="outcome of the strain step")
-    yield from numbers(
-        member,
-        **_growths(of_modulus),
-        V_L="variance of the lengths over their squared mean, V_L",
-        V_tau="variance of the tensions over their squared mean, V_τ",
-        **shapes if planar else {},
-        stressed_fraction="part of the edges under tension",
-    )
-    yield from outcomes(member, status="outcome of finding the configuration")
-    yield from validity(member)
-    yield from numbers(
-        member,
-        residual="largest unbalanced force over the mean tension",
-        optimality="residual of the method: projected gradient, or force",
-    )
-    yield from numbers(member, "i4", iterations="iterations of the method that found the configuration")
-    for name in BOUNDED:
-        dims = each if name in _OF_PATH else member
-        of_scale = ", before the stress is scaled to its sum of squares" if name == "position" else ""
-        yield from numbers(dims, **{f"{name}_error_bound": f"bound on the rounding error of {name}{of_scale}"})
+    scaled = {"position": ", before the stress is scaled to its sum of squares"}
+    rows = (
+        *NETWORK,
+        *numbers(
+            (*member, "edge"),
+            sigma="geometric stress (tension per length), sum of squares N_b",
+            length="edge length at the transition",
+        ),
+        *numbers((*member, "vertex", "axis"), position="coordinates of the vertices at the transition"),
+        *numbers(
+            member,
+            B_0="bulk modulus at the transition" + of_modulus,
+            G_0="shear modulus at the transition" + of_modulus,
+        ),
+        *numbers(
+            each,
+            B="bulk modulus V d2E/dV2" + of_modulus,
+            G="shear modulus (1/V) d2E/dε2, energy convention" + of_modulus,
+            G_stress_corrected="shear modulus less half of dE/dV" + of_modulus,
+            energy="elastic energy" + in_k,
+            max_force="largest unbalanced force component" + in_k,
+        ),
+        *numbers(each, "i2", newton_steps="Newton steps of the relaxation"),
+        *outcomes(each, path_status="outcome of the strain step"),
+        *numbers(
+            member,
+            **_growths(of_modulus),
+            V_L="variance of the lengths over their squared mean, V_L",
+            V_tau="variance of the tensions over their squared mean, V_τ",
+            **shapes if planar else {},
+            stressed_fraction="part of the edges under tension",
+        ),
+        *outcomes(member, status="outcome of finding the configuration"),
+        *validity(member),
+        *numbers(
+            member,
+            residual="largest unbalanced force over the mean tension",
+            optimality="residual of the method: projected gradient, or force",
+        ),
+        *numbers(member, "i4", iterations="iterations of the method that found the configuration"),
+        *(
+            Variable(
+                f"{name}_error_bound", each if name in _OF_PATH else member, "f8",
+                long_name=f"bound on the rounding error of {name}{scaled.get(name, '')}",
+            )
+            for name in BOUNDED
+        ),
+    )  # fmt: skip
+    return tuple(replace(variable, comment=COMMENTS.get(variable.name, "")) for variable in rows)
 
 
 def verify(ds):

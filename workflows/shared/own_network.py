@@ -16,7 +16,10 @@ from critflow import CritflowError, CriticalManifold, Network
 from critflow.extensions import provided
 from critflow.faces import planar_faces
 from critflow.manifold import require_one_self_stress
+from critflow.points import check_voronoi
 from critflow.result import NetworkError, StudyError
+
+from .checks import check_network
 
 _DIGEST = re.compile(r"(.+)@([0-9a-f]{16})")
 
@@ -51,6 +54,14 @@ def check_own(network, *, planar_faces_needed=False):
         raise StudyError("network: this study needs the faces of a network without crossing edges: give such a one")
     if planar_faces_needed and (np.bincount(network.edges.ravel()) != 3).any():
         raise StudyError("network: this study changes faces, which needs three edges at every vertex: give such a one")
+
+
+def check_planar(parameters, *, planar_faces_needed=False):
+    """Raise `StudyError` unless the network of the file, or generated ones of the parameters, suit the study."""
+    if network := own_network(parameters):
+        check_own(network, planar_faces_needed=planar_faces_needed)
+    else:
+        check_network(check_voronoi, parameters["n_vertices"], parameters["hard_core"])
 
 
 def _identified(text):

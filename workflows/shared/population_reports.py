@@ -12,7 +12,7 @@ from critflow.engine.study import plural
 from critflow.result import Status
 
 from ..paper.statements import Measurement
-from .populations import NAMES, PAPER_POPULATIONS, SPREADS
+from .populations import NAMES, PAPER_POPULATIONS
 from .reports import finite, parameters, status_counts
 
 # Growth of the shear modulus with strain, by the convention of the modulus.
@@ -61,10 +61,10 @@ def _medians(ds, name):
 
 def _readings(ds):
     """The populations of random rest lengths, a description of each, and whether its spread is the printed one."""
-    for p, key in SPREADS.items():
+    spread = parameters(ds)["spread"]
+    for p, reading in READINGS.items():
         if p in ds.population.values and len(of(ds, "stressed_fraction", p)):
-            spread = parameters(ds)[key]
-            yield p, f"{READINGS[p]}, s = {spread:g}", spread == PRINTED_SPREAD
+            yield p, f"{reading}, s = {spread:g}", spread == PRINTED_SPREAD
 
 
 def population_measurements(ds) -> Iterator[Measurement]:

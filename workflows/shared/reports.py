@@ -4,6 +4,7 @@ import json
 
 import numpy as np
 
+from critflow.engine import stable_rng
 from critflow.pictures import COLOURS
 from critflow.result import Status
 
@@ -12,6 +13,8 @@ PAPER = (
     "central-force networks (arXiv:2407.13939)"
 )
 MARKERS = "osD^v<>"
+# Resampled ensembles behind a confidence interval.
+_RESAMPLED = 1000
 MISSED = (Status.infeasible, Status.not_reached)  # outcomes of designs without their targets
 
 
@@ -49,3 +52,41 @@ def duration(seconds, digits=3):
         value = seconds * factor
         if value < 999.5 or unit == "s":
             return f"{value:,.0f} {unit}" if value >= 99.5 else f"{value:.{digits}g} {unit}"
+
+
+def exponent(sizes, values, middle=np.nanmean):
+    """Exponent p of middle ∝ size^p over networks, values (n_sizes, n_networks), with its 95 % interval by resampling.
+
+    The middle, mean or median, is fitted on logarithmic scales, all sizes alike; NaN networks are left out.
+    """
+    values = np.asarray(values, dtype=float)
+    n = values.shape[1]
+    picks = stable_rng(n, "exponent").integers(0, n, (_RESAMPLED, n))
+    low, high = np.nanquantile(_slopes(sizes, middle(values[:, picks], axis=2)), (0.025, 0.975))
+    return float(_slopes(sizes, middle(values, axis=1))), float(low), float(high)
+
+
+def _slopes(sizes, means):
+    """Least-squares slopes of log mean against log size over the first dimension; NaN unless all means are positive."""
+    lever = np.log(sizes) - np.log(sizes).mean()
+    return np.tensordot(lever, np.log(np.where(means > 0, means, np.nan)), 1) / np.sum(lever**2)
+
+
+def shown(fit):
+    """An exponent with its interval, as text."""
+    return f"{fit[0]:.2f} (95 %: {fit[1]:.2f} to {fit[2]:.2f})"
+
+
+def quoted(fit):
+    """An exponent with its interval, for a legend."""
+    return f"{fit[0]:.2f} [{fit[1]:.2f}, {fit[2]:.2f}]"
+
+
+def half_point(x, part):
+    """The x at which the part (n,) of the networks falls below one half, between two that were run; else NaN."""
+    below = np.flatnonzero(part < 0.5)
+    if not len(below) or below[0] == 0:
+        return np.nan
+    last = below[0] - 1
+    share = (part[last] - 0.5) / (part[last] - part[last + 1])
+    return float(x[last] + share * (x[last + 1] - x[last]))

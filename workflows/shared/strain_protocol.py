@@ -9,7 +9,7 @@ import numpy as np
 
 from critflow import CriticalManifold, Status, critical_from_lengths, equilibrium, spring_state
 from critflow.lengths import FromLengths
-from critflow.manifold import CriticalConfiguration, critical_configuration
+from critflow.manifold import critical_configuration
 from critflow.networks import Array
 from critflow.result import Stats
 from critflow.sparse import balanced_part
@@ -105,12 +105,11 @@ def critical_in_printed_box(manifold: CriticalManifold, lengths: Array) -> FromS
         return recorded
     # The same configuration with bounds on its errors, which its stress determines where no edge is slack.
     balance = manifold.solve(recorded.value.sigma) if (recorded.value.sigma > 0).all() else recorded
-    return replace(recorded, value=balance.value if balance.ok else _at_origin(recorded.value))
-
-
-def _at_origin(critical: CriticalConfiguration) -> CriticalConfiguration:
-    """The configuration moved so that its first vertex is at the origin, as in those of a stress."""
-    return critical_configuration(critical.network, critical.sigma, critical.coordinates - critical.coordinates[0])
+    if balance.ok:
+        return replace(recorded, value=balance.value)
+    # As in configurations of a stress, the first vertex is at the origin.
+    x = recorded.value.coordinates
+    return replace(recorded, value=critical_configuration(network, recorded.value.sigma, x - x[0]))
 
 
 def _skipped(manifold: CriticalManifold, lengths: Array, strain_step: float, x: Array) -> tuple[int, Array]:

@@ -67,6 +67,11 @@ NETWORK = (
 )
 
 
+def of_network(network):
+    """The arrays of `NETWORK`."""
+    return {"edges": network.edges, "offsets": network.offsets, "cell": network.cell}
+
+
 def stacked(rows):
     """One dict of arrays from dicts with the same names."""
     return {name: np.array([row[name] for row in rows]) for name in rows[0]}

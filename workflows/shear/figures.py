@@ -7,10 +7,9 @@ from matplotlib.ticker import LogLocator, NullFormatter
 
 from critflow.pictures import COLOURS, COMPRESSED, draw_network
 
-from ..shared.figures import WIDTH, counted, lettered, page, panels, readable
+from ..shared.figures import WIDTH, counted, lettered, median_bars, page, panels, readable, size_axis
 from ..shared.populations import LABELS, PAPER_POPULATIONS
-from ..shared.power_laws import exponent, quoted
-from ..shared.reports import parameters, series
+from ..shared.reports import exponent, parameters, quoted, series
 
 # Parts of the bound at which one network is drawn.
 SHOWN = (0.1, 0.25, 0.6)
@@ -56,7 +55,10 @@ def ascent_figure(ds):
     lettered(modulus, longest, tension, length)
 
     one = ds.isel(seed=0)
-    for axes, letter, place in zip(bottom.subplots(1, 3), "EFG", _places(one), strict=True):
+    # The first recorded steps beyond the drawn parts of the bound.
+    parts = one.G_0_ascent.values / float(one.bound)
+    places = [int(np.argmax(parts >= part)) if parts.max() >= part else len(parts) - 1 for part in SHOWN]
+    for axes, letter, place in zip(bottom.subplots(1, 3), "EFG", places, strict=True):
         _draw(axes, one.isel(step=place), width=0.55)
         value = float(one.G_0_ascent[place])
         axes.set_title(
@@ -131,12 +133,6 @@ def _draw(axes, one, width):
     draw_network(axes, one.edges.values, one.offsets.values, cell, x, tension, limits=limits, width=width)
 
 
-def _places(one):
-    """The first recorded steps beyond the drawn parts of the bound."""
-    parts = one.G_0_ascent.values / float(one.bound)
-    return [int(np.argmax(parts >= part)) if parts.max() >= part else len(parts) - 1 for part in SHOWN]
-
-
 def _band(axes, values, colour):
     """Median over networks, and the band of two thirds of them, against the step."""
     x = values.step.values
@@ -176,10 +172,8 @@ def compression_figure(ds):
         (length, "compressed_length", "total length of compressed edges"),
     ):
         _draw_compressed(axes, ds, name)
-        axes.set(xscale="log", yscale="log", xlabel="number of vertices $N_v$", ylabel=label)
-        sizes = ds.n_vertices.values
-        axes.set_xticks(sizes, [f"{size:,}" for size in sizes])
-        axes.set_xticks([], minor=True)
+        axes.set(yscale="log", ylabel=label)
+        size_axis(axes, ds.n_vertices.values)
         axes.yaxis.set_major_locator(LogLocator(subs=(1, 2, 5) if name == "compressed_edges" else (1,)))
         axes.yaxis.set_major_formatter("{x:,.0f}")
         axes.yaxis.set_minor_formatter(NullFormatter())
@@ -199,11 +193,8 @@ def _draw_compressed(axes, ds, name):
         style, values = series(2 * n), ends[words]
         # Medians, because the lengths of an ascent near a singular matrix diverge.
         fit = exponent(sizes, values, np.nanmedian)
-        low, middle, high = np.nanquantile(values, (1 / 6, 0.5, 5 / 6), axis=1)
-        axes.errorbar(
-            sizes, middle, (middle - low, high - middle), linestyle="none", **style, capsize=2, markersize=5,
-            label=f"{words.replace('LBFGS', 'L-BFGS')}: {quoted(fit)}",
-        )  # fmt: skip
+        label = f"{words.replace('LBFGS', 'L-BFGS')}: {quoted(fit)}"
+        middle = median_bars(axes, sizes, values, **style, capsize=2, markersize=5, label=label)
         line = np.exp(np.nanmean(np.log(middle)) + fit[0] * (np.log(sizes) - np.log(sizes).mean()))
         axes.plot(sizes, line, color=style["color"], linewidth=1.2)
         guide = middle[0] * (sizes / sizes[0]) ** PRINTED[name]
@@ -234,23 +225,18 @@ def _draw_sizes(axes, ds):
     shown = [population for population in map(str, ds.population.values) if population in PAPER_POPULATIONS]
     for place, population in enumerate(shown):
         values = by_size(ds.G_0.sel(population=population))
-        fit, optimised = exponent(sizes, values, np.nanmedian), population == "max_G_0"
-        low, middle, high = np.nanquantile(values, (1 / 6, 0.5, 5 / 6), axis=1)
-        style = series(place)
-        axes.errorbar(
-            sizes * (1 + 0.03 * (place - 2.5)), middle, (middle - low, high - middle), elinewidth=0.8,
-            linestyle="none", **style, markersize=4, capsize=1.5,
-            markerfacecolor="none" if optimised else style["color"],
-            label=f"{LABELS[population]}: {quoted(fit)}",
-        )  # fmt: skip
+        fit, style = exponent(sizes, values, np.nanmedian), series(place)
+        face = "none" if population == "max_G_0" else style["color"]
+        style |= {"elinewidth": 0.8, "markersize": 4, "capsize": 1.5, "markerfacecolor": face}
+        median_bars(
+            axes, sizes * (1 + 0.03 * (place - 2.5)), values, **style, label=f"{LABELS[population]}: {quoted(fit)}"
+        )
     others = [population for population in shown if population != "max_G_0"]
     middle = np.nanmedian(ds.G_0.sel(population=others).isel(n_vertices=-1).values)
     axes.plot(sizes, middle * sizes[-1] / sizes, color="0.5", linestyle=":", zorder=0)
     axes.text(0.03, 0.03, "dotted: $\\propto 1/N_v$", color="0.35", fontsize=9, transform=axes.transAxes)
-    axes.set(xscale="log", yscale="log", xlabel="number of vertices $N_v$", ylabel="shear modulus $G_0$  [k]")
-    axes.set_xticks(sizes, [f"{size:,}" for size in sizes])
-    axes.set_xticks([], minor=True)
-    axes.set_title("by population")
+    axes.set(yscale="log", ylabel="shear modulus $G_0$  [k]", title="by population")
+    size_axis(axes, sizes)
     axes.legend(
         fontsize=9, frameon=False, loc="upper center", bbox_to_anchor=(0.5, -0.17), ncols=1, handletextpad=0.2,
         labelspacing=0.2, title="exponent of the medians [95 %]", title_fontsize=9,
@@ -262,7 +248,9 @@ def _draw_thresholds(axes, ds):
     bound = float(ds.bound.mean())
     axes.axhline(bound, color="0.25", linestyle="--", linewidth=1.2)
     axes.text(0.02, 1.02 * bound, "bound for any sign", fontsize=9, transform=axes.get_yaxis_transform())
-    for colour, style, size in zip(COLOURS[::2], STYLES, _shown_sizes(sizes), strict=False):
+    # The three sizes of the paper, or the first three of the run.
+    shown = [size for size in (100, 500, 1000) if size in sizes] or list(sizes[:3])
+    for colour, style, size in zip(COLOURS[::2], STYLES, shown, strict=False):
         values = ds.G_0_of_threshold.sel(n_vertices=size)
         mean, width = values.mean("seed"), values.std("seed")
         axes.fill_between(ds.threshold, mean - width, mean + width, color=colour, alpha=0.2, linewidth=0)
@@ -291,14 +279,9 @@ def _draw_allowed(axes):
     axes.axis("off")
 
 
-def allowed_region(r, n=30):
-    """Boundary (3n, 3) of the stresses σ ≥ r of three edges on their sphere Σσ² = 3: an arc σ_i = r for each edge."""
+def allowed_region(r):
+    """Boundary (90, 3) of the stresses σ ≥ r of three edges on their sphere Σσ² = 3: an arc σ_i = r for each edge."""
     rest = np.sqrt(3 - r**2)
-    angle = np.linspace(np.arcsin(r / rest), np.arccos(r / rest), n)
-    arc = np.stack([np.full(n, r), rest * np.cos(angle), rest * np.sin(angle)], axis=1)
+    angle = np.linspace(np.arcsin(r / rest), np.arccos(r / rest), 30)
+    arc = np.stack([np.full(30, r), rest * np.cos(angle), rest * np.sin(angle)], axis=1)
     return np.concatenate([np.roll(arc, edge, axis=1) for edge in range(3)])
-
-
-def _shown_sizes(sizes):
-    """The three sizes of the paper, or the first three sizes of the run."""
-    return [size for size in (100, 500, 1000) if size in sizes] or list(sizes[:3])

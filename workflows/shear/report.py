@@ -10,8 +10,7 @@ from ..paper.statements import Measurement
 from ..paper.verdicts import claims_of
 from ..shared.population_reports import described
 from ..shared.populations import NAMES, PAPER_POPULATIONS
-from ..shared.power_laws import exponent, shown
-from ..shared.reports import parameters, spread
+from ..shared.reports import exponent, parameters, shown, spread
 from ..shared.verification import contradictions
 from .figures import ascent_ends, by_size, detailed, recorded
 
@@ -180,18 +179,15 @@ def _bound(good):
 
 def _singular(ds, good, last):
     runaway = int((ds.status == Status.singular).sum())
+    part = (100 * good.G_0_end / good.bound).where(good.status == Status.singular)
+    limit = f"{spread(part, 3)} % of the bound" if np.isfinite(part).any() else "none here"
     return Claim(
         "singular-prestress", "the ascent crosses stresses with a singular prestress matrix, and may end at one", "",
         f"{spread(good.crossings, 3)} steps cross; {spread(good.negative_pivots, 3)} negative eigenvalues at the end; "
         f"{runaway} of {ds.sizes['seed']} ascents end at a singular matrix, where lengths diverge and the modulus has "
-        f"a limit ({_limit(good)}); the others balance to {float(last.residual.max()):.0e} at the last step",
+        f"a limit ({limit}); the others balance to {float(last.residual.max()):.0e} at the last step",
         "measured",
     )  # fmt: skip
-
-
-def _limit(good):
-    part = (100 * good.G_0_end / good.bound).where(good.status == Status.singular)
-    return f"{spread(part, 3)} % of the bound" if np.isfinite(part).any() else "none here"
 
 
 def _bounds(ds):

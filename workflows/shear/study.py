@@ -20,15 +20,15 @@ from critflow import CriticalManifold, Solution, optimize, upper_bound, voronoi_
 from critflow.elastic import elasticity
 from critflow.engine import Axis, Coordinate, Study, Variable, stable_rng
 from critflow.optima import largest_modulus
-from critflow.points import check_voronoi
+from critflow.points import STANDARD_HARD_CORE, check_voronoi
 from critflow.quantities import pure_shear, transition_modulus
 from critflow.result import Status, StudyError
 
-from ..paper.committed import committed_run
+from ..paper.verdicts import committed_run
 from ..shared.checks import check_network
-from ..shared.populations import MEANING, POPULATIONS, configuration, prepared
+from ..shared.populations import MEANING, POPULATIONS, SETTINGS, configuration, prepared
 from ..shared.reports import PAPER
-from ..shared.tables import NETWORK
+from ..shared.tables import NETWORK, networks, numbers, of_network, outcomes
 from .compression import least_compressed_length
 from .figures import animation, ascent_figure, compression_figure, scaling_figure
 from .report import claims, verify
@@ -129,9 +129,7 @@ def _recorded(n_vertices, hard_core, method, steps, seed):
     coordinates = np.full((len(steps), *network.positions.shape), np.nan)
     coordinates[:stored] = [network.all_coordinates(manifold.balance(s).coordinates) for s in ascent.sigmas]
     return {
-        "edges": network.edges,
-        "offsets": network.offsets,
-        "cell": network.cell,
+        **of_network(network),
         **dict(zip(MEASURES, ascent.recorded, strict=True)),
         "sigma": sigma,
         "position": coordinates,
@@ -238,35 +236,42 @@ EACH, EACH_SEED, RECORD = ("seed", "n_vertices"), ("seed",), ("seed", "step")
 ALGORITHM, PART = (*EACH, "algorithm"), (*EACH, "algorithm", "fraction")
 
 
-def _table():
-    """Names, dimensions, types and meanings of the stored variables."""
-    yield from NETWORK
-    for name, text in MEASURES.items():
-        yield Variable(name, RECORD, "f8", long_name=text)
-        yield Variable(f"{name}_of_part", PART, "f8", long_name=f"{text}, where an ascent reaches this part")
-        yield Variable(f"{name}_of_end", ALGORITHM, "f8", long_name=f"{text}, at the end of an ascent")
-    yield Variable("sigma", (*RECORD, "edge"), "f4", long_name="geometric stress, sum of squares N_b")
-    yield Variable("position", (*RECORD, "vertex", "axis"), "f4", long_name="coordinates of the vertices")
-    yield from (Variable(name, EACH_SEED, "f8", long_name=text) for name, text in AT_END.items())
-    yield Variable("crossings", EACH_SEED, "i4", long_name="steps across a singular prestress matrix", fill=-1)
-    yield Variable("negative_pivots", EACH_SEED, "i4", long_name="negative eigenvalues of the last prestress matrix")
-    yield Variable("ascent_status", EACH_SEED, "i1", long_name="outcome of the ascent", flags=Status)
-    yield Variable("step_of_part", PART, "i4", long_name="step that first reached this part; -1: none", fill=-2)
-    yield Variable("algorithm_status", ALGORITHM, "i1", long_name="outcome of an ascent", flags=Status)
-    yield Variable(
-        "least_compressed_length", EACH, "f8", long_name="least compressed length of configurations at the bound"
-    )
-    yield Variable("bound", EACH, "f8", long_name="largest shear modulus of any stress, in closed form [k]")
-    yield Variable("G_0", (*EACH, "population"), "f8", long_name="shear modulus at the transition [k]")
-    for name, axis in (("G_0", "population"), ("G_0_of_threshold", "threshold")):
-        text = f"bound on the rounding error of {name}"
-        yield Variable(f"{name}_error_bound", (*EACH, axis), "f8", long_name=text)
-    yield Variable("population_status", (*EACH, "population"), "i1", long_name="outcome by population", flags=Status)
-    yield Variable("G_0_of_threshold", (*EACH, "threshold"), "f8", long_name="G_0 of max G_0, from σ = 1 [k]")
-    yield Variable("longest_edge_of_threshold", (*EACH, "threshold"), "f8", long_name="its longest edge over the side")
-    yield Variable("threshold_status", (*EACH, "threshold"), "i1", long_name="outcome by threshold", flags=Status)
-    yield Variable("objective_of_start", (*EACH, "start"), "f8", long_name="penalised G_0 of each start, σ = 1 first")
-    yield Variable("status", EACH, "i1", long_name="whether the case was computed", flags=Status)
+VARIABLES = (
+    *NETWORK,
+    *numbers(RECORD, **MEASURES),
+    *numbers(
+        PART, **{f"{name}_of_part": f"{text}, where an ascent reaches this part" for name, text in MEASURES.items()}
+    ),
+    *numbers(ALGORITHM, **{f"{name}_of_end": f"{text}, at the end of an ascent" for name, text in MEASURES.items()}),
+    *numbers((*RECORD, "edge"), "f4", sigma="geometric stress, sum of squares N_b"),
+    *numbers((*RECORD, "vertex", "axis"), "f4", position="coordinates of the vertices"),
+    *numbers(EACH_SEED, **AT_END),
+    Variable("crossings", EACH_SEED, "i4", long_name="steps across a singular prestress matrix", fill=-1),
+    *numbers(EACH_SEED, "i4", negative_pivots="negative eigenvalues of the last prestress matrix"),
+    *outcomes(EACH_SEED, ascent_status="outcome of the ascent"),
+    Variable("step_of_part", PART, "i4", long_name="step that first reached this part; -1: none", fill=-2),
+    *outcomes(ALGORITHM, algorithm_status="outcome of an ascent"),
+    *numbers(
+        EACH,
+        least_compressed_length="least compressed length of configurations at the bound",
+        bound="largest shear modulus of any stress, in closed form [k]",
+    ),
+    *numbers(
+        (*EACH, "population"),
+        G_0="shear modulus at the transition [k]",
+        G_0_error_bound="bound on the rounding error of G_0",
+    ),
+    *outcomes((*EACH, "population"), population_status="outcome by population"),
+    *numbers(
+        (*EACH, "threshold"),
+        G_0_of_threshold="G_0 of max G_0, from σ = 1 [k]",
+        G_0_of_threshold_error_bound="bound on the rounding error of G_0_of_threshold",
+        longest_edge_of_threshold="its longest edge over the side",
+    ),
+    *outcomes((*EACH, "threshold"), threshold_status="outcome by threshold"),
+    *numbers((*EACH, "start"), objective_of_start="penalised G_0 of each start, σ = 1 first"),
+    *outcomes(EACH, status="whether the case was computed"),
+)
 
 
 study = Study(
@@ -275,23 +280,22 @@ study = Study(
     references=f"{PAPER}, figures ShearModulusSteepestDescent, ShearModulusScaling and Movie 1",
     committed=committed_run("shear"),
     axes=(
-        Axis("seed", range(100), "seed of the network", noun="network"),
+        networks(100),
         Axis("n_vertices", (50, 100, 200, 500, 1000), "number of vertices", key="n_vertices"),
     ),
     parameters={
-        "hard_core": 0.82,
+        "hard_core": STANDARD_HARD_CORE,
         "ascent_vertices": 1000,
         "method": "lbfgs",
         "steps": STEPS,
         "algorithms": ("fire", "lbfgs"),
         "n_steps": 10000,
         "fractions": (0.4, 0.5, 0.8, 0.95),
-        "populations": POPULATIONS,
+        "populations": tuple(POPULATIONS),
         "thresholds": (0.01, 0.02, 0.03, 0.05, 0.1, 0.2, 0.3, 0.5, 0.7),
         "n_starts": 12,
         "detailed_seeds": 12,
-        "threshold": 0.1,
-        "spread": 0.3,
+        **SETTINGS,
     },
     coordinates=(
         Coordinate("step", "steps", "step of the recorded ascent"),
@@ -302,7 +306,7 @@ study = Study(
     ),
     case=case,
     check=check,
-    variables=tuple(_table()),
+    variables=VARIABLES,
     verify=verify,
     figures={"ascent": ascent_figure, "compression": compression_figure, "scaling": scaling_figure},
     animations={"ascent": animation},

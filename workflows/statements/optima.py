@@ -7,12 +7,13 @@ import numpy as np
 
 import critflow as cf
 from critflow.isogonal import face_modes
+from critflow.points import STANDARD_HARD_CORE
 
 from .sample import rank
 
 STARTS = 4
 MANY = 400  # vertices of networks of random points, where the density fluctuates
-HARD_CORES = 0.82, 0.0  # random sequential addition of the ensemble, and points without any
+HARD_CORES = STANDARD_HARD_CORE, 0.0  # random sequential addition of the ensemble, and points without any
 
 
 def descents(sample, objective, method):

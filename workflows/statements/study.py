@@ -11,9 +11,8 @@ from critflow.engine import Coordinate, Study, Variable
 from critflow.engine.study import nearest, plural
 from critflow.result import StudyError
 
-from ..paper.committed import committed_run
 from ..paper.statements import Measurement, statement
-from ..paper.verdicts import claims_of
+from ..paper.verdicts import claims_of, committed_run
 from ..shared.checks import voronoi_check
 from ..shared.reports import PAPER, finite
 from ..shared.tables import networks, numbers, outcomes

@@ -11,6 +11,7 @@ from critflow.engine import Coordinate
 from critflow.result import StudyError
 
 from ..shared.checks import check_network, voronoi_check
+from ..shared.populations import NARROW
 from ..shared.tables import network_study
 from . import curves, isogonal, triples
 
@@ -44,8 +45,7 @@ study = network_study(
     title="Which growth goes with which bulk modulus",
     parameters={
         "n_vertices": 400,
-        "threshold": 0.1,
-        "spread": 0.1,
+        **NARROW,
         "stress_spread": 0.4,
         "sources": triples.SOURCES,
         "isogonal_vertices": 64,

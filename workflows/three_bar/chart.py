@@ -58,27 +58,15 @@ class StereographicChart:
         return 1 / (1 + float(s @ s) / 4) * (self.basis - s * half[:, None])
 
 
-@dataclass(frozen=True, eq=False)
-class SurfaceGeometry:
-    """The manifold at one point of a chart, for the unit normal σ/|σ|.
-
-    chart      V = ∂σ/∂s, (N_b, N_b − 1)
-    tangents   T = ∂h/∂s = B V, (N_b, N_b − 1) (`TangentSpace`)
-    metric     TᵀT = VᵀB²V (`Metric`)
-    second_fundamental_form  Σ_α σ_α ∂²h_α/∂s∂s = −VᵀBV (`2FF`, with the sign that finite differences have)
-    """
-
-    chart: Array
-    tangents: Array
-    metric: Array
-    second_fundamental_form: Array
-
-
 def surface_geometry(
     manifold: CriticalManifold, critical: CriticalConfiguration, chart: StereographicChart, s: Array
-) -> SurfaceGeometry:
-    """Tangents, metric and second fundamental form of a configuration at its coordinates s (N_b − 1,) in a chart."""
+) -> tuple[Array, Array, Array]:
+    """Tangents, metric and second fundamental form of a configuration at its coordinates s (N_b − 1,) in a chart.
+
+    Tangents ∂h/∂s = B V, (N_b, N_b − 1) (`TangentSpace`); metric VᵀB²V (`Metric`); second form Σ_α σ_α ∂²h_α/∂s∂s =
+    −VᵀBV for the unit normal σ/|σ| (`2FF`, with the sign that finite differences have).
+    """
     V = chart.derivative(s)
     # h(σ) does not change with the scale of σ, so B = ∂h/∂σ goes as its inverse: |σ|B is that of the unit stress.
     tangents = manifold.response(critical) * float(np.linalg.norm(critical.sigma)) @ V
-    return SurfaceGeometry(V, tangents, tangents.T @ tangents, -V.T @ tangents)
+    return tangents, tangents.T @ tangents, -V.T @ tangents

@@ -297,10 +297,10 @@ def stretched(ds, s):
     return sigma, (r / r.sum(axis=-1, keepdims=True)) ** 2
 
 
-def grid_lines(across, spacing=0.1, n=2001):
-    """Lines (n, 2) of one constant chart coordinate, from border to border of the chart."""
-    for constant in spacing * np.arange(-12, 13):
-        line = np.stack([np.full(n, constant), np.linspace(-1.2, 1.2, n)], axis=1)
+def grid_lines(across):
+    """Lines (2001, 2) of one constant chart coordinate, from border to border of the chart."""
+    for constant in 0.1 * np.arange(-12, 13):
+        line = np.stack([np.full(2001, constant), np.linspace(-1.2, 1.2, 2001)], axis=1)
         yield line if across == 0 else line[:, ::-1]
 
 
@@ -327,7 +327,8 @@ def geometry_figure(ds):
     s = np.stack(np.meshgrid(np.arange(-0.4, 0.9, 0.4), np.arange(-0.4, 0.9, 0.4)), axis=-1).reshape(-1, 2)
     sigma, squares = stretched(ds, s)
     rooted = np.nan_to_num(sigma.min(axis=1)) > _APART
-    _arrows(axes, squares[rooted], sigma[rooted])
+    arrows = {"length": 0.35, "color": COMPRESSED, "linewidth": 1.6, "arrow_length_ratio": 0.25, "zorder": 4}
+    axes.quiver(*squares[rooted].T, *sigma[rooted].T, **arrows)
     chart.plot(*s[rooted].T, "o", color=COMPRESSED, markersize=3)
     chart.plot([], [], color=PURPLE, label="$s_1$ = const")
     chart.plot([], [], color=COLOURS[3], label="$s_2$ = const")
@@ -341,13 +342,6 @@ def geometry_figure(ds):
         handlelength=1, handletextpad=0.4,
     )  # fmt: skip
     return figure
-
-
-def _arrows(axes, roots, directions, length=0.35):
-    """Arrows in space, in front of the surface."""
-    axes.quiver(
-        *roots.T, *directions.T, length=length, color=COMPRESSED, linewidth=1.6, arrow_length_ratio=0.25, zorder=4
-    )
 
 
 def _draw_section(axes, ds):

@@ -12,7 +12,7 @@ from critflow.manifold import COLLAPSED
 from critflow.result import StudyError
 from critflow.self_stress import Spectrum, stabilises
 
-from ..paper.committed import committed_run
+from ..paper.verdicts import committed_run
 from ..shared.reports import PAPER
 from ..shared.tables import numbers, outcomes, stacked
 from .chart import StereographicChart, surface_geometry
@@ -71,13 +71,12 @@ def at_point(manifold, chart, sigma):
     if found.ok and not critical.lengths.min() > COLLAPSED * critical.lengths.mean():
         point["outcome"] = Status.edge_collapse
     if point["outcome"] is Status.ok:
-        geometry = surface_geometry(manifold, critical, chart, s)
-        form = geometry.second_fundamental_form
+        tangents, metric, form = surface_geometry(manifold, critical, chart, s)
         # The chart is conformal, VᵀV = c²1, so that the eigenvalues of the second form over c² are the radii.
         radii = np.linalg.eigvalsh((form + form.T) / 2) * (1 + s @ s / 4) ** 2
         point |= {
-            "tangents": geometry.tangents,
-            "metric": geometry.metric,
+            "tangents": tangents,
+            "metric": metric,
             "second_form": form,
             "principal_curvature": np.sort(1 / radii),
         }

@@ -63,7 +63,7 @@ def check(parameters, axes):
                 f"network: the references in many digits are for at most {MOST_VERTICES} vertices, not "
                 f"{own.n_vertices}: give a smaller network"
             )
-    check_network(check_voronoi, parameters["n_vertices"], 0.82)
+    check_network(check_voronoi, parameters["n_vertices"])
 
 
 POINT = ("difficulty", "seed", "quantity", "step")

@@ -7,8 +7,7 @@ from critflow.pictures import COLOURS
 from critflow.result import Status
 
 from ...shared.figures import TEXT, lettered, page
-from ...shared.power_laws import exponent
-from ...shared.reports import MARKERS, duration
+from ...shared.reports import MARKERS, duration, exponent
 from ..timing import Backend
 from .charts import nothing
 from .stages import STAGES, WORD
@@ -107,7 +106,8 @@ def size_claims(ds):
     sizes, last = stages.n_vertices.values, stages.isel(n_vertices=-1)
     most = int(sizes[-1])
     if not np.isnan(power := fitted(stages, "configuration")):
-        solvers = ", ".join(dict.fromkeys(_solvers(stages, "configuration")))
+        codes = stages.backend.sel(contestant="configuration").values
+        solvers = ", ".join(dict.fromkeys(Backend(int(code)).name for code in codes))
         yield Claim.tested(
             "Scale-configuration", "the time of a configuration grows at most as N_v^1.2",
             f"at most {EXPONENT} required", f"exponent {power:.2f} from {sizes[sizes >= FIRST_FITTED][0]:,} to "
@@ -155,8 +155,3 @@ def size_summary(ds):
         "seconds": {name: stages.wall_seconds.sel(contestant=name).values for name in STAGES},
         f"exponents_from_{FIRST_FITTED}": {name: power for name, power in powers.items() if np.isfinite(power)},
     }
-
-
-def _solvers(stages, name):
-    """Name of the solver behind a stage at every size."""
-    return [Backend(int(code)).name for code in stages.backend.sel(contestant=name).values]
