@@ -196,7 +196,7 @@ def strain_path(
                        state has one
     taut_only          True: the taut part alone also where rest lengths are known, as springs at rest
     measure            "tensors"; "moduli": bulk and shear moduli alone, in less time, and `elasticity` is empty;
-                       "energy": equilibria only
+                       "energy": no moduli but that along the path
     method, tolerance  those of `equilibrium`; free components of the cell need Newton's method.  The tolerance is for
                        FIRE, cables, and free components; Newton's answer is otherwise exact to rounding
 
