@@ -5,6 +5,9 @@ from .elastic import elasticity as elasticity
 from .equilibria import equilibrium as equilibrium
 from .extras.cables.critical_strain import critical_strain as critical_strain
 from .extras.cables.rigidity_surface import rigidity_surface as rigidity_surface
+from .extras.certificates.certify import certify as certify
+from .extras.certificates.counts import rigidity as rigidity
+from .extras.certificates.spaces import self_stresses as self_stresses
 from .extras.examine.examine import examine as examine
 from .extras.files.convert import network_from as network_from
 from .extras.files.convert import write_network as write_network
@@ -17,6 +20,7 @@ from .extras.graphs.packings import packing_network as packing_network
 from .extras.graphs.regular_networks import regular_network as regular_network
 from .extras.inference.nearest import nearest_critical as nearest_critical
 from .extras.local.local_response import local_response as local_response
+from .extras.pruning.pruning import pruned as pruned
 from .extras.targets.targets import design as design
 from .extras.tensegrity.signed_stress import stability as stability
 from .extras.tissue.tissue import critical_from_perimeters as critical_from_perimeters
@@ -40,7 +44,6 @@ from .pictures import draw as draw
 from .points import delaunay_network as delaunay_network
 from .points import foam_network as foam_network
 from .points import voronoi_network as voronoi_network
-from .pruning import pruned as pruned
 from .quantities import Quantity as Quantity
 from .quantity_names import properties as properties
 from .quantity_names import quantity as quantity
@@ -50,9 +53,6 @@ from .result import InputError as InputError
 from .result import Solution as Solution
 from .result import SolveError as SolveError
 from .result import Status as Status
-from .self_stress import certify as certify
-from .self_stress import rigidity as rigidity
-from .self_stress import self_stresses as self_stresses
 from .springs import Cable as Cable
 from .springs import Hookean as Hookean
 from .springs import PowerLaw as PowerLaw

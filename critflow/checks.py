@@ -1,4 +1,4 @@
-"""The blocks of a network, and whether its boundary opens them, from the graph alone.
+"""What makes a network: checks of its values, each of which names the first bad one, and the blocks of its graph.
 
 A block is a maximal part of the network that no single vertex separates, where all pins count as one vertex.  The
 bond vectors in balance split over the blocks.  Where b sums to zero around every cycle of a block, there are
@@ -6,8 +6,6 @@ coordinates at which all its bond vectors vanish, and these minimise Σσ|L|² u
 collapses to a point, as every bridge does.  In any other block each edge has a length for almost every stress:
 L_α = 0 for all σ implies 0 = ∂L_α/∂σ_β = −(g P⁻¹ gᵀ)_{αβ} L_β for every β, and inside a block no entry of g P⁻¹ gᵀ
 vanishes for all σ.
-
-All of this follows from one depth-first tree, in which every other edge joins a vertex to one of its ancestors.
 """
 
 from __future__ import annotations
@@ -23,15 +21,14 @@ from scipy.sparse.csgraph import connected_components, depth_first_order
 from critflow.arguments import shown
 from critflow.result import NetworkError
 
-# Checks of the values that make a network: each raises a `NetworkError` that names the first bad one.
-
 Array = NDArray[np.float64]
 IntArray = NDArray[np.int64]
+Mask = NDArray[np.bool_]
 
 # Most vertices of a network that is made from a number alone, which may be a typing error: 1 kB a vertex is 20 GB.
 MOST_VERTICES = 20_000_000
 # Distance of the pins from the origin in units of their extent, at most: four digits of every length.
-FARTHEST = 1e4
+_FARTHEST = 1e4
 # Part of the edges across the boundary that may be longer than the cell: wrong signs make it about a half.
 _CONTRADICTING = 0.1
 # An edge longer than every diagonal of the cell is doubtful if its nearest image is less than this part of it.
@@ -95,12 +92,6 @@ def integers(values: ArrayLike, name: str) -> IntArray:
     return array.astype(np.int64)
 
 
-def checked_count(value: object) -> int:
-    if not isinstance(value, int | np.integer) or value < 0:
-        raise NetworkError(f"n_vertices must be a whole number above zero, not {shown(value)}, or left out")
-    return int(value)
-
-
 def checked_pins(pins: object, n_vertices: int) -> dict[int, Array]:
     if pins is None:
         return {}
@@ -116,7 +107,7 @@ def checked_pins(pins: object, n_vertices: int) -> dict[int, Array]:
     if len({place.shape for place in places.values()}) == 1:
         positions = np.array(list(places.values()))
         distance, extent = np.abs(positions).max(), np.ptp(positions, axis=0).max(initial=0.0)
-        if distance > FARTHEST * extent > 0:
+        if distance > _FARTHEST * extent > 0:
             raise NetworkError(
                 f"the pins lie {distance / extent:.0e} times their extent from the origin, which costs as many digits "
                 "of every length: subtract their mean"
@@ -141,15 +132,6 @@ def checked_cell(cell: ArrayLike, dimension: int | None = None) -> Array:
     return array
 
 
-def dimension_of(cell: Array | None, pins: Mapping[int, Array]) -> int:
-    if cell is None and not pins:
-        raise NetworkError("a network needs a periodic cell or pins: without either it collapses to a point")
-    sizes = {p.shape for p in pins.values()} | ({cell.shape[:1]} if cell is not None else set())
-    if len(sizes) != 1 or any(len(size) != 1 for size in sizes):
-        raise NetworkError("the cell vectors and the pinned positions must all have the same dimension")
-    return int(sizes.pop()[0])
-
-
 def check_size(n_vertices: float) -> None:
     """Raise `NetworkError` before a network of this size is made if it is out of reach."""
     if not n_vertices <= MOST_VERTICES:
@@ -167,13 +149,6 @@ def check_ends(edges: IntArray, n_vertices: int) -> None:
             f"edge {edge} joins vertices {edges[edge].tolist()}, but vertices run from 0 to {n_vertices - 1}: "
             "remove it or add the vertex, or check whether counting begins at 0 or 1"
         )
-
-
-def check_loops(edges: IntArray, offsets: IntArray) -> None:
-    loops = (edges[:, 0] == edges[:, 1]) & ~offsets.any(axis=1)
-    if loops.any():
-        edge = int(np.flatnonzero(loops)[0])
-        raise NetworkError(f"edge {edge} joins vertex {edges[edge, 0]} to itself, which has no length: remove it")
 
 
 def check_positions(
@@ -210,8 +185,6 @@ def doubtful_offsets(
     return doubtful, len(crossing), len(doubtful) > max(1, _CONTRADICTING * len(crossing))
 
 
-Mask = NDArray[np.bool_]
-
 # Pins closer than this part of a cell vector, or of the largest coordinate, lie at the same place.
 _SAME_PLACE = 1e-13
 
@@ -222,34 +195,92 @@ def blocks(
     """The block of each edge, (N_b,), and the gain of the cycle that it closes with a spanning tree, (N_b, d + 1).
 
     The gain is a sum of offsets and, in the last column, of differences of the places of pins: it is zero where b is.
-    Parts of the graph that no edge joins are blocks apart.
+    Parts of the graph that no edge joins are blocks apart.  All follows from one depth-first tree, in which every other
+    edge joins a vertex to one of its ancestors.
     """
-    # The vertex after the last one is the root: all pins in one, or a vertex that only joins the parts.
-    vertex, gains = np.arange(n_vertices), np.column_stack([offsets, np.zeros(len(edges), np.int64)])
+    # The vertex after the last one is the root: all pins in one, or a vertex that edges without gain join to the parts.
+    root, gains = n_vertices, np.column_stack([offsets, np.zeros(len(edges), np.int64)])
+    vertex = np.arange(n_vertices)
     if pins:
-        anchors = np.fromiter(pins, np.int64, len(pins))
-        vertex[anchors] = n_vertices
-        place = np.zeros((n_vertices, offsets.shape[1] + 1), np.int64)
-        # The image of the cell in which each pin lies, and the number of its place in that cell.
-        x = np.array(list(pins.values()))
-        unit = np.eye(x.shape[1]) * max(float(np.abs(x).max()), 1e-300) if cell is None else cell
-        inside = x @ np.linalg.inv(unit)
-        image = np.zeros(x.shape, np.int64) if cell is None else np.floor(inside + _SAME_PLACE).astype(np.int64)
-        rounded = np.round((inside - image) / _SAME_PLACE)
-        place[anchors, :-1] = image
-        place[anchors, -1] = 1 + np.unique(rounded, axis=0, return_inverse=True)[1].ravel()
+        vertex[list(pins)] = root
+        place = _places(pins, cell, n_vertices)
         gains += place[edges[:, 1]] - place[edges[:, 0]]
     ends = vertex[edges]
     part = components(ends, n_vertices + 1)
     first = np.unique(part, return_index=True)[1]
-    joints = first[part[first] != part[n_vertices]]
-    tree = _Tree(np.concatenate([ends, np.column_stack([np.full_like(joints, n_vertices), joints])]), n_vertices)
+    joints = first[part[first] != part[root]]
+    ends = np.concatenate([ends, np.column_stack([np.full_like(joints, root), joints])])
     gains = np.concatenate([gains, np.zeros((len(joints), gains.shape[1]), np.int64)])
-    block = tree.blocks()[tree.lower]
+
+    # Vertices by their number in the order of the visit, in which a subtree is the range [v, end(v)).
+    parent, number, end = _depth_first_tree(ends, root)
+    ends = number[ends]
+    upper, lower = np.sort(ends, axis=1).T
+
+    # Edges above a vertex and above its parent share a block if an edge leaves the subtree to beyond the parent.  The
+    # edge of the tree above a vertex has its number; every edge belongs to the block of its lower end.
+    reached = np.arange(len(parent))
+    np.minimum.at(reached, lower, upper)
+    joined = np.flatnonzero(_range_minima(reached, end) < parent)
+    block = components(np.column_stack([joined, parent[joined]]), len(parent))[lower]
     # An edge from a vertex to an image of itself is a block by itself.
-    loops = np.flatnonzero(tree.lower == tree.upper)
-    block[loops] = n_vertices + 1 + np.arange(len(loops))
-    return np.unique(block[: len(edges)], return_inverse=True)[1].ravel(), tree.cycle_gains(gains)[: len(edges)]
+    loops = np.flatnonzero(lower == upper)
+    block[loops] = len(parent) + np.arange(len(loops))
+
+    # The sum of gains along the path from the root begins where a subtree begins, and ends where it ends.  Of parallel
+    # edges the last one belongs to the tree.
+    of_tree = np.flatnonzero((upper != lower) & (parent[lower] == upper))
+    child, change = lower[of_tree], np.zeros((len(parent) + 1, gains.shape[1]), np.int64)
+    change[child] = np.where((ends[of_tree, 1] == child)[:, None], gains[of_tree], -gains[of_tree])
+    np.subtract.at(change, end, change[:-1].copy())
+    potential = np.cumsum(change[:-1], axis=0)
+    cycle_gain = potential[ends[:, 0]] + gains - potential[ends[:, 1]]
+    return np.unique(block[: len(edges)], return_inverse=True)[1].ravel(), cycle_gain[: len(edges)]
+
+
+def _places(pins: Mapping[int, Array], cell: Array | None, n_vertices: int) -> IntArray:
+    """Image of the cell in which each pin lies, and the number of its place in that cell, (N_v, d + 1)."""
+    x = np.array(list(pins.values()))
+    unit = np.eye(x.shape[1]) * max(float(np.abs(x).max()), 1e-300) if cell is None else cell
+    inside = x @ np.linalg.inv(unit)
+    image = np.zeros(x.shape, np.int64) if cell is None else np.floor(inside + _SAME_PLACE).astype(np.int64)
+    rounded = np.round((inside - image) / _SAME_PLACE)
+    place = np.zeros((n_vertices, x.shape[1] + 1), np.int64)
+    place[list(pins), :-1] = image
+    place[list(pins), -1] = 1 + np.unique(rounded, axis=0, return_inverse=True)[1].ravel()
+    return place
+
+
+def _depth_first_tree(edges: IntArray, root: int) -> tuple[IntArray, IntArray, IntArray]:
+    """A depth-first tree of a connected graph, whose vertices get numbers in the order of the visit.
+
+    Returns the parent (n,) by number, for the root 0 itself; the number (n,) of each vertex; and one more than the last
+    number of each subtree (n,), by number.
+    """
+    order, above = depth_first_order(_graph(np.concatenate([edges, edges[:, ::-1]]), root + 1), root)
+    n = len(order)
+    number = np.empty(n, np.int64)
+    number[order] = np.arange(n)
+    above[root] = root
+    parent = number[above[order]]
+    # The last of several assignments stands: each vertex points to its last child, then to its last descendant.
+    last = np.arange(n)
+    last[parent[1:]] = np.arange(1, n)
+    while not np.array_equal(further := last[last], last):
+        last = further
+    return parent, number, last + 1
+
+
+def _range_minima(values: IntArray, end: IntArray) -> IntArray:
+    """Minima of values[v:end[v]] for every v, from minima over all ranges of 1, 2, 4, ... values in turn."""
+    minima, level = values.copy(), np.frexp(end - np.arange(len(values)))[1] - 1
+    table, width = values, 1
+    for k in range(int(level.max()) + 1):
+        here = np.flatnonzero(level == k)
+        minima[here] = np.minimum(table[here], table[end[here] - width])
+        table = np.minimum(table[:-width], table[width:])
+        width *= 2
+    return minima
 
 
 def components(edges: IntArray, n_vertices: int) -> IntArray:
@@ -272,7 +303,22 @@ def check_support(
     Without a cell, a piece of several edges that hangs on one vertex may be a tensegrity, kept open by stresses of both
     signs: only bridges are refused, and `check_opened` refuses the rest where stresses must be positive.
     """
-    _check_degrees(edges, pins, n_vertices)
+    # Before any array of n_vertices is made, whose number may be a typing error.
+    if n_vertices - len(pins) > len(edges):
+        used = np.union1d(edges, np.fromiter(pins, np.int64, len(pins)))
+        unused = np.flatnonzero(used != np.arange(len(used)))
+        lone = int(unused[0]) if len(unused) else len(used)
+        if lone < n_vertices:
+            raise NetworkError(
+                f"vertex {lone} hangs on no edge: {n_vertices:,} vertices need two edges each, and there are "
+                f"{len(edges):,} edges; remove it, or number the vertices without gaps{_from_zero(edges)}"
+            )
+    degree = np.bincount(edges.ravel(), minlength=n_vertices)
+    degree[list(pins)] = 2
+    loose = np.flatnonzero(degree <= 1)
+    if len(loose):
+        support = "no edge" if degree[loose[0]] == 0 else "a single edge, which cannot carry tension"
+        raise NetworkError(f"vertex {loose[0]} hangs on {support}: remove it, or use pruned(...){_from_zero(edges)}")
     if len(pins) == n_vertices or n_vertices == 1:
         raise NetworkError("no vertex is free to move, so there is nothing to find: add vertices or remove pins")
     # All pins belong to one support, so they count as joined.
@@ -316,85 +362,5 @@ def _from_zero(edges: IntArray) -> str:
     return "; vertices count from 0: subtract 1 from their numbers" if edges.size and edges.min() == 1 else ""
 
 
-def _check_degrees(edges: IntArray, pins: Mapping[int, Array], n_vertices: int) -> None:
-    """Raise `NetworkError` for free vertices with fewer than two edges."""
-    # Before any array of n_vertices is made, whose number may be a typing error.
-    if n_vertices - len(pins) > len(edges):
-        used = np.union1d(edges, np.fromiter(pins, np.int64, len(pins)))
-        unused = np.flatnonzero(used != np.arange(len(used)))
-        lone = int(unused[0]) if len(unused) else len(used)
-        if lone < n_vertices:
-            raise NetworkError(
-                f"vertex {lone} hangs on no edge: {n_vertices:,} vertices need two edges each, and there are "
-                f"{len(edges):,} edges; remove it, or number the vertices without gaps{_from_zero(edges)}"
-            )
-    degree = np.bincount(edges.ravel(), minlength=n_vertices)
-    degree[list(pins)] = 2
-    loose = np.flatnonzero(degree <= 1)
-    if len(loose):
-        support = "no edge" if degree[loose[0]] == 0 else "a single edge, which cannot carry tension"
-        raise NetworkError(f"vertex {loose[0]} hangs on {support}: remove it, or use pruned(...){_from_zero(edges)}")
-
-
 def _graph(edges: IntArray, n_vertices: int) -> sp.csr_array:
     return sp.csr_array((np.ones(len(edges)), tuple(edges.T)), shape=(n_vertices, n_vertices))
-
-
-class _Tree:
-    """A depth-first tree, its vertices numbered in the order of the visit: a subtree is the range [v, end(v)).
-
-    parent        (n,) by number, as all that follow; the root is 0 and the parent of itself
-    end           (n,) one more than the last number of the subtree
-    ends          (N_b, 2) tail and head of each edge
-    upper, lower  (N_b,) the same as ancestor and descendant
-    """
-
-    def __init__(self, edges: IntArray, root: int):
-        graph = _graph(np.concatenate([edges, edges[:, ::-1]]), root + 1)
-        order, above = depth_first_order(graph, root)
-        n = len(order)
-        place = np.empty(n, np.int64)
-        place[order] = np.arange(n)
-        above[root] = root
-        self.parent = place[above[order]]
-        last = np.arange(n)
-        # The last of several assignments stands: each vertex points to its last child, then to its last descendant.
-        last[self.parent[1:]] = np.arange(1, n)
-        while not np.array_equal(further := last[last], last):
-            last = further
-        self.end = last + 1
-        self.ends = place[edges]
-        self.upper, self.lower = np.sort(self.ends, axis=1).T
-
-    def blocks(self) -> IntArray:
-        """The block (n,) of the edge of the tree above each vertex; an edge belongs to the block of its lower end."""
-        # Edges above a vertex and above its parent share a block if an edge leaves the subtree to beyond the parent.
-        reached = np.arange(len(self.parent))
-        np.minimum.at(reached, self.lower, self.upper)
-        joined = np.flatnonzero(_range_minima(reached, self.end) < self.parent)
-        pairs = np.column_stack([joined, self.parent[joined]])
-        return components(pairs, len(self.parent))
-
-    def cycle_gains(self, gains: IntArray) -> IntArray:
-        """The gain (N_b, m) of the cycle that each edge closes with the tree, from the gains of the edges."""
-        # Of parallel edges the last one belongs to the tree.
-        number = np.flatnonzero((self.upper != self.lower) & (self.parent[self.lower] == self.upper))
-        child = self.lower[number]
-        change = np.zeros((len(self.parent) + 1, gains.shape[1]), np.int64)
-        change[child] = np.where((self.ends[number, 1] == child)[:, None], gains[number], -gains[number])
-        # The sum along the path from the root begins where a subtree begins, and ends where it ends.
-        np.subtract.at(change, self.end, change[:-1].copy())
-        potential = np.cumsum(change[:-1], axis=0)
-        return np.asarray(potential[self.ends[:, 0]] + gains - potential[self.ends[:, 1]])
-
-
-def _range_minima(values: IntArray, end: IntArray) -> IntArray:
-    """Minima of values[v:end[v]] for every v, from minima over all ranges of 1, 2, 4, ... values in turn."""
-    minima, level = values.copy(), np.frexp(end - np.arange(len(values)))[1] - 1
-    table, width = values, 1
-    for k in range(int(level.max()) + 1):
-        here = np.flatnonzero(level == k)
-        minima[here] = np.minimum(table[here], table[end[here] - width])
-        table = np.minimum(table[:-width], table[width:])
-        width *= 2
-    return minima

@@ -132,10 +132,8 @@ class Deformation:
     @classmethod
     def simple_shear(cls, dimension: int, plane: str = "xy") -> Deformation:
         """F = 1 + γ e_i e_jᵀ in the plane (i, j): x_i → x_i + γ x_j."""
-        i, j = _plane(dimension, plane)
-        A = np.zeros((dimension, dimension))
-        A[i, j] = 1.0
-        return replace(cls.linear(A), name="simple_shear" + f"_{plane}" * (plane != "xy"))
+        i, j = np.eye(dimension)[[*_plane(dimension, plane)]]
+        return replace(cls.linear(np.outer(i, j)), name="simple_shear" + f"_{plane}" * (plane != "xy"))
 
     @classmethod
     def pure_shear(cls, dimension: int, plane: str = "xy") -> Deformation:
@@ -157,10 +155,9 @@ class Deformation:
         i = _axis(dimension, axis)
         if sides not in ("fixed", "free"):
             raise InputError(f"the sides of a uniaxial deformation are 'fixed' or 'free', not {sides!r}")
-        A = np.zeros((dimension, dimension))
-        A[i, i] = 1.0
         name = "uniaxial" if sides == "fixed" else "uniaxial_free"
-        deformation = replace(cls.linear(A), name=name if axis == "x" else f"{name}_{axis}")
+        along = np.diag(np.eye(dimension)[i])
+        deformation = replace(cls.linear(along), name=name if axis == "x" else f"{name}_{axis}")
         others = [a + a for a in AXES[:dimension] if a != axis]
         return deformation.freeing(*others) if sides == "free" else deformation
 
@@ -245,10 +242,8 @@ def strain_basis(dimension: int) -> tuple[tuple[str, ...], Array]:
     # Voigt's order yz, xz, xy.
     pairs += [(i, j) for i, j in ((1, 2), (0, 2), (0, 1)) if j < dimension]
     names = tuple(AXES[i] + AXES[j] for i, j in pairs)
-    strains = np.zeros((len(pairs), dimension, dimension))
-    for strain, (i, j) in zip(strains, pairs, strict=True):
-        strain[i, j] += 0.5
-        strain[j, i] += 0.5
+    products = [np.outer(*np.eye(dimension)[[i, j]]) for i, j in pairs]
+    strains = np.array([0.5 * (one + one.T) for one in products])
     strains.flags.writeable = False
     return names, strains
 

@@ -6,14 +6,19 @@ Conventions.  Strain γ is volumetric, V → V(1 + γ) with b → (1 + γ)^{1/d}
   shear modulus (stress-corrected)  G − ½ dE/dV
 The moduli are relaxed: vertices follow the strain, μ_ab = (E_ab − Ξ_aᵀ H⁻¹ Ξ_b)/V.  Past the transition
 B = B_0 + C_B γ and G = G_0 + C_G γ to first order (`ModulusStrainScaling`).
+
+At the transition the only self-stress resists.  With stresses s of springs, their rates ḣ_a under the strains E_a and
+their flexibility f,
+    V C_ab = (s·ḣ_a)(s·ḣ_b)/D,   D = Σ s² f   (`GenericModulus`),
+of edges s = σ, ḣ = L·E_a L, f = |L|²/k.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -22,7 +27,7 @@ from critflow.arguments import of_kind, of_known_kind
 from critflow.calls import running
 from critflow.deformation import strain_basis
 from critflow.extensions import extensible, provided
-from critflow.linear_response import Elasticity, Errors, LateErrors, linear_response
+from critflow.linear_response import Elasticity, Errors, linear_response
 from critflow.manifold import CriticalConfiguration
 from critflow.networks import Array, Network
 from critflow.numerics import EPS, dot
@@ -31,56 +36,6 @@ from critflow.result import InputError, Solution, Stats, Status
 from critflow.self_stress import count_self_stresses
 from critflow.springs import HOOKEAN, SpringLaw, SpringState
 from critflow.taut_part import backbone
-
-# Elasticity at the transition by the only self-stress, and its errors.
-#
-# With stresses s of springs, their rates ḣ_a under the strains E_a and their flexibility f,
-#     V C_ab = (s·ḣ_a)(s·ḣ_b)/D,   D = Σ s² f   (`GenericModulus`),
-# of edges s = σ, ḣ = L·E_a L, f = |L|²/k.
-#
-# Errors are those of `critflow.quantities`.
-
-
-def elasticity_at_transition(critical: CriticalConfiguration, volume: float, roundings: int = 1) -> Elasticity:
-    """Of a critical configuration with one self-stress and no slack edge.
-
-    roundings  how often σ was scaled
-    """
-    L = critical.bond_vectors
-    flexibility = dot(L, L) / critical.network.stiffness
-    error = partial(transition_modulus_error, critical=critical, volume=volume, roundings=roundings)
-    shear = partial(error, pure_shear(L.shape[1])) if L.shape[1] > 1 else partial(float, np.nan)
-    errors = LateErrors(
-        partial(_tensor_errors, error, critical, volume), partial(error, dilation(L.shape[1])), shear, shear
-    )
-    return tensor_of_self_stress(critical.sigma, strain_rates(L), flexibility, L.shape[1], volume, errors)
-
-
-def strain_rates(L: Array) -> Array:
-    """ḣ = L·A L of the dilation and of all strains of `strain_basis`, (1 + m, N_b)."""
-    d = L.shape[1]
-    return np.array([dot(L, L @ A) for A in (dilation(d), *strain_basis(d)[1])])
-
-
-def tensor_of_self_stress(
-    stress: Array, rates: Array, flexibility: Array, dimension: int, volume: float, errors: Errors | None = None
-) -> Elasticity:
-    """C_ab by the stresses s (n,), flexibilities f (n,), and rates ḣ (1 + m, n) of the dilation and of all strains."""
-    works = np.array([stress @ rate for rate in rates])
-    tensor = np.outer(works, works / (stress**2 @ flexibility)) / volume
-    affine, nothing = (rates[1:] / flexibility) @ rates[1:].T / volume, np.zeros((dimension, dimension))
-    return Elasticity(tensor[1:, 1:], affine, nothing, volume, errors, float(tensor[0, 0]))  # type: ignore[arg-type]
-
-
-def _tensor_errors(error: Callable[[Array], float], critical: CriticalConfiguration, volume: float) -> Array:
-    basis = strain_basis(critical.network.dimension)[1]
-    single = np.array([error(strain) for strain in basis])
-    errors = np.diag(single)
-    # Products of two components are half the differences of squares of their sums.
-    for a, b in zip(*np.tril_indices(len(basis), -1), strict=True):
-        errors[a, b] = errors[b, a] = 0.5 * (error(basis[a] + basis[b]) + single[a] + single[b])
-    return errors + 8 * EPS * np.abs(elasticity_at_transition(critical, volume).tensor)
-
 
 # Force left on a vertex, relative to the largest tension, below which tensions are in balance: those of rounding are
 # not, and tensions of 1e-14 near the transition are.
@@ -97,16 +52,6 @@ class ElasticResponse(Solution[Elasticity]):
     """
 
     n_self_stresses: int
-
-
-class Options(NamedTuple):
-    """The arguments of `elasticity` that say where the springs are and which of them resist."""
-
-    coordinates: ArrayLike | None = None
-    rest_lengths: ArrayLike | None = None
-    taut: ArrayLike | None = None
-    law: SpringLaw = HOOKEAN
-    tolerance: float = 1e-9
 
 
 @running("elasticity")
@@ -143,8 +88,8 @@ def elasticity(
     (0.288675, True)
     >>> network = cf.lattice("triangular", 3, 3)
     >>> tensor = cf.elasticity(network, network.positions).value
-    >>> round(tensor.bulk, 6), round(tensor.shear, 6), round(tensor.poisson(0.0), 6)
-    (0.866025, 0.433013, 0.333333)
+    >>> round(tensor.bulk, 6), round(tensor.shear, 6)
+    (0.866025, 0.433013)
     """
     springs = of_known_kind(elastic_response, CriticalConfiguration, SpringState, Network, springs=springs)
     of_kind(np.ndarray, None, coordinates=coordinates, rest_lengths=rest_lengths, taut=taut)
@@ -154,43 +99,85 @@ def elasticity(
     V = (springs if isinstance(springs, Network) else springs.network).volume if volume is None else volume
     if not 0 < V < np.inf:
         raise InputError(f"the volume must be positive and finite, not {V}")
-    options = Options(coordinates, rest_lengths, taut, law, tolerance)
-    response: Solution[Elasticity] = elastic_response(springs, V, options)
+    options = {"coordinates": coordinates, "rest_lengths": rest_lengths, "taut": taut, "law": law}
+    response: Solution[Elasticity] = elastic_response(springs, V, tolerance=tolerance, **options)
     return response
 
 
 @extensible
-def elastic_response(springs: Any, volume: float, options: Options) -> Solution[Elasticity]:
-    """Elasticity by the kind of the springs, per volume V; networks at rest are registered by an extra."""
-    response: ElasticResponse = provided("response_at_rest", AT_REST)(springs, options.coordinates, volume)
+def elastic_response(springs: Any, volume: float, **options: Any) -> Solution[Elasticity]:
+    """Elasticity by the kind of the springs, per volume V; networks at rest are registered by an extra.
+
+    options  the other arguments of `elasticity`
+    """
+    response: ElasticResponse = provided("response_at_rest", AT_REST)(springs, options["coordinates"], volume)
     return response
 
 
 @elastic_response.register(CriticalConfiguration)
-def _at_transition(critical: CriticalConfiguration, volume: float, _: Options) -> ElasticResponse:
-    parts = backbone(critical).components
-    return total_response([_of_part(part, volume, 1 if part is critical else 2) for part in parts])
+def _at_transition(critical: CriticalConfiguration, volume: float, **_: Any) -> ElasticResponse:
+    """The sum over the taut parts; at rest where a part has several self-stresses."""
+    parts: list[ElasticResponse] = []
+    for part in backbone(critical).components:
+        if count_self_stresses(part) == 1:
+            value = elasticity_at_transition(part, volume, 1 if part is critical else 2)
+            parts.append(of_one_self_stress(value, part.residual))
+        else:
+            parts.append(provided("response_at_rest", AT_REST)(part.network, part.coordinates, volume))
+    return total_response(parts)
 
 
-def _of_part(critical: CriticalConfiguration, volume: float, roundings: int) -> ElasticResponse:
-    """The response of a configuration without slack edges, at rest where it has several self-stresses."""
-    if count_self_stresses(critical) == 1:
-        return of_one_self_stress(elasticity_at_transition(critical, volume, roundings), critical.residual)
-    response: ElasticResponse = provided("response_at_rest", AT_REST)(critical.network, critical.coordinates, volume)
+@elastic_response.register(SpringState)
+def _of_state(state: SpringState, volume: float, *, tolerance: float, **_: Any) -> Solution[Elasticity]:
+    if under_stress(state, tolerance):
+        return linear_response(state, volume)
+    response: ElasticResponse = provided("state_at_rest", AT_REST)(state, volume)
     return response
+
+
+def elasticity_at_transition(critical: CriticalConfiguration, volume: float, roundings: int = 1) -> Elasticity:
+    """Of a critical configuration with one self-stress and no slack edge; the errors are those of `quantities`.
+
+    roundings  how often σ was scaled
+    """
+    L, d = critical.bond_vectors, critical.network.dimension
+    error = partial(transition_modulus_error, critical=critical, volume=volume, roundings=roundings)
+
+    shear = partial(error, pure_shear(d)) if d > 1 else np.nan
+    errors = Errors(partial(_tensor_errors, critical, volume, roundings), partial(error, dilation(d)), shear, shear)
+    flexibility = dot(L, L) / critical.network.stiffness
+    return tensor_of_self_stress(critical.sigma, strain_rates(L), flexibility, d, volume, errors)
+
+
+def _tensor_errors(critical: CriticalConfiguration, volume: float, roundings: int) -> Array:
+    """Errors (m, m) of the tensor: products of two components are half the differences of squares of their sums."""
+    error = partial(transition_modulus_error, critical=critical, volume=volume, roundings=roundings)
+    basis = strain_basis(critical.network.dimension)[1]
+    errors = np.diag([error(strain) for strain in basis])
+    for a, b in zip(*np.tril_indices(len(basis), -1), strict=True):
+        errors[a, b] = errors[b, a] = 0.5 * (error(basis[a] + basis[b]) + errors[a, a] + errors[b, b])
+    return errors + 8 * EPS * np.abs(elasticity_at_transition(critical, volume).tensor)
+
+
+def strain_rates(L: Array) -> Array:
+    """ḣ = L·A L of the dilation and of all strains of `strain_basis`, (1 + m, N_b)."""
+    d = L.shape[1]
+    return np.array([dot(L, L @ A) for A in (dilation(d), *strain_basis(d)[1])])
+
+
+def tensor_of_self_stress(
+    stress: Array, rates: Array, flexibility: Array, dimension: int, volume: float, errors: Errors | None = None
+) -> Elasticity:
+    """C_ab by the stresses s (n,), flexibilities f (n,), and rates ḣ (1 + m, n) of the dilation and of all strains."""
+    works = np.array([stress @ rate for rate in rates])
+    tensor = np.outer(works, works / (stress**2 @ flexibility)) / volume
+    affine, nothing = (rates[1:] / flexibility) @ rates[1:].T / volume, np.zeros((dimension, dimension))
+    return Elasticity(tensor[1:, 1:], affine, nothing, volume, errors, float(tensor[0, 0]))  # type: ignore[arg-type]
 
 
 def of_one_self_stress(value: Elasticity, residual: float) -> ElasticResponse:
     """An elasticity at the transition as a solution; residual of the balance of forces."""
     return ElasticResponse(value, Status.ok, Stats("transition", residual=residual), n_self_stresses=1)
-
-
-@elastic_response.register(SpringState)
-def _of_state(state: SpringState, volume: float, options: Options) -> Solution[Elasticity]:
-    if under_stress(state, options.tolerance):
-        return linear_response(state, volume)
-    response: ElasticResponse = provided("state_at_rest", AT_REST)(state, volume)
-    return response
 
 
 def under_stress(state: SpringState, tolerance: float) -> bool:
@@ -209,14 +196,18 @@ def total_response(parts: Sequence[ElasticResponse]) -> ElasticResponse:
     if len(parts) == 1:
         return parts[0]
     values = [part.value for part in parts]
-    tensor, affine, stress = (
-        np.sum([getattr(value, name) for value in values], axis=0) for name in ("tensor", "affine", "stress")
-    )
-    errors, bulk = LateErrors.total([value.errors for value in values]), sum(value.bulk for value in values)
+
+    def total(name: str) -> Any:
+        return np.sum([getattr(value, name) for value in values], axis=0)
+
+    def error(name: str) -> Any:
+        return np.sum([getattr(value.errors, name) for value in values], axis=0)
+
+    errors = Errors(*(partial(error, name) for name in ("tensor", "bulk", "shear", "shear_stress_corrected")))
     failed = [part for part in parts if not (part.ok or part.status is Status.floppy)]
     worst = (failed or [part for part in parts if part.ok] or parts)[0]
     return ElasticResponse(
-        Elasticity(tensor, affine, stress, values[0].volume, errors, bulk),
+        Elasticity(total("tensor"), total("affine"), total("stress"), values[0].volume, errors, float(total("bulk"))),
         worst.status,
         Stats("sum over the taut parts", len(parts)),
         worst.note,

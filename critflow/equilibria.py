@@ -1,9 +1,19 @@
-"""Equilibria of springs at a strain, by Newton's method with sparse factors or by FIRE, with errors."""
+"""Equilibria of springs at a strain, by Newton's method with sparse factors or by FIRE, with errors.
+
+Newton's method solves H u = f with the sparse Hessian H and the unbalanced forces f = −∂E/∂x.  Far from equilibrium H
+is replaced by a positive definite matrix: H with a shift for floppy modes, or its convex part (without the geometric
+softening of compressed edges) with a shift that grows until a step is accepted (Levenberg, 1944; Marquardt, 1963).
+Corrections in extended precision then lead onto the exact equilibrium (`with_bounds`), and the inertia of the Hessian
+on both sides of zero decides whether that is a minimum of the energy or a saddle (`stability_of`).
+
+The loop is not one of `critflow.minimisers`, whose methods see vectors: a step needs the sparse factor of a
+matrix that it selects itself, and states keep bond vectors with a relative rounding that coordinates lack.
+"""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Generic, Protocol, Self, TypeVar
+from functools import partial
 
 import numpy as np
 import scipy.sparse as sp
@@ -12,7 +22,7 @@ from scipy.sparse.linalg import LinearOperator
 from critflow.arguments import of_kind
 from critflow.calls import running
 from critflow.double_double import two_sum
-from critflow.minimisers import Fire, Function, Point, minimise
+from critflow.minimisers import Function, Point, fire, minimise
 from critflow.networks import Array
 from critflow.numerics import EPS, largest, quasi_random
 from critflow.refinement import Displacement, inverse_norm
@@ -20,290 +30,51 @@ from critflow.result import InputError, Record, Solution, SolveError, Stats, Sta
 from critflow.sparse import Factor, FixedPattern, spread_columns
 from critflow.springs import EdgeMatrix, SpringState, State
 
-# Newton's method for the equilibrium of an elastic state, damped where the Hessian is indefinite or singular.
-#
-# Each step solves H u = f with the sparse Hessian H and the unbalanced forces f = −∂E/∂x.  Far from equilibrium H is
-# replaced by a positive definite matrix: H with a shift for floppy modes, or its convex part (without the geometric
-# softening of compressed edges) with a shift that grows until a step is accepted (Levenberg, 1944; Marquardt, 1963).
-#
-# The loop is not one of `critflow.minimisers`, whose methods see vectors: a step needs the sparse factor of a
-# matrix that it selects itself, and states keep bond vectors with a relative rounding that coordinates lack.
+# Newton's method
 
+# Its force never exceeds the first tolerance: corrections by one factor then converge to the exact equilibrium, and
+# convergence is quadratic, so the last digits cost one step.  The second is what rounding leaves.  Where the error of
+# an answer cannot be bounded, the tolerance is multiplied by the last number and Newton's method continues.
+LOOSEST_TOLERANCE, FINEST_TOLERANCE, REFINEMENT = 1e-8, 1e-14, 1e-3
+NEWTON_STEPS = 200
 # Stiffness that regularises floppy modes.  They feel no force, so the shift changes no answer; the stiffness of soft
 # modes at a strain γ, about γ k, is far above it.
 FLOPPY_SHIFT = 1e-11
-ROUNDING_FORCE = 1e-13  # below this force a rejected step is due to rounding and not to a matrix that needs damping
-
-# Damping: first and largest shift in units of k, and the factors by which it grows and decays.  The first shift is
-# below the soft modes of all strains of interest; beyond the largest, steps are shorter than rounding.
-_FIRST_SHIFT, _LARGEST_SHIFT, _GROWTH, _DECAY = 1e-9, 1e6, 10.0, 0.1
-
-# An indefinite Hessian stays indefinite for a while: it is tried again after the force has decreased to this part, or
-# after this number of steps.
-_RETRY_FORCE, _RETRY_STEPS = 0.1, 10
-
-# Parts of the step that are tried; a step with an earlier factor is tried in full only.
-_STEP_LENGTHS = (1.0, 0.3, 0.1)
-# Longest displacement of a step in units of the mean length: no edge passes through zero length.
-_LONGEST_STEP = 0.5
-
-# A step is accepted if the energy decreases by more than its rounding, or the force to this part.
-_ENERGY_ROUNDING, _FORCE_DECREASE = 1e-12, 0.9
-# A factor is used again after a decrease of the force to the first part, and as long as it brings the second: the
-# factorisation costs ten to a hundred solves.
-_REUSE_AFTER, _REUSE_DECREASE = 1e-2, 0.3
-
-# Where rounding stops the iteration within this number of tolerances, the state has converged.
-_ROUNDING_MARGIN = 10
-
-
-class Elastic(Protocol):
-    """What this method asks of a state: energy, forces −∂E/∂x in any shape, their unit, and factors of the Hessian."""
-
-    @property
-    def energy(self) -> float: ...
-    @property
-    def forces(self) -> Array: ...
-    @property
-    def max_force(self) -> float: ...
-    @property
-    def lengths(self) -> Array: ...
-    @property
-    def stiffness_scale(self) -> float: ...
-    @property
-    def length_scale(self) -> float: ...
-    def taut(self) -> bool: ...
-    def moved(self, displacement: Array) -> Self: ...
-    def factorize(self, pattern: FixedPattern, shift: float = 0.0) -> Factor: ...
-    def factorize_convex(self, pattern: FixedPattern, shift: float) -> Factor: ...
-
-
-ElasticState = TypeVar("ElasticState", bound=Elastic)
-
-
-@dataclass(frozen=True, eq=False)
-class NewtonEnd(Generic[ElasticState]):
-    """Last state of the iteration.
-
-    indefinite  whether the Hessian was indefinite at some step
-    factor      of the Hessian near the last state; None where the last factor is of another matrix
-    """
-
-    state: ElasticState
-    status: Status
-    steps: int
-    indefinite: bool
-    factor: Factor | None
-
-
-def newton(
-    state: ElasticState, tolerance: float, max_steps: int, pattern: FixedPattern, least_shift: float = 0.0
-) -> NewtonEnd[ElasticState]:
-    """Relax until no force component exceeds `tolerance`, in units of stiffness times length.
-
-    Every matrix has a `least_shift`, in units of k, for states of many floppy parts such as slack cables.  The last
-    state may be a saddle.  `Status.stalled` where no shift yields an accepted step.
-    """
-    damping, step, status = _Damping(pattern, least_shift * state.stiffness_scale), 0, Status.ok
-    while (force := unbalanced_force(state)) > tolerance * (unit := state.stiffness_scale * state.length_scale):
-        if step == max_steps:
-            status = Status.step_limit
-            break
-        if damping.shift > _LARGEST_SHIFT * state.stiffness_scale:
-            status = Status.stalled
-            break
-        trial = _line_search(state, damping.displacement(state, step), damping.reuses_factor)
-        if trial is not None:
-            damping.accept(state, trial)
-            state, step = trial, step + 1
-        elif not damping.reuses_factor and force < ROUNDING_FORCE * unit:
-            status = Status.ok if force <= _ROUNDING_MARGIN * (tolerance * unit) else Status.stalled
-            break
-        else:
-            damping.reject(state)
-    # Where the path passed other branches a factor on it may be of no use.
-    factor = damping.factor if damping.of_hessian and not damping.indefinite else None
-    return NewtonEnd(state, status, step, damping.indefinite, factor)
-
-
-def unbalanced_force(state: Elastic) -> float:
-    """The largest force; infinite beyond the reach of a law, where its energy or a tension is no number."""
-    return state.max_force if np.isfinite(state.energy) and np.isfinite(state.max_force) else np.inf
-
-
-def _line_search(here: ElasticState, displacement: Array, factor_is_old: bool) -> ElasticState | None:
-    """The first accepted state among parts of a step u (n_free, d), or None."""
-    longest = _LONGEST_STEP * float(here.lengths.mean()) / max(float(np.abs(displacement).max()), 1e-300)
-    for length in _STEP_LENGTHS[:1] if factor_is_old else _STEP_LENGTHS:
-        trial = here.moved(min(length, longest) * displacement)
-        force = unbalanced_force(trial)
-        if factor_is_old:
-            accepted = force < _REUSE_DECREASE * unbalanced_force(here)
-        else:
-            decreased = force < np.inf and trial.energy < here.energy * (1 - _ENERGY_ROUNDING)
-            accepted = decreased or force < _FORCE_DECREASE * unbalanced_force(here)
-        if accepted:
-            return trial
-    return None
-
-
-class _Damping:
-    """Selects the matrix of each step and keeps its factor.
-
-    The Hessian itself, with a shift for floppy modes where it is singular; its convex part where it is indefinite.
-    `of_hessian` where the factor is of the Hessian without damping.
-    """
-
-    def __init__(self, pattern: FixedPattern, least_shift: float):
-        self._pattern, self._least = pattern, least_shift
-        self.shift, self._floppy_shift = least_shift, 0.0
-        self.factor: Factor | None = None
-        # The convex part is used while the force is not below the first and the step before the second.
-        self._convex_above, self._convex_until = np.inf, 0
-        self.of_hessian = self.reuses_factor = False
-
-    @property
-    def indefinite(self) -> bool:
-        """Whether the Hessian was indefinite at some step."""
-        return self._convex_until > 0
-
-    def displacement(self, here: Elastic, step: int) -> Array:
-        """The displacement (n_free, d) of this step, by a new factor unless the last one is used again."""
-        if not self.reuses_factor:
-            self._factorize(here, step)
-        assert self.factor is not None
-        return self.factor.solve(here.forces.ravel()).reshape(here.forces.shape)
-
-    def _factorize(self, here: Elastic, step: int) -> None:
-        convex = unbalanced_force(here) >= self._convex_above and step < self._convex_until
-        if not convex and not self._factorize_hessian(here):
-            convex = True
-            self._convex_above, self._convex_until = _RETRY_FORCE * unbalanced_force(here), step + _RETRY_STEPS
-            self._floppy_shift = 0.0
-        if convex:
-            self.shift = max(self.shift, _FIRST_SHIFT * here.stiffness_scale)
-            self.factor = here.factorize_convex(self._pattern, self.shift)
-        self.of_hessian = not convex and self.shift == 0.0
-
-    def _factorize_hessian(self, here: Elastic) -> bool:
-        """Factorise the Hessian; False where it is indefinite."""
-        self.factor = here.factorize(self._pattern, max(self.shift, self._floppy_shift))
-        if here.taut() or not self.factor.indefinite:
-            return True
-        if self._floppy_shift == 0.0:
-            # A part may be floppy only, as one of slack edges is.
-            self._floppy_shift = FLOPPY_SHIFT * here.stiffness_scale
-            self.factor = here.factorize(self._pattern, max(self.shift, self._floppy_shift))
-        return not self.factor.indefinite
-
-    def accept(self, before: Elastic, after: Elastic) -> None:
-        """Reduce the damping after an accepted step."""
-        self.reuses_factor = unbalanced_force(after) < _REUSE_AFTER * unbalanced_force(before)
-        decayed = _DECAY * self.shift if self.shift > _FIRST_SHIFT * before.stiffness_scale else 0.0
-        self.shift = max(decayed, self._least)
-
-    def reject(self, here: Elastic) -> None:
-        """Increase the damping, or only discard a factor of an earlier state."""
-        if self.reuses_factor:
-            self.reuses_factor = False
-        else:
-            self.shift = max(_GROWTH * self.shift, _FIRST_SHIFT * here.stiffness_scale)
-
-
-# Whether an equilibrium is a minimum of the energy or a saddle, by the inertia of the Hessian on both sides of zero.
-#
-# Without compressed edges no eigenvalue is negative.  With them the Hessian H is compared with its convex part H_c,
-# which leaves out their softening: modes that are floppy in H_c and feel no compression resist nothing and decide
-# nothing.
-
-ROUNDING_COMPRESSION = 16  # a stress −σ below this number of its roundings may be rounding
-HESSIAN_ROUNDING = 1e-14  # eigenvalues of the Hessian that rounding may change in sign, over the largest stiffness
-
-SADDLE = "the equilibrium is a saddle of the energy: perturb it, or take smaller strain steps"
-UNDECIDED = "rounding hides whether this equilibrium is a minimum or a saddle of the energy: perturb it"
-
-# Inverse iterations towards the modes of the smallest eigenvalues, which are separated by many orders from the others.
-_ITERATIONS = 3
-# Number of floppy modes that are examined.
-_MOST_MODES = 4
-
-
-class Stressed(Elastic, Protocol):
-    """What decides about a minimum: also the stress, stiffnesses and rates of edges."""
-
-    @property
-    def sigma(self) -> Array: ...
-    @property
-    def stress_rounding(self) -> Array: ...
-    @property
-    def edge_stiffness(self) -> Array: ...
-    @property
-    def largest_stiffness(self) -> float: ...
-    def edge_rates(self, motion: Array) -> Array: ...
-
-
-def compressed_edges(state: Stressed) -> Array:
-    """|σ| (N_b,) of edges that are compressed by more than rounding, 0 for all others."""
-    if state.sigma.min() >= 0:
-        return np.zeros_like(state.sigma)
-    return np.where(state.sigma < -ROUNDING_COMPRESSION * state.stress_rounding, -state.sigma, 0.0)
-
-
-def minimum_factor(state: Stressed, pattern: FixedPattern) -> Factor | None:
-    """A factor of H − δ, if that is positive definite: the state is then a minimum."""
-    factor = state.factorize(pattern, -HESSIAN_ROUNDING * state.largest_stiffness)
-    return factor if factor.sound and not factor.n_negative else None
-
-
-def stability_of(state: Stressed, pattern: FixedPattern) -> tuple[Status, str]:
-    """`ok` for a minimum, `unstable` for a saddle, `undecided` where rounding hides which, with the reason.
-
-    Eigenvalues within rounding of zero count as zero if they are floppy modes, which no compressed edge softens.
-    """
-    softening = compressed_edges(state)
-    if not softening.any() and (state.edge_stiffness >= 0).all():
-        return Status.ok, ""
-    delta = HESSIAN_ROUNDING * state.largest_stiffness
-    below = state.factorize(pattern, -delta)
-    near_zero = below.n_negative
-    if below.sound and not near_zero:
-        return Status.ok, ""
-    above = state.factorize(pattern, delta)
-    if above.sound and above.n_negative:
-        return Status.unstable, SADDLE
-    if near_zero > state.factorize_convex(pattern, -delta).n_negative:
-        return Status.undecided, UNDECIDED
-    modes = _soft_modes(state.factorize(pattern, delta), state.forces.size, min(near_zero, _MOST_MODES))
-    softened = max(float(softening @ np.sum(state.edge_rates(mode) ** 2, axis=1)) for mode in modes)
-    return (Status.undecided, UNDECIDED) if softened > state.stress_rounding.max() else (Status.ok, "")
-
-
-def _soft_modes(factor: Factor, size: int, count: int) -> Array:
-    """Orthonormal modes (count, size) near the smallest eigenvalues of a positive definite matrix, by iteration."""
-    modes = quasi_random(size * count).reshape(count, size) - 0.5
-    for _ in range(_ITERATIONS):
-        solved = np.stack([factor.solve(mode) for mode in modes], axis=1)
-        modes = np.ascontiguousarray(np.linalg.qr(solved)[0].T)
-    return modes
-
-
-# Newton's method never stops at a larger force: corrections by one factor then converge to the exact equilibrium, and
-# convergence is quadratic, so the last digits cost one step.
-LOOSEST_TOLERANCE = 1e-8
-FINEST_TOLERANCE = 1e-14  # force that rounding leaves; no relaxation is repeated with a smaller tolerance
-
 # Shifts of the Hessian for the correction of a state with floppy parts: corrections shrink by shift/(shift + stiffness)
 # in each mode, and the last shift is as small as the rounding of the factor permits.
 CORRECTION_SHIFTS = (FLOPPY_SHIFT, 1e-2 * FLOPPY_SHIFT, 1e-3 * FLOPPY_SHIFT)
-NEWTON_STEPS = 200
-_FIRE_STEPS = 200_000
+# Damping: first and largest shift in units of k, and the factors by which it grows and decays.  The first shift is
+# below the soft modes of all strains of interest; beyond the largest, steps are shorter than rounding.
+FIRST_SHIFT, LARGEST_SHIFT, GROWTH, DECAY = 1e-9, 1e6, 10.0, 0.1
+# An indefinite Hessian stays indefinite for a while: it is tried again after the force has decreased to this part, or
+# after this number of steps.
+RETRY_FORCE, RETRY_STEPS = 0.1, 10
+# Parts of the step that are tried; a step with an earlier factor is tried in full only.  Longest displacement of a step
+# in units of the mean length: no edge passes through zero length.
+STEP_LENGTHS, LONGEST_STEP = (1.0, 0.3, 0.1), 0.5
+# A step is accepted if the energy decreases by more than its rounding, or the force to this part.
+ENERGY_ROUNDING, FORCE_DECREASE = 1e-12, 0.9
+# A factor is used again after a decrease of the force to the first part, and as long as it brings the second: the
+# factorisation costs ten to a hundred solves.
+REUSE_AFTER, REUSE_DECREASE = 1e-2, 0.3
+# Below this force a rejected step is due to rounding and not to a matrix that needs damping; the state has converged
+# within this number of tolerances.
+ROUNDING_FORCE, ROUNDING_MARGIN = 1e-13, 10
 
-# Where the error of an answer cannot be bounded, its tolerance is multiplied by this and Newton's method continues.
-_REFINEMENT = 1e-3
+# FIRE: steps, and its time step in units of 2/ω with the largest frequency ω, above which the scheme is unstable: it
+# may grow tenfold, to three quarters of that.  Longest displacement of a step in units of the mean length.
+FIRE_STEPS, TIME_STEP, LONGEST_MOVE = 200_000, 0.075, 0.3
 
-# FIRE, in units of 2/ω with the largest frequency ω, above which the scheme is unstable: the time step may grow
-# tenfold, to three quarters of that.  Longest displacement of a step in units of the mean length.
-_TIME_STEP, _LONGEST_MOVE = 0.075, 0.3
+# Minima
+
+ROUNDING_COMPRESSION = 16  # a stress −σ below this number of its roundings may be rounding
+HESSIAN_ROUNDING = 1e-14  # eigenvalues of the Hessian that rounding may change in sign, over the largest stiffness
+# Number of floppy modes that are examined, and of inverse iterations towards them: their eigenvalues are separated by
+# many orders from the others.
+MOST_MODES, ITERATIONS = 4, 3
+
+SADDLE = "the equilibrium is a saddle of the energy: perturb it, or take smaller strain steps"
+UNDECIDED = "rounding hides whether this equilibrium is a minimum or a saddle of the energy: perturb it"
 
 
 @dataclass(frozen=True, kw_only=True, repr=False)
@@ -390,54 +161,140 @@ def relaxed(
         note = "an edge is longer than its law allows: take smaller strain steps"
         return Equilibrium(state, Status.stalled, Stats(method), note), None
     if method == "newton":
-        return _by_newton(state, pattern, tolerance, max_steps, condition)
-    return _by_fire(state, pattern, tolerance, max_steps), None
+        return by_newton(state, pattern, tolerance, max_steps, condition)
+    return by_fire(state, pattern, tolerance, max_steps), None
 
 
-def _by_newton(
+def by_newton(
     state: State, pattern: FixedPattern, tolerance: float, max_steps: int | None, condition: bool = True
 ) -> tuple[Equilibrium[State], Factor | None]:
-    tolerance = min(tolerance, LOOSEST_TOLERANCE)
-    end = newton(state, tolerance, NEWTON_STEPS if max_steps is None else max_steps, pattern)
-    stats = Stats("newton", end.steps, residual=end.state.max_force)
-    solution = Equilibrium(end.state, end.status, stats, indefinite=end.indefinite)
-    if not solution.ok:
-        return _with_collapse(solution), None
-    factor = end.factor
-    if end.indefinite or (end.state.softens and compressed_edges(end.state).any()):
-        # The path passed other branches, so the correction needs a factor at the last state.
-        factor = minimum_factor(end.state, pattern)
-    bounded, nearby = with_bounds(solution, pattern, factor, corrected=True, condition=condition)
-    if bounded.status is not Status.ill_conditioned or tolerance <= FINEST_TOLERANCE:
-        return bounded, nearby
-    # Too far from equilibrium for corrections by one factor: continue with factors at new states.
-    left = None if max_steps is None else max_steps - end.steps
-    finer, factor = _by_newton(end.state, pattern, max(_REFINEMENT * tolerance, FINEST_TOLERANCE), left, condition)
-    stats = replace(finer.stats, steps=end.steps + finer.stats.steps)
-    return replace(finer, stats=stats, indefinite=end.indefinite or finer.indefinite), factor
+    """The equilibrium by Newton's method, corrected onto the exact one, with a factor near it."""
+    tolerance, left = min(tolerance, LOOSEST_TOLERANCE), NEWTON_STEPS if max_steps is None else max_steps
+    steps, indefinite = 0, False
+    while True:
+        end, factor = newton(state, tolerance, left, pattern)
+        state, steps, indefinite = end.value, steps + end.stats.steps, indefinite or end.indefinite
+        solution = replace(end, stats=replace(end.stats, steps=steps), indefinite=indefinite)
+        if not solution.ok:
+            return with_collapse(solution), None
+        if end.indefinite or (state.softens and compressed_edges(state).any()):
+            # The path passed other branches, so the correction needs a factor at the last state.
+            factor = minimum_factor(state, pattern)
+        solution, factor = with_bounds(solution, pattern, factor, corrected=True, condition=condition)
+        if solution.status is not Status.ill_conditioned or tolerance <= FINEST_TOLERANCE:
+            return solution, factor
+        # Too far from equilibrium for corrections by one factor: continue with factors at new states.
+        tolerance = max(REFINEMENT * tolerance, FINEST_TOLERANCE)
+        left = NEWTON_STEPS if max_steps is None else left - end.stats.steps
 
 
-def _by_fire(state: State, pattern: FixedPattern, tolerance: float, max_steps: int | None) -> Equilibrium[State]:
+def newton(
+    state: State, tolerance: float, max_steps: int, pattern: FixedPattern, least_shift: float = 0.0
+) -> tuple[Equilibrium[State], Factor | None]:
+    """Relax until no force component exceeds `tolerance`, in units of stiffness times length.
+
+    Every matrix has a `least_shift`, in units of k, for states of many floppy parts such as slack cables.  The last
+    state may be a saddle; the factor is of the Hessian near it, None where the last factor is of another matrix.
+    `Status.stalled` where no shift yields an accepted step.
+    """
+    least = shift = least_shift * state.stiffness_scale
+    floppy_shift, factor, of_hessian, reuse, step, status = 0.0, None, False, False, 0, Status.ok
+    # The convex part is used while the force is not below the first and the step before the second.
+    convex_above, convex_until = np.inf, 0
+    while (force := unbalanced_force(state)) > tolerance * (unit := state.stiffness_scale * state.length_scale):
+        k = state.stiffness_scale
+        if step == max_steps or shift > LARGEST_SHIFT * k:
+            status = Status.step_limit if step == max_steps else Status.stalled
+            break
+        # 1. The matrix: the Hessian, with a shift where a part may be floppy only, as one of slack edges is; its convex
+        # part where it is indefinite
+        if not reuse:
+            convex = force >= convex_above and step < convex_until
+            if not convex:
+                factor = state.factorize(pattern, max(shift, floppy_shift))
+                convex = not state.taut() and factor.indefinite
+                if convex and floppy_shift == 0.0:
+                    floppy_shift = FLOPPY_SHIFT * k
+                    factor = state.factorize(pattern, max(shift, floppy_shift))
+                    convex = factor.indefinite
+                if convex:
+                    convex_above, convex_until, floppy_shift = RETRY_FORCE * force, step + RETRY_STEPS, 0.0
+            if convex:
+                shift = max(shift, FIRST_SHIFT * k)
+                factor = state.factorize_convex(pattern, shift)
+            of_hessian = not convex and shift == 0.0
+        # 2. A step, of which the first part counts that decreases the energy or the force
+        assert factor is not None
+        u = factor.solve(state.forces.ravel()).reshape(state.forces.shape)
+        longest = LONGEST_STEP * float(state.lengths.mean()) / max(float(np.abs(u).max()), 1e-300)
+        for length in STEP_LENGTHS[:1] if reuse else STEP_LENGTHS:
+            trial = state.moved(min(length, longest) * u)
+            after = unbalanced_force(trial)
+            lower = not reuse and after < np.inf and trial.energy < state.energy * (1 - ENERGY_ROUNDING)
+            if lower or after < (REUSE_DECREASE if reuse else FORCE_DECREASE) * force:
+                reuse, state, step = after < REUSE_AFTER * force, trial, step + 1
+                shift = max(DECAY * shift if shift > FIRST_SHIFT * k else 0.0, least)
+                break
+        # 3. No part of it: rounding, a factor of an earlier state, or a matrix that needs more damping
+        else:
+            if not reuse and force < ROUNDING_FORCE * unit:
+                status = Status.ok if force <= ROUNDING_MARGIN * (tolerance * unit) else Status.stalled
+                break
+            shift = shift if reuse else max(GROWTH * shift, FIRST_SHIFT * k)
+            reuse = False
+    stats, indefinite = Stats("newton", step, residual=state.max_force), convex_until > 0
+    # Where the path passed other branches a factor on it may be of no use.
+    return Equilibrium(state, status, stats, indefinite=indefinite), factor if of_hessian and not indefinite else None
+
+
+def unbalanced_force(state: SpringState) -> float:
+    """The largest force; infinite beyond the reach of a law, where its energy or a tension is no number."""
+    return state.max_force if np.isfinite(state.energy) and np.isfinite(state.max_force) else np.inf
+
+
+def by_fire(state: State, pattern: FixedPattern, tolerance: float, max_steps: int | None) -> Equilibrium[State]:
+    """The state at which FIRE ends, with its distance to the exact equilibrium, by Newton's method where it is far."""
     # No squared frequency exceeds twice the sum of the stiffnesses at a vertex.
+    time_step, longest = TIME_STEP * 2 / np.sqrt(state.largest_stiffness), LONGEST_MOVE * float(state.lengths.mean())
     end = minimise(
         Relaxation(state),
-        Fire(_TIME_STEP * 2 / np.sqrt(state.largest_stiffness), _LONGEST_MOVE * float(state.lengths.mean())),
+        partial(fire, time_step=time_step, max_move=longest),
         np.zeros(state.forces.size),
         tolerance * state.stiffness_scale * state.length_scale,
-        _FIRE_STEPS if max_steps is None else max_steps,
+        FIRE_STEPS if max_steps is None else max_steps,
     )
-    final = state.moved(end.point.x.reshape(state.forces.shape))
-    solution = Equilibrium(final, end.status, Stats("fire", end.steps, residual=end.point.residual))
-    if not solution.ok:
-        return _with_collapse(solution)
-    bounded, _ = with_bounds(solution, pattern, None, corrected=False)
+    last = state.moved(end.point.x.reshape(state.forces.shape))
+    rough = Equilibrium(last, end.status, Stats("fire", end.steps, residual=end.point.residual))
+    if not rough.ok:
+        return with_collapse(rough)
+    bounded, _ = with_bounds(rough, pattern, None, corrected=False)
     if bounded.status is not Status.ill_conditioned or tolerance <= FINEST_TOLERANCE:
         return bounded
-    finer, _ = _by_newton(final, pattern, max(_REFINEMENT * tolerance, FINEST_TOLERANCE), None)
-    return _compared(solution, bounded, finer)
+    exact, _ = by_newton(last, pattern, max(REFINEMENT * tolerance, FINEST_TOLERANCE), None)
+    if not exact.ok:
+        return bounded
+    apart = max(
+        float(np.abs(last.coordinates - exact.value.coordinates).max()),
+        float(np.abs(last.bond_vectors - exact.value.bond_vectors).max()),
+    )
+    bound = apart + exact.stats.error_bound
+    return replace(rough, stats=replace(bounded.stats, error_bound=bound, condition=exact.stats.condition))
 
 
-def _with_collapse(failed: Equilibrium[State]) -> Equilibrium[State]:
+class Relaxation(Function):
+    """The energy as a function of the displacements u (n_free·d,) from a state, for FIRE."""
+
+    def __init__(self, state: SpringState):
+        self._state = state
+
+    def at(self, x: Array) -> Point:
+        state = self._state.moved(x.reshape(self._state.forces.shape))
+        if not np.isfinite(unbalanced_force(state)):
+            return Point(x, np.inf, np.zeros_like(x), np.inf)
+        return Point(x, state.energy, -state.forces.ravel(), state.max_force)
+
+
+def with_collapse(failed: Equilibrium[State]) -> Equilibrium[State]:
     """A failed relaxation, with `Status.edge_collapse` where the reason is an edge that shrinks to zero length."""
     edge = failed.value.collapsing_edge()
     if edge is None:
@@ -446,17 +303,7 @@ def _with_collapse(failed: Equilibrium[State]) -> Equilibrium[State]:
     return replace(failed, status=Status.edge_collapse, note=note)
 
 
-def _compared(rough: Equilibrium[State], bounded: Equilibrium[State], exact: Equilibrium[State]) -> Equilibrium[State]:
-    """The error of an unconverged state by Newton's method started from it, if that converges."""
-    if not exact.ok:
-        return bounded
-    one, other = rough.value, exact.value
-    apart = max(
-        float(np.abs(one.coordinates - other.coordinates).max()),
-        float(np.abs(one.bond_vectors - other.bond_vectors).max()),
-    )
-    bound, condition = apart + exact.stats.error_bound, exact.stats.condition
-    return replace(rough, stats=replace(bounded.stats, error_bound=bound, condition=condition))
+# The exact equilibrium, and whether it is a minimum
 
 
 def with_bounds(
@@ -473,8 +320,9 @@ def with_bounds(
     judged  whether the exact equilibrium must be a minimum, else `Status.unstable`
     condition  whether `stats.condition` is computed, which costs a solve
     """
+    # 1. The displacement to the exact equilibrium
     state = solution.value
-    correction, factor = _correction(state, pattern, factor)
+    correction, factor = correction_of(state, pattern, factor)
     error, corrected = correction.displacement, corrected and bool(np.isfinite(correction.remainder))
     if corrected:
         x, free = state.coordinates.copy(), state.network.free_rows
@@ -483,27 +331,22 @@ def with_bounds(
         apart = 0.5 * EPS * largest(correction.bond_vectors)
     else:
         apart = largest(state.bond_vectors - correction.bond_vectors)
+    # 2. The distance that is left
     bound = max(largest(error), apart) + 2 * correction.remainder
     number = state.largest_stiffness * inverse_norm(factor, correction.last) if condition else np.nan
     stats = replace(solution.stats, residual=state.max_force, error_bound=bound, condition=number)
-    if np.isfinite(bound):
-        solution = replace(solution, value=state, stats=stats)
-        if judged:
-            exact = state if corrected else state.placed(state.coordinates, correction.bond_vectors)
-            solution = as_minimum(solution, *stability_of(exact, pattern)) if exact.softens else solution
-        return solution, factor
-    note = "rounding hides the distance to the exact equilibrium: go further from the transition"
-    return replace(solution, value=state, status=Status.ill_conditioned, stats=stats, note=note), factor
+    if not np.isfinite(bound):
+        note = "rounding hides the distance to the exact equilibrium: go further from the transition"
+        return replace(solution, value=state, status=Status.ill_conditioned, stats=stats, note=note), factor
+    # 3. A minimum or a saddle
+    solution = replace(solution, value=state, stats=stats)
+    if judged:
+        exact = state if corrected else state.placed(state.coordinates, correction.bond_vectors)
+        solution = as_minimum(solution, *stability_of(exact, pattern)) if exact.softens else solution
+    return solution, factor
 
 
-def as_minimum(solution: Equilibrium[State], status: Status, note: str) -> Equilibrium[State]:
-    """An equilibrium with the result of `stability_of`: no error bound where it is not known to be a minimum."""
-    if status is Status.ok or not solution.ok:
-        return solution
-    return replace(solution, status=status, note=note, stats=replace(solution.stats, error_bound=np.inf))
-
-
-def _correction(state: SpringState, pattern: FixedPattern, factor: Factor | None) -> tuple[Displacement, Factor]:
+def correction_of(state: SpringState, pattern: FixedPattern, factor: Factor | None) -> tuple[Displacement, Factor]:
     """The correction to the exact equilibrium, and the factor used: the first of three that makes corrections shrink.
 
     factor  of the Hessian near the state, if there is one
@@ -527,17 +370,55 @@ def _correction(state: SpringState, pattern: FixedPattern, factor: Factor | None
     return correction, factor
 
 
-class Relaxation(Function, Generic[State]):
-    """The energy as a function of the displacements u (n_free·d,) from a state, for FIRE."""
+def as_minimum(solution: Equilibrium[State], status: Status, note: str) -> Equilibrium[State]:
+    """An equilibrium with the result of `stability_of`: no error bound where it is not known to be a minimum."""
+    if status is Status.ok or not solution.ok:
+        return solution
+    return replace(solution, status=status, note=note, stats=replace(solution.stats, error_bound=np.inf))
 
-    def __init__(self, state: State):
-        self._state = state
 
-    def at(self, x: Array) -> Point:
-        state = self._state.moved(x.reshape(self._state.forces.shape))
-        if not np.isfinite(unbalanced_force(state)):
-            return Point(x, np.inf, np.zeros_like(x), np.inf)
-        return Point(x, state.energy, -state.forces.ravel(), state.max_force)
+def compressed_edges(state: SpringState) -> Array:
+    """|σ| (N_b,) of edges that are compressed by more than rounding, 0 for all others."""
+    if state.sigma.min() >= 0:
+        return np.zeros_like(state.sigma)
+    return np.where(state.sigma < -ROUNDING_COMPRESSION * state.stress_rounding, -state.sigma, 0.0)
+
+
+def minimum_factor(state: SpringState, pattern: FixedPattern) -> Factor | None:
+    """A factor of H − δ, if that is positive definite: the state is then a minimum."""
+    factor = state.factorize(pattern, -HESSIAN_ROUNDING * state.largest_stiffness)
+    return factor if factor.sound and not factor.n_negative else None
+
+
+def stability_of(state: SpringState, pattern: FixedPattern) -> tuple[Status, str]:
+    """`ok` for a minimum, `unstable` for a saddle, `undecided` where rounding hides which, with the reason.
+
+    Without compressed edges no eigenvalue of the Hessian H is negative.  With them H is compared with its convex part,
+    which leaves out their softening: modes that are floppy in it and feel no compression resist nothing and decide
+    nothing.  Eigenvalues within rounding of zero count as zero if they are such modes.
+    """
+    softening = compressed_edges(state)
+    if not softening.any() and (state.edge_stiffness >= 0).all():
+        return Status.ok, ""
+    # 1. The eigenvalues on both sides of zero
+    delta = HESSIAN_ROUNDING * state.largest_stiffness
+    below = state.factorize(pattern, -delta)
+    near_zero = below.n_negative
+    if below.sound and not near_zero:
+        return Status.ok, ""
+    above = state.factorize(pattern, delta)
+    if above.sound and above.n_negative:
+        return Status.unstable, SADDLE
+    if near_zero > state.factorize_convex(pattern, -delta).n_negative:
+        return Status.undecided, UNDECIDED
+    # 2. Orthonormal modes of the smallest eigenvalues, by inverse iteration, and their softening
+    size, count = state.forces.size, min(near_zero, MOST_MODES)
+    modes, factor = quasi_random(size * count).reshape(count, size) - 0.5, state.factorize(pattern, delta)
+    for _ in range(ITERATIONS):
+        solved = np.stack([factor.solve(mode) for mode in modes], axis=1)
+        modes = np.ascontiguousarray(np.linalg.qr(solved)[0].T)
+    softened = max(float(softening @ np.sum(state.edge_rates(mode) ** 2, axis=1)) for mode in modes)
+    return (Status.undecided, UNDECIDED) if softened > state.stress_rounding.max() else (Status.ok, "")
 
 
 # Parts of the elastic Hessian, and the response of bonds to force dipoles.

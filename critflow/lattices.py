@@ -15,8 +15,6 @@ At σ = k the bulk modulus is B_0 = Σ k|L|²/(d² V), in units of k a^(2−d) f
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 import numpy as np
 
 from critflow.arguments import is_number, of_kind, shown
@@ -30,41 +28,30 @@ _RHOMBUS = np.array([[2.0, 0.0], [1.0, np.sqrt(3)]])
 _CELLS = {2: (4, 4), 3: (3, 3, 3)}
 
 
-class UnitCell(NamedTuple):
-    """The part of a lattice of unit edge length that is repeated.
-
-    vectors   (d, d) lattice vectors as rows
-    vertices  (m, d)
-    bonds     of each edge the tail, the head, and the offset of the cell of the head
-    """
-
-    vectors: Array
-    vertices: Array
-    bonds: tuple[tuple[int, int, tuple[int, ...]], ...]
-
-
-UNIT_CELLS = {
+# Of each lattice of unit edge length the part that is repeated: lattice vectors as rows (d, d), vertices (m, d), and of
+# each edge the tail, the head, and the offset of the cell of the head.
+_UNIT_CELLS: dict[str, tuple[Array, Array, tuple[tuple[int, int, tuple[int, ...]], ...]]] = {
     # An upper vertex joins the lower one below it and the lower ones of the two cells that meet above it.
-    "honeycomb": UnitCell(
+    "honeycomb": (
         np.array([[np.sqrt(3), 0.0], [np.sqrt(3) / 2, 1.5]]),
         np.array([[0.0, 0.0], [0.0, 1.0]]),
         ((1, 0, (0, 0)), (1, 0, (0, 1)), (1, 0, (-1, 1))),
     ),
-    "square": UnitCell(np.eye(2), np.zeros((1, 2)), ((0, 0, (1, 0)), (0, 0, (0, 1)))),
-    "triangular": UnitCell(_RHOMBUS / 2, np.zeros((1, 2)), ((0, 0, (1, 0)), (0, 0, (0, 1)), (0, 0, (-1, 1)))),
+    "square": (np.eye(2), np.zeros((1, 2)), ((0, 0, (1, 0)), (0, 0, (0, 1)))),
+    "triangular": (_RHOMBUS / 2, np.zeros((1, 2)), ((0, 0, (1, 0)), (0, 0, (0, 1)), (0, 0, (-1, 1)))),
     # Each vertex begins two edges: across the triangle that points up, and across the one that points down.
-    "kagome": UnitCell(
+    "kagome": (
         _RHOMBUS,
         np.array([[0.0, 0.0], *(_RHOMBUS / 2)]),
         ((0, 1, (0, 0)), (0, 2, (0, 0)), (1, 2, (0, 0)), (1, 0, (1, 0)), (2, 0, (0, 1)), (2, 1, (-1, 1))),
     ),
     # Face-centred, with two vertices a cell.
-    "diamond": UnitCell(
+    "diamond": (
         (np.ones((3, 3)) - np.eye(3)) * 2 / np.sqrt(3),
         np.array([np.zeros(3), np.ones(3) / np.sqrt(3)]),
         ((0, 1, (0, 0, 0)), (0, 1, (-1, 0, 0)), (0, 1, (0, -1, 0)), (0, 1, (0, 0, -1))),
     ),
-    "cubic": UnitCell(np.eye(3), np.zeros((1, 3)), ((0, 0, (1, 0, 0)), (0, 0, (0, 1, 0)), (0, 0, (0, 0, 1)))),
+    "cubic": (np.eye(3), np.zeros((1, 3)), ((0, 0, (1, 0, 0)), (0, 0, (0, 1, 0)), (0, 0, (0, 0, 1)))),
 }
 
 
@@ -85,10 +72,16 @@ def lattice(name: str, *cells: int, edge_length: float = 1.0) -> Network:
     """
     of_kind(str, name=name)
     of_kind(float, edge_length=edge_length)
-    if name not in UNIT_CELLS:
-        raise InputError(f"no lattice is called {shown(name)}: choose one of {', '.join(UNIT_CELLS)}")
-    vectors, vertices, bonds = UNIT_CELLS[name]
-    repeats = _repeats(name, cells, len(vectors))
+    if name not in _UNIT_CELLS:
+        raise InputError(f"no lattice is called {shown(name)}: choose one of {', '.join(_UNIT_CELLS)}")
+    vectors, vertices, bonds = _UNIT_CELLS[name]
+    numbers = cells or _CELLS[len(vectors)]
+    if len(numbers) != len(vectors) or not all(is_number(n) and n >= 1 and float(n).is_integer() for n in numbers):
+        raise InputError(
+            f"a {name} lattice needs whole numbers of at least 1 of unit cells in {len(vectors)} directions, not "
+            f"{' × '.join(map(shown, numbers))}"
+        )
+    repeats = tuple(map(int, numbers))
     if not (np.isfinite(edge_length) and edge_length > 0):
         raise InputError(f"the edge length of a lattice must be positive and finite, not {edge_length}")
     check_size(int(np.prod(repeats, dtype=float)) * len(vertices))
@@ -106,21 +99,6 @@ def lattice(name: str, *cells: int, edge_length: float = 1.0) -> Network:
     return periodic_network(
         np.concatenate(edges), np.concatenate(offsets), vectors * np.array(repeats)[:, None], positions
     )
-
-
-def _repeats(name: str, cells: tuple[int, ...], dimension: int) -> tuple[int, ...]:
-    """Numbers of unit cells along each lattice vector, else an `InputError`."""
-    numbers = cells or _CELLS[dimension]
-    whole = all(is_number(n) and n >= 1 and float(n).is_integer() for n in numbers)
-    if len(numbers) != dimension or not whole:
-        raise InputError(
-            f"a {name} lattice needs whole numbers of at least 1 of unit cells in {dimension} directions, not "
-            f"{' × '.join(map(shown, numbers))}"
-        )
-    return tuple(map(int, numbers))
-
-
-# The three-bar linkage, the smallest network of the paper.
 
 
 def three_bar_linkage(span: float = 3.0) -> Network:

@@ -318,12 +318,12 @@ def _with_few_slack(boundary: Expansion, lengths: Array, balance: Balance, steps
     ratio = float(np.exp(np.average(np.log(size / lengths), weights=balance.sigma * size)))
     alike, x = network.with_stiffness(1.0), network.all_coordinates(balance.coordinates)
     cables = SpringState(alike, ratio / (1 + CABLE_STRAIN) * lengths, x, L, Cable())
-    end = newton(cables, CABLE_TOLERANCE * CABLE_STRAIN, CABLE_STEPS, boundary.manifold.hessian, CABLE_SHIFT)
-    sigma = end.state.sigma
+    end, _ = newton(cables, CABLE_TOLERANCE * CABLE_STRAIN, CABLE_STEPS, boundary.manifold.hessian, CABLE_SHIFT)
+    sigma = end.value.sigma
     if (sigma <= 0).mean() <= FEW:
         scale = np.sqrt(len(sigma) / (sigma @ sigma))
-        start = OnsetState(0.0, np.zeros(0), end.state.coordinates[network.free], scale * sigma, sigma > 0)
-        yield Attempt(polish_taut(boundary, ratio * lengths, start), ratio, steps + end.steps)
+        start = OnsetState(0.0, np.zeros(0), end.value.coordinates[network.free], scale * sigma, sigma > 0)
+        yield Attempt(polish_taut(boundary, ratio * lengths, start), ratio, steps + end.stats.steps)
 
 
 def _balanced(boundary: Expansion, lengths: Array, attempt: Attempt) -> Solution[CriticalConfiguration] | None:

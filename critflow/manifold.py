@@ -11,9 +11,9 @@ have taken all digits it returns a status in place of numbers.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, field, fields
 from functools import cached_property
-from typing import Any, overload
+from typing import Any
 
 import numpy as np
 import scipy.sparse as sp
@@ -32,30 +32,20 @@ from critflow.saddles import CondensedSaddle, Saddle, positive
 from critflow.sparse import Factor, FixedPattern, block_laplacian, laplacian
 
 # Edges without length: every limit below which a length counts as zero, in units of the mean length but where stated.
-#
-#     1e-2   SOUND          shortest edge of a configuration that is returned in place of an infimum
-#     1e-4   COLLAPSING     an edge that tends to zero length on a descent
-#     1e-8   COLLAPSED      an edge without direction
-#     1e-10  NO_LENGTH      an edge that vanishes by a formula
-#     1e-150 NO_DIRECTION   a length that no longer divides a tension, in units of the cone program
-#
 # A descent that makes edges shorter and shorter passes these limits in turn (`critflow.descent`).
 
-# Shorter edges lose digits in the rounding of the coordinates.  σ > SOUND² and |L| > SOUND are far from all other
-# limits of a descent, and an edge below SOUND² is too short to resolve where a descent stalls.
+# The shortest edge of a configuration that is returned in place of an infimum.  Shorter edges lose digits in the
+# rounding of the coordinates.  σ > SOUND² and |L| > SOUND are far from all other limits of a descent, and an edge below
+# SOUND² is too short to resolve where a descent stalls.
 SOUND = 1e-2
-
 # An edge under tension that becomes this short on a descent, while the value decreases, tends to zero: edges of optima
 # that are attained are longer.
 COLLAPSING = 1e-4
-
-# Rounding of coordinates, 1e-16, leaves half of the digits of a direction here or fewer, and of what follows from it.
+# An edge without direction: rounding of coordinates, 1e-16, leaves half of the digits of a direction here or fewer.
 COLLAPSED = 1e-8
-
-# In exact arithmetic such an edge has no length: solutions of linear systems leave this much.
+# An edge that vanishes by a formula: solutions of linear systems leave this much.
 NO_LENGTH = 1e-10
-
-# Tension over length would overflow.
+# In units of the cone program: tension over length would overflow.
 NO_DIRECTION = 1e-150
 
 # Number of edges from which systems of stresses and displacements are cheaper condensed than as saddle matrices, for
@@ -168,30 +158,34 @@ def require_one_self_stress(network: Network) -> None:
 
 
 @dataclass(frozen=True, eq=False)
-class Balance:
-    """A stress, its configuration and the factor of P(σ): all that derivatives at this stress need.
-
-    sigma         σ, (N_b,)
-    coordinates   of the free vertices, (n_free, d)
-    bond_vectors  L(σ), (N_b, d)
-    factor        of P(σ)
-    shared        intermediate results that several quantities use, by name
-    """
+class StressedBonds:
+    """A stress σ (N_b,) and bond vectors L (N_b, d) of one network: what a quantity sees."""
 
     manifold: CriticalManifold
-    sigma: Array
-    coordinates: Array
-    bond_vectors: Array
-    factor: Factor
-    shared: dict[str, Any] = field(default_factory=dict, repr=False)
+    sigma: NDArray[Any]
+    bond_vectors: NDArray[Any]
 
     @property
     def network(self) -> Network:
         return self.manifold.network
 
+
+@dataclass(frozen=True, eq=False)
+class Balance(StressedBonds):
+    """A stress, its configuration and the factor of P(σ): all that derivatives at this stress need.
+
+    coordinates  of the free vertices, (n_free, d)
+    factor       of P(σ)
+    shared       intermediate results that several quantities use, by name
+    """
+
+    coordinates: Array
+    factor: Factor
+    shared: dict[str, Any] = field(default_factory=dict, repr=False)
+
     def pull_back(self, dO_dsigma: Array, dO_dL: Array) -> tuple[Array, Array]:
         """Total derivative dO/dσ = ∂O/∂σ − L·(g y), y = P⁻¹ gᵀ ∂O/∂L, and g y for reuse (`TotalDeriv`)."""
-        gy = self._difference(dO_dL)
+        gy = self._response(dO_dL)
         return dO_dsigma - dot(self.bond_vectors, gy), gy
 
     def pull_backs(self, partials: Sequence[tuple[Array, Array]]) -> Array:
@@ -199,13 +193,13 @@ class Balance:
         if not partials:
             return np.zeros((0, len(self.sigma)))
         n, d = len(partials), self.bond_vectors.shape[1]
-        gy = self._difference(np.concatenate([by_L for _, by_L in partials], axis=1)).reshape(-1, n, d)
+        gy = self._response(np.concatenate([by_L for _, by_L in partials], axis=1)).reshape(-1, n, d)
         rows = np.array([by_sigma for by_sigma, _ in partials])
         return np.asarray(rows - np.einsum("ad,and->na", self.bond_vectors, gy))
 
     def tangent(self, dsigma: Array) -> Array:
         """Change of the bond vectors along σ̇: L̇ = −g P⁻¹ gᵀ(σ̇ ∘ L) (`SelfStressParamaterization_BondVectorDeriv`)."""
-        return -self._difference(dsigma[:, None] * self.bond_vectors)
+        return -self._response(dsigma[:, None] * self.bond_vectors)
 
     def pull_back_tangent(self, dL: Array, gy: Array, dsigma: Array, second: tuple[Array, Array]) -> Array:
         """Derivative of `pull_back` along (σ̇, L̇): the exact Hessian-vector product of an objective.
@@ -213,10 +207,10 @@ class Balance:
         second  derivatives along (σ̇, L̇) of (∂O/∂σ, ∂O/∂L)
         """
         ddO_dsigma, ddO_dL = second
-        dgy = self._difference(ddO_dL - dsigma[:, None] * gy)
+        dgy = self._response(ddO_dL - dsigma[:, None] * gy)
         return ddO_dsigma - dot(dL, gy) - dot(self.bond_vectors, dgy)
 
-    def _difference(self, edge_vectors: Array) -> Array:
+    def _response(self, edge_vectors: Array) -> Array:
         """g P⁻¹ gᵀ v for edge vectors v (N_b, d)."""
         return product(self.network.free_incidence, self.factor.solve(product(self.network.divergence, edge_vectors)))
 
@@ -248,11 +242,9 @@ class CriticalManifold:
             check_opened(network.edges, network.offsets, None, network.pins, network.n_vertices)
         self.network, self.backend = network, backend
         self.prestress = laplacian(network, backend)
-        self._g, self._b = network.free_incidence, network.boundary_vectors
         # −gᵀ(σ ∘ b) is linear in σ and only few edges carry b, so it is one thin product, one direction after another.
-        self._load = sp.csr_array(
-            sp.vstack([network.divergence @ sp.diags_array(-b, dtype=float) for b in self._b.T], format="csr")
-        )
+        loads = [network.divergence @ sp.diags_array(-b, dtype=float) for b in network.boundary_vectors.T]
+        self._load = sp.csr_array(sp.vstack(loads, format="csr"))
         self._load.eliminate_zeros()
 
     def __repr__(self) -> str:
@@ -289,10 +281,6 @@ class CriticalManifold:
         """Refines configurations to the last digit and bounds their errors."""
         return Refinement(self.network)
 
-    @overload
-    def configuration(self, sigma: ArrayLike, *, throw: bool = True) -> CriticalConfiguration: ...
-    @overload
-    def configuration(self, sigma: ArrayLike, pressures: ArrayLike, throw: bool = True) -> Any: ...
     def configuration(
         self, sigma: ArrayLike, pressures: ArrayLike | None = None, throw: bool = True
     ) -> CriticalConfiguration | Any:
@@ -328,60 +316,59 @@ class CriticalManifold:
             balance = self.balance(sigma)
         factor, start = balance.factor, balance.coordinates
         del balance  # with its bond vectors, 50 MB at 10⁶ vertices in space
+        status = Status.ok
         # No eigenvalue of P is negative without compression.
-        n_negative, status = 0 if (sigma >= 0).all() else factor.n_negative, Status.ok
+        n_negative = 0 if (sigma >= 0).all() else factor.n_negative
         refined = self.refinement(exact, factor, start)
         if not refined.certain and factor.eliminate():
             refined, n_negative = self.refinement(exact, factor, start), factor.n_negative
         if not refined.certain:
             refined, n_negative, status = self._solve_shifted(exact, refined)
         x = self.network.all_coordinates(refined.x)
-        if status is not Status.ok:
-            x[:] = np.nan
         value = CriticalConfiguration(self.network, sigma, x, refined.L, refined.error, refined.L_errors, maker=self)
+        if status is not Status.ok:
+            x, L = np.full_like(x, np.nan), np.full_like(refined.L, np.nan)
+            value = CriticalConfiguration(self.network, sigma, x, L, maker=self)
         stats = Stats(
             "force density",
             refined.steps,
             residual=value.residual,
             condition=refined.condition,
-            error_bound=refined.error,
+            error_bound=value.error_bound,
         )
         solution = ForceBalance(value, status, stats, negative_pivots=n_negative)
         return solution.or_raise("no configuration for this stress") if throw else solution
 
-    def _solve_shifted(self, sigma: Extended, failed: Refined) -> tuple[Refined, int, Status]:
+    def _solve_shifted(self, sigma: Extended, refined: Refined) -> tuple[Refined, int, Status]:
         """The configuration by a factor of P + δ, its negative pivots and status, where a factor of P fails.
 
         With mixed signs a pivot may vanish without a vanishing eigenvalue.
         """
-        stress, refined = sigma.high, failed
-        status = Status.ill_conditioned if self._connected(stress) else Status.singular
-        n_negative = 0 if (stress >= 0).all() else len(self.network.free)
+        stress, network = sigma.high, self.network
+        n_negative, regular = 0 if (stress >= 0).all() else len(network.free), True
         if (stress > 0).any() and (stress < 0).any():
-            above, regular, n_negative = self.prestress.factorize_shifted(stress)
+            factor, regular, n_negative = self.prestress.factorize_shifted(stress)
             if regular:
-                refined = self.refinement(sigma, above, self._placed(stress, above)[0])
-            else:
-                status = Status.singular
+                refined = self.refinement(sigma, factor, self._placed(stress, factor)[0])
         if refined.certain:
             return refined, n_negative, Status.ok
-        nothing, unknown = np.full_like(self._b, np.nan), np.full_like(refined.x, np.nan)
-        return replace(refined, x=unknown, L=nothing, error=np.nan, L_errors=nothing[:, 0]), n_negative, status
-
-    def _connected(self, sigma: Array) -> bool:
-        """Whether stressed edges connect every vertex to a fixed one."""
-        fixed = np.setdiff1d(np.arange(self.network.n_vertices), self.network.free)
-        joined = np.concatenate([self.network.edges[sigma != 0], np.stack([fixed[:-1], fixed[1:]], axis=1)])
-        return not components(joined, self.network.n_vertices).any()
+        # P is singular where stressed edges do not connect every vertex to a fixed one.
+        fixed = np.setdiff1d(np.arange(network.n_vertices), network.free)
+        joined = np.concatenate([network.edges[stress != 0], np.stack([fixed[:-1], fixed[1:]], axis=1)])
+        regular = regular and not components(joined, network.n_vertices).any()
+        return refined, n_negative, Status.ill_conditioned if regular else Status.singular
 
     def balance(self, sigma: Array) -> Balance:
         """The configuration of a stress with the factor of P, unchecked: the inner step of every optimisation."""
         factor = self.prestress.factorize(sigma)
-        return Balance(self, sigma, *self._placed(sigma, factor), factor)
+        x, L = self._placed(sigma, factor)
+        return Balance(self, sigma, L, x, factor)
 
     def _placed(self, sigma: Array, factor: Factor) -> tuple[Array, Array]:
-        x = factor.solve(product(self._load, sigma).reshape(self._b.shape[1], -1).T)
-        return x, product(self._g, x) + self._b
+        """Coordinates (n_free, d) and bond vectors (N_b, d) by a factor of P."""
+        b = self.network.boundary_vectors
+        x = factor.solve(product(self._load, sigma).reshape(b.shape[1], -1).T)
+        return x, product(self.network.free_incidence, x) + b
 
     def response(self, configuration: CriticalConfiguration) -> LinearOperator:
         """B = ∂h/∂σ = −R^h P⁻¹ R^hᵀ as an operator (N_b, N_b), h = |L|²/2 (`SelfStressParamaterization_LsqrDeriv`).
@@ -390,7 +377,7 @@ class CriticalManifold:
         """
         sigma, L = configuration.sigma, configuration.bond_vectors
         free = configuration.coordinates[self.network.free]
-        balance = Balance(self, sigma, free, L, self.prestress.factorize_signed(sigma))
+        balance = Balance(self, sigma, L, free, self.prestress.factorize_signed(sigma))
 
         def apply(dsigma: Array) -> Array:
             return dot(L, balance.tangent(np.ravel(dsigma)))

@@ -1,6 +1,6 @@
 """Minimisers of a smooth function of a vector: FIRE, L-BFGS and Newton's method with conjugate gradients.
 
-`minimise` owns the loop, the step limit and the stop status; a method is `init` and `step`, only its mathematics.
+`minimise` owns the loop, the step limit and the stop status; a method yields one point after the other.
 Convergence is judged by the residual that the function defines (a norm of its gradient in the units of the problem),
 not by a relative change of the value: near the transition a small change of energy is not a small error.
 """
@@ -8,9 +8,9 @@ not by a relative change of the value: near the transition a small change of ene
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from typing import Any, NamedTuple, Protocol, TypeVar
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,7 +24,6 @@ FLAT = 1e-11  # curvature of a flat direction, relative to the steepest: the pre
 IDLE = 100  # steps of L-BFGS without a smaller value or residual after which rounding has stopped it
 
 Array = NDArray[np.float64]
-State = TypeVar("State")
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,14 +56,8 @@ class Function(ABC):
         raise NotImplementedError(f"{type(self).__name__} has no Hessian: choose FIRE or L-BFGS")
 
 
-class Method(Protocol[State]):
-    """One algorithm: its state at the start, and one step from a point."""
-
-    def init(self, point: Point) -> State: ...
-
-    def step(self, function: Function, point: Point, state: State) -> tuple[Point, State | None]:
-        """The next point and state; a state of None: no further progress is possible."""
-
+Method = Callable[[Function, Point], Iterator[tuple[Point, bool]]]
+"""One algorithm, from a point: after each step the next point, and whether further progress is possible."""
 
 Monitor = Callable[[Point], Status | None]
 """Called with the start and the point after each step; a status other than None ends the minimisation."""
@@ -81,7 +74,7 @@ class Minimum:
 
 def minimise(
     function: Function,
-    method: Method[State],
+    method: Method,
     x0: Array,
     tolerance: float,
     max_steps: int,
@@ -96,7 +89,7 @@ def minimise(
     Other stop statuses: `singular` for a value that is not finite, `stalled`, `step_limit`, and those of the monitor.
     """
     point = function.at(x0)
-    state: State | None = method.init(point)
+    points = method(function, point)
     for step in range(max_steps):
         if point.residual < tolerance and (step or point.residual <= stationary):
             return Minimum(point, Status.ok, step)
@@ -104,25 +97,15 @@ def minimise(
             return Minimum(point, Status.singular, step)
         if monitor is not None and (status := monitor(point)) is not None:
             return Minimum(point, status, step)
-        assert state is not None
-        point, state = method.step(function, point, state)
-        if state is None:
+        point, progress = next(points)
+        if not progress:
             return Minimum(point, Status.ok if point.residual < tolerance else Status.stalled, step)
     return Minimum(point, Status.ok if point.residual < tolerance else Status.step_limit, max_steps)
 
 
-class FireState(NamedTuple):
-    """Position of the dynamics, velocity, time step, mixing, and the number of steps since the velocity was reset."""
-
-    x: Array
-    velocity: Array
-    time_step: float
-    mixing: float
-    descending: int
-
-
-@dataclass(frozen=True)
-class Fire:
+def fire(
+    function: Function, point: Point, time_step: float, max_move: float = 0.5, first_mixing: float = 0.25
+) -> Iterator[tuple[Point, bool]]:
     """FIRE 2.0, the method of the paper: damped dynamics, stopped when the value rises (Guénolé et al., 2020).
 
     Semi-implicit Euler with unit masses.  After 20 steps of descent the time step grows, up to tenfold; after a step
@@ -131,17 +114,10 @@ class Fire:
     time_step  initial time step
     max_move   largest change of a component of x in one step
     """
-
-    time_step: float
-    max_move: float = 0.5
-    mixing: float = 0.25
-
-    def init(self, point: Point) -> FireState:
-        return FireState(point.x, np.zeros_like(point.x), self.time_step, self.mixing, 0)
-
-    def step(self, function: Function, point: Point, state: FireState) -> tuple[Point, FireState]:
-        x, velocity, time_step, mixing, descending = state
-        force, longest = -point.gradient, 10 * self.time_step
+    x, velocity, mixing, descending = point.x, np.zeros_like(point.x), first_mixing, 0
+    longest = 10 * time_step
+    while True:
+        force = -point.gradient
         if force @ velocity > 0:
             descending += 1
             if descending > 20:
@@ -149,19 +125,21 @@ class Fire:
         else:
             x = x - 0.5 * time_step * velocity
             velocity = np.zeros_like(velocity)
-            time_step, mixing, descending = max(0.5 * time_step, 2e-3 * longest), self.mixing, 0
+            time_step, mixing, descending = max(0.5 * time_step, 2e-3 * longest), first_mixing, 0
         velocity = velocity + time_step * force
         speed, strength = np.linalg.norm(velocity), np.linalg.norm(force)
         if strength > 0:
             velocity = (1 - mixing) * velocity + (mixing * speed / strength) * force
         move = time_step * float(np.abs(velocity).max())
-        if move > self.max_move:
-            velocity = velocity * (self.max_move / move)
+        if move > max_move:
+            velocity = velocity * (max_move / move)
         trial = function.at(x + time_step * velocity)
         if trial.value == np.inf:
             # Outside the domain: stop in front of its boundary and continue more slowly.
-            return point, FireState(x, np.zeros_like(velocity), 0.5 * time_step, mixing, descending)
-        return trial, FireState(trial.x, velocity, time_step, mixing, descending)
+            velocity, time_step = np.zeros_like(velocity), 0.5 * time_step
+        else:
+            point, x = trial, trial.x
+        yield point, True
 
 
 class Pairs:
@@ -175,13 +153,10 @@ class Pairs:
     def __init__(self, memory: int, n: int):
         # The place of the oldest pair takes the next one.
         self._dx, self._dgradient, self._products = (np.empty((memory, size)) for size in (n, n, memory))
-        self.clear()
+        self._order: list[int] = []
 
     def __len__(self) -> int:
         return len(self._order)
-
-    def clear(self) -> None:
-        self._order: list[int] = []
 
     def append(self, dx: Array, dgradient: Array) -> None:
         place = self._order.pop(0) if len(self) == len(self._dx) else len(self)
@@ -207,22 +182,7 @@ class Pairs:
         return direction - scattered @ S
 
 
-class LBFGSState(NamedTuple):
-    """The last pairs, whether they were discarded since the last step, and its progress.
-
-    lowest, least  smallest value and residual
-    idle           steps since either of them decreased
-    """
-
-    pairs: Pairs
-    fresh: bool
-    lowest: float
-    least: float
-    idle: int = 0
-
-
-@dataclass(frozen=True)
-class LBFGS:
+def lbfgs(function: Function, point: Point, memory: int = 15, max_move: float = 0.7) -> Iterator[tuple[Point, bool]]:
     """L-BFGS with backtracking (Nocedal & Wright, algorithms 7.4 and 3.1).
 
     Three properties that library versions lack: the limit of a step keeps trials off the wall of a barrier, the known
@@ -232,80 +192,69 @@ class LBFGS:
     memory    number of pairs
     max_move  largest change of a component of x in one step
     """
-
-    memory: int = 15
-    max_move: float = 0.7
-
-    def init(self, point: Point) -> LBFGSState:
-        return LBFGSState(Pairs(self.memory, len(point.x)), True, point.value, point.residual)
-
-    def step(self, function: Function, point: Point, state: LBFGSState) -> tuple[Point, LBFGSState | None]:
-        pairs = state.pairs
+    n, fresh = len(point.x), True  # whether the pairs were discarded since the last step
+    pairs, lowest, least, idle = Pairs(memory, n), point.value, point.residual, 0
+    while True:
         direction = pairs.direction(point.gradient, function.preconditioner(point))
-        gradient = point.gradient @ direction
-        if not gradient < 0:
-            pairs.clear()
-            direction, gradient = -point.gradient, -(point.gradient @ point.gradient)
-        length = min(1.0 if len(pairs) else np.inf, self.max_move / float(np.abs(direction).max()))
-        trial = _backtrack(function, point, direction, float(gradient), length)
+        slope = point.gradient @ direction
+        if not slope < 0:
+            pairs = Pairs(memory, n)
+            direction, slope = -point.gradient, -(point.gradient @ point.gradient)
+        length = min(1.0 if len(pairs) else np.inf, max_move / float(np.abs(direction).max()))
+        trial = _backtrack(function, point, direction, float(slope), length)
         if trial is None:
-            pairs.clear()
-            return point, None if state.fresh else state._replace(fresh=True)
+            yield point, not fresh
+            pairs, fresh = Pairs(memory, n), True
+            continue
         dx, dgradient = trial.x - point.x, trial.gradient - point.gradient
-        product = float(dx @ dgradient)
-        if product > 1e-12 * np.sqrt((dx @ dx) * (dgradient @ dgradient)):
+        if dx @ dgradient > 1e-12 * np.sqrt((dx @ dx) * (dgradient @ dgradient)):
             pairs.append(dx, dgradient)
-        lower = trial.value < state.lowest - ROUNDING * abs(state.lowest)
-        idle = 0 if lower or trial.residual < state.least else state.idle + 1
-        if idle > IDLE:
-            return trial, None
-        lowest, least = min(state.lowest, trial.value), min(state.least, trial.residual)
-        return trial, LBFGSState(pairs, False, lowest, least, idle)
+        lower = trial.value < lowest - ROUNDING * abs(lowest)
+        idle = 0 if lower or trial.residual < least else idle + 1
+        point, fresh, lowest, least = trial, False, min(lowest, trial.value), min(least, trial.residual)
+        yield point, idle <= IDLE
 
 
-def _backtrack(function: Function, point: Point, direction: Array, gradient: float, length: float) -> Point | None:
+def _backtrack(function: Function, point: Point, direction: Array, slope: float, length: float) -> Point | None:
     """The first of 30 shorter and shorter steps that decreases the value enough, or None."""
     for _ in range(30):
         trial = function.at(point.x + length * direction)
-        if trial.value <= point.value + ARMIJO * length * gradient:
+        if trial.value <= point.value + ARMIJO * length * slope:
             return trial
         # Within rounding of the value, a smaller directional derivative is equivalent (Hager and Zhang, 2005).
-        if trial.value <= point.value + ROUNDING * abs(point.value) and trial.gradient @ direction <= -0.8 * gradient:
+        if trial.value <= point.value + ROUNDING * abs(point.value) and trial.gradient @ direction <= -0.8 * slope:
             return trial
         length *= 0.3
     return None
 
 
-@dataclass(frozen=True)
-class Newton:
+def newton(function: Function, point: Point, max_products: int = 400) -> Iterator[tuple[Point, bool]]:
     """Newton's method with truncated conjugate gradients in a trust region (Steihaug), for any inertia of the Hessian.
 
     A step is accepted when the value decreases as the model predicts, or, where the decrease is below rounding, when
-    the residual does.  The state is the radius of the trust region.
+    the residual does.
 
     max_products  Hessian-vector products of one step
     """
-
-    max_products: int = 400
-
-    def init(self, point: Point) -> float:
-        return 1.0 + 0.1 * float(np.linalg.norm(point.x))
-
-    def step(self, function: Function, point: Point, state: float) -> tuple[Point, float | None]:
+    radius, progress = 1.0 + 0.1 * float(np.linalg.norm(point.x)), True
+    while True:
         # The wall of a barrier may overflow; an infinite step is then refused.
         with np.errstate(over="ignore", invalid="ignore"):
-            direction, predicted, inside = _steihaug(function, point, state, self.max_products)
+            direction, predicted, inside = _steihaug(function, point, radius, max_products)
         trial = function.at(point.x + direction)
         decrease = point.value - trial.value
         rounding = 10 * ROUNDING * abs(point.value) + 1e-300
         below_rounding = predicted < rounding and abs(decrease) < 10 * rounding
         enough = trial.residual < 0.9 * point.residual if below_rounding else decrease > ARMIJO * predicted
         if np.isfinite(trial.value) and enough:
-            wider = not inside and (below_rounding or decrease > 0.75 * predicted)
-            return trial, 2.0 * state if wider else state
-        # In flat directions rounding makes steps of any length; short ones still converge in the others.
-        radius = (0.1 if below_rounding else 0.25) * float(np.linalg.norm(direction))
-        return point, None if radius < 1e-14 * (1.0 + float(np.linalg.norm(point.x))) else radius
+            point = trial
+            if not inside and (below_rounding or decrease > 0.75 * predicted):
+                radius = 2.0 * radius
+        else:
+            # In flat directions rounding makes steps of any length; short ones still converge in the others.
+            radius = (0.1 if below_rounding else 0.25) * float(np.linalg.norm(direction))
+            progress = not radius < 1e-14 * (1.0 + float(np.linalg.norm(point.x)))
+        yield point, progress
 
 
 def _steihaug(function: Function, point: Point, radius: float, max_products: int) -> tuple[Array, float, bool]:
@@ -325,7 +274,9 @@ def _steihaug(function: Function, point: Point, radius: float, max_products: int
         length = square / curvature if curvature > 0 else np.inf
         longer = step + min(length, 1e300) * direction if curvature > 0 else step
         if curvature <= 0 or np.linalg.norm(longer) >= radius:
-            length = _to_boundary(step, direction, radius)
+            # The positive length at which the step reaches the radius.
+            a, b, c = direction @ direction, step @ direction, step @ step - radius**2
+            length = float((-b + np.sqrt(b * b - a * c)) / a)
             step, product = step + length * direction, product + length * curved
             return step, -float(point.gradient @ step + 0.5 * step @ product), False
         step, product = longer, product + length * curved
@@ -337,10 +288,4 @@ def _steihaug(function: Function, point: Point, radius: float, max_products: int
     return step, -float(point.gradient @ step + 0.5 * step @ product), True
 
 
-def _to_boundary(step: Array, direction: Array, radius: float) -> float:
-    """The positive length t at which |step + t·direction| reaches the radius."""
-    a, b, c = direction @ direction, step @ direction, step @ step - radius**2
-    return float((-b + np.sqrt(b * b - a * c)) / a)
-
-
-METHODS: dict[str, Callable[..., Method[Any]]] = {"fire": Fire, "lbfgs": LBFGS, "newton": Newton}
+METHODS: dict[str, Callable[..., Iterator[tuple[Point, bool]]]] = {"fire": fire, "lbfgs": lbfgs, "newton": newton}

@@ -11,7 +11,7 @@ from collections.abc import Mapping
 from copy import copy
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 import scipy.linalg
@@ -23,13 +23,10 @@ from critflow.checks import (
     Array,
     IntArray,
     check_ends,
-    check_loops,
     check_positions,
     check_support,
     checked_cell,
-    checked_count,
     checked_pins,
-    dimension_of,
     finite_rows,
     floats,
     integers,
@@ -69,15 +66,26 @@ class Network:
     faces: Faces | None = None
     note: str = ""
     reference_volume: float | None = None
+    # Whether every edge must have a length under positive stresses.
+    _supported: ClassVar[bool] = True
 
     def __post_init__(self) -> None:
         edges = integers(self.edges, "edges")
         if edges.ndim != 2 or edges.shape[1] != 2 or len(edges) == 0:
             raise NetworkError(f"edges must have shape (N_b, 2) with N_b >= 1, not {edges.shape}: give tail and head")
-        n_vertices = checked_count(self.n_vertices) or max(int(edges.max()) + 1, 0)
+        if not isinstance(self.n_vertices, int | np.integer) or self.n_vertices < 0:
+            raise NetworkError(
+                f"n_vertices must be a whole number above zero, not {shown(self.n_vertices)}, or left out"
+            )
+        n_vertices = int(self.n_vertices) or max(int(edges.max()) + 1, 0)
         pins = checked_pins(self.pins, n_vertices)
         cell = None if self.cell is None else checked_cell(self.cell)
-        dimension = dimension_of(cell, pins)
+        if cell is None and not pins:
+            raise NetworkError("a network needs a periodic cell or pins: without either it collapses to a point")
+        sizes = {p.shape for p in pins.values()} | ({cell.shape[:1]} if cell is not None else set())
+        if len(sizes) != 1 or any(len(size) != 1 for size in sizes):
+            raise NetworkError("the cell vectors and the pinned positions must all have the same dimension")
+        dimension = int(sizes.pop()[0])
         offsets = np.zeros((len(edges), dimension), int) if self.offsets is None else integers(self.offsets, "offsets")
         stiffness = stiffnesses(self.stiffness, len(edges))
         positions = None if self.positions is None else floats(self.positions, "positions")
@@ -87,31 +95,24 @@ class Network:
         if cell is None and offsets.any():
             raise NetworkError("edges with image offsets need a cell: give its vectors as rows")
         check_ends(edges, n_vertices)
-        check_loops(edges, offsets)
-        self._check_support(edges, offsets, cell, pins, n_vertices)
+        loops = np.flatnonzero((edges[:, 0] == edges[:, 1]) & ~offsets.any(axis=1))
+        if len(loops):
+            vertex = edges[loops[0], 0]
+            raise NetworkError(f"edge {loops[0]} joins vertex {vertex} to itself, which has no length: remove it")
+        if self._supported:
+            check_support(edges, offsets, cell, pins, n_vertices)
         if positions is not None:
             check_positions(positions, edges, offsets, cell, (n_vertices, dimension))
 
         arrays = {"edges": edges, "offsets": offsets, "cell": cell, "stiffness": stiffness, "positions": positions}
-        for name, array in arrays.items():
-            if array is not None:
-                array.flags.writeable = False
-            object.__setattr__(self, name, array)
-        object.__setattr__(self, "pins", pins)
-        object.__setattr__(self, "n_vertices", n_vertices)
+        self.__setstate__({**arrays, "pins": pins, "n_vertices": n_vertices})
 
     def __setstate__(self, state: dict[str, Any]) -> None:
-        """Of a copy, whose arrays could be written to."""
+        """Values of fields, whose arrays nobody can then write to; also of a copy."""
         for value in state.values():
             if isinstance(value, np.ndarray):
                 value.flags.writeable = False
         self.__dict__.update(state)
-
-    @staticmethod
-    def _check_support(
-        edges: IntArray, offsets: IntArray, cell: Array | None, pins: Mapping[int, Array], n_vertices: int
-    ) -> None:
-        check_support(edges, offsets, cell, pins, n_vertices)
 
     def __repr__(self) -> str:
         parts = [f"{self.n_vertices:,} vertices", f"{self.n_edges:,} edges", f"{self.dimension} dimensions"]

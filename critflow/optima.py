@@ -1,11 +1,11 @@
 """Optimisation over all critical configurations: an objective in, the best configuration out.
 
-1. Name → quantity, with the penalty for G_0 (`objective_of`).
-2. Where the optimum is known without a descent, take it (`known_optima`).
-3. Else the best of the descents from all starts (`descent`).
-
 Stresses of a result are scaled to Σσ² = N_b.  The residual of an optimum is the largest component of dO/dσ, the
 gradient projected on the stresses of that scale.
+
+Optima that are known without a descent: the largest moduli in closed form (`largest_modulus`), the least C_B, which has
+the configuration of the largest B_0, and equal lengths, whose length variance is zero.  `critical_from_lengths` finds
+equal lengths exactly, and the iteration to lengths to a rough tolerance.
 """
 
 from __future__ import annotations
@@ -13,24 +13,22 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
+from typing import Any
 
 import numpy as np
-import scipy
-import scipy.sparse as sp
 from numpy.typing import ArrayLike
 
 from critflow.arguments import of_kind
 from critflow.calls import running
 from critflow.checks import edge_values
 from critflow.deformation import Deformable
-from critflow.descent import DESCENTS, Observer, Optimum, SignedStressObjective, StressObjective, descend
+from critflow.descent import DESCENTS, Descent, Observer, Optimum, SignedDescent, descend
 from critflow.lengths import critical_from_lengths, iterate_lengths
 from critflow.manifold import NO_LENGTH, CriticalConfiguration, CriticalManifold, require_one_self_stress
 from critflow.networks import Array, Network
-from critflow.numerics import EPS, dot, power_of_two
+from critflow.numerics import EPS, dot
 from critflow.quantities import (
     PENALTY_THRESHOLD,
-    Evaluation,
     LengthVariance,
     PenalisedModulus,
     Quantity,
@@ -48,240 +46,17 @@ from critflow.quantities import (
     vanishes,
 )
 from critflow.quantity_names import quantity
-from critflow.result import InputError, Solution, SolveError, Status
-from critflow.sparse import spread_columns
+from critflow.result import InputError, Solution, Status
 from critflow.taut_edges import unknown_configuration
 
-# How much compression the largest modulus of a planar network needs: a linear program over isogonal modes.
-
-
-def least_compressed_length(network: Network | CriticalManifold, strain: Deformable) -> float:
-    """The least total length of compressed edges of a planar configuration with the largest modulus.
-
-    All these configurations have the forces T = kFL* and differ by isogonal modes.  With t = T/|T| and n ⊥ t:
-        least Σ p,  p ≥ 0,  p ≥ −t·(g x + b),  n·(g x + b) = 0.
-    """
-    manifold = CriticalManifold.of(network)
-    network = manifold.network
-    if network.dimension != 2:
-        raise InputError("configurations of one force network are found in two dimensions only")
-    L_star = manifold.balance(network.stiffness).bond_vectors
-    F, _ = force_map(network, L_star, transition_modulus(network, strain).symmetric)
-    T = network.stiffness[:, None] * (L_star @ F.T)
-    unit = T / np.linalg.norm(T, axis=1)[:, None]
-    normal = unit @ QUARTER_TURN.T
-    # The program has an absolute tolerance, 1e-7: lengths are in a unit of their own.
-    length = power_of_two(network.spacing)
-    n_edges, n_coordinates, b = network.n_edges, 2 * len(network.free), network.boundary_vectors / length
-    program = scipy.optimize.linprog(
-        np.repeat([0.0, 1.0], [n_coordinates, n_edges]),
-        A_ub=sp.hstack([-spread_columns(network, unit), -sp.eye_array(n_edges)]),
-        b_ub=dot(unit, b),
-        A_eq=sp.hstack([spread_columns(network, normal), sp.csr_array((n_edges, n_edges))]),
-        b_eq=-dot(normal, b),
-        bounds=[(None, None)] * n_coordinates + [(0, None)] * n_edges,
-    )
-    if program.status != 0:
-        raise SolveError(f"no configuration has the largest modulus for this strain: {program.message}")
-    return length * float(program.fun)
-
-
-# The largest modulus of a network over all stresses in closed form, with the configuration that attains it.
-#
-# With L* the configuration at σ = k, virtual work gives Σσ L·(A + W)L = Σ T·(A + W)L* for every stress, T = σL and any
-# antisymmetric W, so by Cauchy–Schwarz (`GenericModulus`)
-#     μ_A ≤ min_W (1/V) Σ k|(A + W)L*|²,
-# for any signs of σ.  Equality requires the force network T = k(A + W)L*, whose stress tensor is symmetric for the best
-# W.  For a dilation that is σ = k.  For other strains T is not parallel to L*: in two dimensions the lengths in the
-# directions of T that close are the solution of one more linear system, and some are negative, which is compression.
-
-BALANCED = 1e-8  # relative force balance, and relative distance from the bound, of a modulus that attains its bound
-# Determinant of the map F of forces, over |F|², below which all forces count as parallel: lengths grow as its inverse.
-PARALLEL_FORCES = 1e-9
-
-QUARTER_TURN = np.array([[0.0, -1.0], [1.0, 0.0]])
-
-
-def largest_modulus(network: Network | CriticalManifold, strain: Deformable) -> Optimum:
-    """The configuration nearest to L* that attains `upper_bound`, stresses of both signs allowed.
-
-    Nearest in Σk|L − L*|², unless the forces are nearly parallel: all others differ by isogonal modes.
-    `Status.edge_collapse` or `Status.singular` and NaN where an edge of it has no length or all forces are parallel, as
-    for uniaxial strains of isotropic networks, so that they close around no cell; the objective is then the bound, a
-    limit: strains next to it attain theirs.  Where the bound is zero every configuration attains it, and that of σ = k
-    is returned.
-    Raises `InputError` in three dimensions except for dilations: such forces seldom close there.
-    """
-    manifold = CriticalManifold.of(network)
-    network, modulus, shortest = manifold.network, transition_modulus(manifold.network, strain), 1.0
-    A, k = modulus.symmetric, network.stiffness
-    if not is_dilation(A) and network.dimension != 2:
-        raise InputError("in three dimensions only the largest modulus of a dilation has a known configuration")
-    balance = manifold.balance(k * np.sqrt(network.n_edges / (k @ k)))
-    F, moment = force_map(network, balance.bond_vectors, A)
-    bound, zero = float(np.trace(F @ moment @ F.T)) / network.volume, vanishes(F, moment, A)
-    if zero or is_dilation(A):
-        # F = A of a dilation is isotropic: the configuration is L* itself.
-        solution: Solution[CriticalConfiguration] = manifold.solve(balance.sigma, balance=balance)
-    else:
-        solution, shortest = _closed(manifold, balance.bond_vectors, F, A, bound)
-    here = solution.value
-    stats = replace(solution.stats, method="closed_form", steps=0, residual=np.nan)
-    value = modulus.evaluate(here)[0]
-    optimum = Optimum(here, Status.ok, stats, objective=value, bound=_covering(bound, value, network.n_edges))
-    if here.residual < BALANCED and (zero or abs(optimum.gap) < BALANCED) and shortest > NO_LENGTH:
-        edges = here.collapsed_edges
-        note = f"edges {', '.join(map(str, edges))} have no length there" if len(edges) else ""
-        if not np.array_equal(here.sigma, balance.sigma):
-            balance = manifold.balance(here.sigma)
-        stats = replace(stats, residual=evaluate_at(balance, modulus).residual)
-        return replace(optimum, stats=stats, collapsed_edges=edges, note=note)
-    # Forces that are all parallel, or an edge that vanishes: the bound is approached, not attained.
-    status = Status.edge_collapse if shortest <= NO_LENGTH else Status.singular if solution.ok else solution.status
-    return replace(optimum, value=unknown_configuration(network), status=status, objective=bound)
-
-
-def _covering(bound: float, value: float, n_edges: int) -> float:
-    """The bound, or the value that attains it and exceeds it by the rounding of two sums over the edges."""
-    return value if 0 < value - bound <= n_edges * EPS * bound else bound
-
-
-def _closed(
-    manifold: CriticalManifold, L_star: Array, F: Array, A: Array, bound: float
-) -> tuple[Solution[CriticalConfiguration], float]:
-    """The configuration with forces T = kFL*, and its shortest length over the mean."""
-    k, parallel = manifold.network.stiffness, abs(float(np.linalg.det(F))) <= PARALLEL_FORCES * float(np.sum(F**2))
-    B = F.T @ QUARTER_TURN.T
-    for stretched in (False, True):
-        if stretched:
-            # Others with these forces: of L̃ = BL with B = FᵀJᵀ and n·L = L*·L̃ the constraints are not nearly dependent.
-            L = np.linalg.solve(B, _across(manifold, L_star @ B.T, L_star).T).T
-        else:
-            L = _across(manifold, L_star, L_star @ F.T @ QUARTER_TURN.T)
-        square = dot(L, L)
-        solution = manifold.solve(k * dot(L_star @ F.T, L) / np.maximum(square, np.finfo(float).tiny))
-        if parallel or abs(TransitionModulus(A).evaluate(solution.value)[0] / bound - 1) < BALANCED:
-            break
-    return solution, float(np.sqrt(square.min()) / np.sqrt(square).mean())
-
-
-def _across(manifold: CriticalManifold, start: Array, normals: Array) -> Array:
-    """L = start + g u (N_b, 2) without components along the normals n, n·L = 0, with the least Σk|g u|².
-
-    Since gᵀ(k n) = 0, the constraints have the self-stress k, and this is a system of stresses and displacements.
-    """
-    network = manifold.network
-    factor = manifold.saddle.factorize(network.stiffness, normals)
-    u, _, _ = factor.solve(np.zeros((len(network.free), 2)), -dot(normals, start))
-    return np.asarray(start + network.free_incidence @ u)
-
-
-# Optima that are known without a descent: the largest moduli and the least C_B in closed form, and equal lengths.
-#
-# The largest modulus has the configuration of `largest_modulus`, the least C_B that of the largest B_0.  The length
-# variance is zero where all lengths are equal, which `critical_from_lengths` finds exactly, and the iteration of
-# `length_iteration` to a rough tolerance.
-
+METHODS = (*DESCENTS, "closed_form", "conic")
 # Tolerance of dO/dσ times N_b above which the iteration towards equal lengths alone is faster than with Newton's method
 # at its end: the same 15 to 35 steps for 100 to 10,000 vertices.
 ROUGH = 1e-5
-
-
-def known_optimum(
-    manifold: CriticalManifold, quantity: Quantity, positive: bool, tolerance: float | None
-) -> Optimum | None:
-    """The optimum of a quantity where it is known without a descent, and costs less than one; else None.
-
-    tolerance  of dO/dσ for equal lengths; None where a descent is prescribed
-    """
-    if isinstance(quantity, TransitionModulus):
-        # A configuration with no more compression than the signs allow is known.
-        known = quantity.is_bulk or (not positive and manifold.network.dimension == 2)
-        return best_in_closed_form(manifold, quantity, positive) if known else None
-    if positive and (stress := quantity.best_stress(manifold)) is not None:
-        return _at_best_stress(manifold, quantity, stress)
-    if not isinstance(quantity, LengthVariance) or not positive or tolerance is None:
-        return None
-    if tolerance * manifold.network.n_edges < ROUGH:
-        optimum = equal_lengths(manifold, quantity, positive)
-        # Where edges fall slack the least variance is not zero.
-        return optimum if optimum.ok else None
-    return _nearly_equal_lengths(manifold, quantity, tolerance)
-
-
-def best_in_closed_form(manifold: CriticalManifold, quantity: Quantity, positive: bool) -> Optimum:
-    """The largest modulus, or the best value whose stress is known, by the method "closed_form"."""
-    if positive and (stress := quantity.best_stress(manifold)) is not None:
-        return _at_best_stress(manifold, quantity, stress)
-    if not isinstance(quantity, TransitionModulus):
-        raise InputError("a closed form is known for moduli without a penalty only: choose another method")
-    optimum = largest_modulus(manifold, quantity.symmetric)
-    compressed = int(np.sum(optimum.value.sigma < 0))
-    if compressed and positive:
-        raise InputError(
-            f"the largest modulus for this strain compresses {compressed} edges: allow it with signs='any', or choose "
-            "another method"
-        )
-    if not optimum.ok:
-        return optimum
-    if quantity.is_bulk:
-        return replace(optimum, error_of=partial(transition_modulus_error, quantity.symmetric, optimum.value))
-    # Value and bound are both rounded, and the value is at most the exact bound.
-    rounding = EPS * manifold.network.n_edges * optimum.bound
-    return replace(optimum, error_of=partial(float, abs(optimum.bound - optimum.objective) + rounding))
-
-
-def _at_best_stress(manifold: CriticalManifold, quantity: Quantity, stress: Array) -> Optimum:
-    """The optimum at a stress that attains the smallest or largest value of `Quantity.extreme`."""
-    solution = manifold.solve(stress)
-    if not solution.ok:
-        return Optimum(solution.value, solution.status, solution.stats, solution.note, objective=np.nan)
-    here = evaluate(manifold, quantity, solution.value.sigma)
-    best = quantity.extreme(manifold)[quantity.maximise]
-    stats = replace(solution.stats, method="closed_form", steps=0, residual=here.residual)
-    error = partial(float, abs(here.value - best) + EPS * manifold.network.n_edges * abs(best))
-    return Optimum(solution.value, Status.ok, stats, objective=here.value, error_of=error)
-
-
-def equal_lengths(manifold: CriticalManifold, quantity: Quantity, positive: bool) -> Optimum:
-    """The configuration of equal lengths, whose length variance is zero, by the method "conic"."""
-    if not isinstance(quantity, LengthVariance):
-        raise InputError("the cone program finds the least length variance only: choose another method")
-    solution = critical_from_lengths(manifold, np.ones(manifold.network.n_edges), throw=False)
-    here = evaluate(manifold, quantity, solution.value.sigma) if solution.ok else None
-    optimum = _of_equal_lengths(solution, "conic", solution.stats.steps, here)
-    return replace(optimum, note=solution.note, slack_edges=solution.slack_edges)
-
-
-def _nearly_equal_lengths(manifold: CriticalManifold, quantity: Quantity, tolerance: float) -> Optimum | None:
-    """The configuration of equal lengths to a rough tolerance, by the iteration; None where that ends before."""
-    n_edges = manifold.network.n_edges
-    for step, (balance, deviation) in enumerate(iterate_lengths(manifold, np.ones(n_edges))):
-        if deviation > 2 * tolerance * n_edges:
-            continue  # The gradient, which costs as much as a step, is about two deviations an edge.
-        here = evaluate_at(balance, quantity)
-        if here.residual < tolerance:
-            solution = manifold.solve(balance.sigma, balance=balance)
-            return _of_equal_lengths(solution, "iteration", step, here) if solution.ok else None
-    return None
-
-
-def _of_equal_lengths(
-    solution: Solution[CriticalConfiguration], method: str, steps: int, here: Evaluation | None
-) -> Optimum:
-    """The optimum at a configuration of equal lengths."""
-    variance, residual = (here.value, here.residual) if here else (np.nan, np.nan)
-    # An optimum of the stresses is of springs, without rest lengths.
-    value = replace(solution.value, rest_lengths=None)
-    stats = replace(solution.stats, method=method, steps=steps, residual=residual)
-    # The least variance is zero.
-    return Optimum(value, solution.status, stats, objective=variance, error_of=partial(float, variance))
-
-
-KNOWN = {"closed_form": best_in_closed_form, "conic": equal_lengths}
-"""Methods without a descent."""
-
-METHODS = (*DESCENTS, *KNOWN)
+BALANCED = 1e-8  # relative force balance, and relative distance from the bound, of a modulus that attains its bound
+# Determinant of the map F of forces, over |F|², below which all forces count as parallel: lengths grow as its inverse.
+PARALLEL_FORCES = 1e-9
+QUARTER_TURN = np.array([[0.0, -1.0], [1.0, 0.0]])
 
 
 @running("optimize")
@@ -334,27 +109,34 @@ def optimize(
     """
     manifold = CriticalManifold.of(of_kind(Network, CriticalManifold, network=network))
     objective = of_kind(str, Quantity, objective=objective)
-    starts = of_kind(int, starts=starts)
-    max_steps = of_kind(int, None, max_steps=max_steps)
-    of_kind(bool, throw=throw)
-    _check_options(method, signs, threshold, tolerance, max_steps, observe)
+    starts, max_steps = of_kind(int, starts=starts), of_kind(int, None, max_steps=max_steps)
+    _check_options(method, signs, threshold, tolerance, max_steps, observe, throw)
     positive = only_positive(signs)
-    best = objective_of(manifold.network, objective, threshold if positive else None)
+    objective = objective_of(manifold.network, objective, threshold if positive else None)
     given = _starts(manifold.network.n_edges, start, starts, rng, positive)
-    _check_objective(manifold, best, method, positive, given[0])
-    optimum = KNOWN[method](manifold, best, positive) if method in KNOWN else None
-    if method == "auto":
-        free = start is None and max_steps is None and observe is None
-        optimum = known_optimum(manifold, best, positive, tolerance if free else None)
-    if optimum is None:
-        function = (StressObjective if positive else SignedStressObjective)(manifold, best)
-        optimum = _best([descend(function, method, one, tolerance, max_steps, observe) for one in given], function.unit)
-    return optimum.or_raise("no optimum") if throw else optimum
+    _check_objective(manifold, objective, method, positive, given[0])
+    # An optimum that is known without a descent.
+    prescribed = start is not None or max_steps is not None or observe is not None
+    best = known_optimum(manifold, objective, method, positive, None if prescribed else tolerance)
+    if best is None:
+        # Else the best of the descents from all starts; of those with status `ok`, where there is one.
+        kind, sign = Descent if positive else SignedDescent, -1 if objective.maximise else 1
+        ends = [descend(kind(manifold, objective, observe), one, method, tolerance, max_steps) for one in given]
+        first = min([end for end in ends if end.ok] or ends, key=lambda end: sign * end.objective)
+        best = replace(first, start=ends.index(first), starts=np.array([end.objective for end in ends]))
+    return best.or_raise("no optimum") if throw else best
 
 
 def _check_options(
-    method: str, signs: str, threshold: float, tolerance: float, max_steps: int | None, observe: Observer | None
+    method: str,
+    signs: str,
+    threshold: float,
+    tolerance: float,
+    max_steps: int | None,
+    observe: Observer | None,
+    throw: bool,
 ) -> None:
+    of_kind(bool, throw=throw)
     of_kind(str, method=method, signs=signs)
     of_kind(float, threshold=threshold, tolerance=tolerance)
     of_kind(Callable, None, observe=observe)
@@ -366,14 +148,14 @@ def _check_options(
         raise InputError(f"max_steps must be a whole number of at least 0, or None, not {max_steps!r}")
 
 
-def _check_objective(manifold: CriticalManifold, best: Quantity, method: str, positive: bool, start: Array) -> None:
+def _check_objective(manifold: CriticalManifold, quantity: Quantity, method: str, positive: bool, start: Array) -> None:
     # The largest bulk modulus of all stresses and all configurations is at σ = k, which is positive.
-    if best.one_self_stress and positive and not (isinstance(best, TransitionModulus) and best.is_bulk):
+    if quantity.one_self_stress and positive and not (isinstance(quantity, TransitionModulus) and quantity.is_bulk):
         require_one_self_stress(manifold.network)
-    if not own(best):
-        require_valid(best, manifold.balance(start))
+    if not own(quantity):
+        require_valid(quantity, manifold.balance(start))
     if method == "newton":
-        require_exact_hessian(manifold, best)
+        require_exact_hessian(manifold, quantity)
 
 
 def objective_of(network: Network, objective: str | Quantity, threshold: float | None = PENALTY_THRESHOLD) -> Quantity:
@@ -397,12 +179,157 @@ def _starts(m: int, start: ArrayLike | None, n: int, rng: np.random.Generator | 
     return [first, *(np.abs(rng.standard_normal(m)) for _ in range(n - 1) if rng is not None)]
 
 
-def _best(optima: list[Optimum], unit: float) -> Optimum:
-    """The best of several optima; one with status `ok` where there is one.
+def known_optimum(
+    manifold: CriticalManifold, quantity: Quantity, method: str, positive: bool, tolerance: float | None
+) -> Optimum | None:
+    """The optimum by "closed_form" or "conic", and by "auto" where it costs less than a descent; else None.
 
-    unit  of the objective, with the sign of what is minimised
+    tolerance  of dO/dσ for equal lengths; None where a descent is prescribed
     """
-    values = np.array([optimum.objective for optimum in optima])
-    good = [n for n, optimum in enumerate(optima) if optimum.ok] or range(len(optima))
-    best = min(good, key=lambda n: values[n] / unit)
-    return replace(optima[best], start=best, starts=values)
+    if method == "conic":
+        if not isinstance(quantity, LengthVariance):
+            raise InputError("the cone program finds the least length variance only: choose another method")
+        return equal_lengths(manifold, quantity)
+    if method not in ("closed_form", "auto"):
+        return None
+    if isinstance(quantity, TransitionModulus):
+        # A configuration with no more compression than the signs allow is known.
+        known = quantity.is_bulk or (not positive and manifold.network.dimension == 2)
+        return best_modulus(manifold, quantity, positive) if known or method == "closed_form" else None
+    if positive and (stress := quantity.best_stress(manifold)) is not None:
+        return at_best_stress(manifold, quantity, stress)
+    if method == "closed_form":
+        raise InputError("a closed form is known for moduli without a penalty only: choose another method")
+    if not isinstance(quantity, LengthVariance) or not positive or tolerance is None:
+        return None
+    optimum = equal_lengths(manifold, quantity, tolerance if tolerance * manifold.network.n_edges >= ROUGH else None)
+    # Where edges fall slack the least variance is not zero.
+    return optimum if optimum is not None and optimum.ok else None
+
+
+def at_best_stress(manifold: CriticalManifold, quantity: Quantity, stress: Array) -> Optimum:
+    """The optimum at a stress that attains the smallest or largest value of `Quantity.extreme`."""
+    solution = manifold.solve(stress)
+    if not solution.ok:
+        return Optimum(solution.value, solution.status, solution.stats, solution.note, objective=np.nan)
+    here = evaluate(manifold, quantity, solution.value.sigma)
+    best = quantity.extreme(manifold)[quantity.maximise]
+    stats = replace(solution.stats, method="closed_form", steps=0, residual=here.residual)
+    error = partial(float, abs(here.value - best) + EPS * manifold.network.n_edges * abs(best))
+    return Optimum(solution.value, Status.ok, stats, objective=here.value, error_of=error)
+
+
+def equal_lengths(manifold: CriticalManifold, quantity: Quantity, tolerance: float | None = None) -> Optimum | None:
+    """The configuration of equal lengths, V_L = 0: by the cone program, or by the iteration to a rough tolerance.
+
+    None where the iteration ends before.
+    """
+    n_edges, slack = manifold.network.n_edges, {}
+    if tolerance is None:
+        solution: Any = critical_from_lengths(manifold, np.ones(n_edges), throw=False)
+        here = evaluate(manifold, quantity, solution.value.sigma) if solution.ok else None
+        method, steps, slack = "conic", solution.stats.steps, {"slack_edges": solution.slack_edges}
+    else:
+        for step, (balance, deviation) in enumerate(iterate_lengths(manifold, np.ones(n_edges))):
+            # The gradient, which costs as much as a step, is about two deviations an edge.
+            if deviation <= 2 * tolerance * n_edges and (here := evaluate_at(balance, quantity)).residual < tolerance:
+                method, steps = "iteration", step
+                break
+        else:
+            return None
+        solution = manifold.solve(balance.sigma, balance=balance)
+    variance, residual = (here.value, here.residual) if here else (np.nan, np.nan)
+    # An optimum of the stresses is of springs, without rest lengths; the least variance is zero.
+    value, error = replace(solution.value, rest_lengths=None), partial(float, variance)
+    stats = replace(solution.stats, method=method, steps=steps, residual=residual)
+    return Optimum(value, solution.status, stats, solution.note, objective=variance, error_of=error, **slack)
+
+
+def best_modulus(manifold: CriticalManifold, quantity: TransitionModulus, positive: bool) -> Optimum:
+    """The largest modulus with its error; refused where its configuration has more compression than the signs allow."""
+    optimum = largest_modulus(manifold, quantity.symmetric)
+    compressed = int(np.sum(optimum.value.sigma < 0))
+    if compressed and positive:
+        raise InputError(
+            f"the largest modulus for this strain compresses {compressed} edges: allow it with signs='any', or choose "
+            "another method"
+        )
+    if not optimum.ok:
+        return optimum
+    if quantity.is_bulk:
+        return replace(optimum, error_of=partial(transition_modulus_error, quantity.symmetric, optimum.value))
+    # Value and bound are both rounded, and the value is at most the exact bound.
+    rounding = EPS * manifold.network.n_edges * optimum.bound
+    return replace(optimum, error_of=partial(float, abs(optimum.bound - optimum.objective) + rounding))
+
+
+def largest_modulus(network: Network | CriticalManifold, strain: Deformable) -> Optimum:
+    """The configuration nearest to L* that attains `upper_bound`, stresses of both signs allowed.
+
+    With L* the configuration at σ = k, virtual work gives Σσ L·(A + W)L = Σ T·(A + W)L* for every stress, T = σL and
+    any antisymmetric W, so by Cauchy–Schwarz (`GenericModulus`)
+        μ_A ≤ min_W (1/V) Σ k|(A + W)L*|²,
+    for any signs of σ, with equality for the forces T = k(A + W)L*, whose stress tensor is symmetric for the best W.
+
+    Nearest in Σk|L − L*|², unless the forces are nearly parallel: all others differ by isogonal modes.
+    `Status.edge_collapse` or `Status.singular` and NaN where an edge of it has no length or all forces are parallel, as
+    for uniaxial strains of isotropic networks, so that they close around no cell; the objective is then the bound, a
+    limit: strains next to it attain theirs.  Where the bound is zero every configuration attains it, and that of σ = k
+    is returned.
+    Raises `InputError` in three dimensions except for dilations: such forces seldom close there.
+    """
+    manifold = CriticalManifold.of(network)
+    network, modulus, shortest = manifold.network, transition_modulus(manifold.network, strain), 1.0
+    A, k, n_edges = modulus.symmetric, network.stiffness, network.n_edges
+    if not is_dilation(A) and network.dimension != 2:
+        raise InputError("in three dimensions only the largest modulus of a dilation has a known configuration")
+    balance = manifold.balance(k * np.sqrt(n_edges / (k @ k)))
+    F, moment = force_map(network, balance.bond_vectors, A)
+    bound, zero = float(np.trace(F @ moment @ F.T)) / network.volume, vanishes(F, moment, A)
+    if zero or is_dilation(A):
+        # F = A of a dilation is isotropic: the configuration is L* itself.
+        solution: Solution[CriticalConfiguration] = manifold.solve(balance.sigma, balance=balance)
+    else:
+        solution, shortest = _with_forces(manifold, balance.bond_vectors, F, modulus, bound)
+    here = solution.value
+    stats, value = replace(solution.stats, method="closed_form", steps=0, residual=np.nan), modulus.evaluate(here)[0]
+    # A value that attains the bound may exceed it by the rounding of two sums over the edges.
+    covering = value if 0 < value - bound <= n_edges * EPS * bound else bound
+    optimum = Optimum(here, Status.ok, stats, objective=value, bound=covering)
+    if here.residual < BALANCED and (zero or abs(optimum.gap) < BALANCED) and shortest > NO_LENGTH:
+        edges = here.collapsed_edges
+        note = f"edges {', '.join(map(str, edges))} have no length there" if len(edges) else ""
+        if not np.array_equal(here.sigma, balance.sigma):
+            balance = manifold.balance(here.sigma)
+        stats = replace(stats, residual=evaluate_at(balance, modulus).residual)
+        return replace(optimum, stats=stats, collapsed_edges=edges, note=note)
+    # Forces that are all parallel, or an edge that vanishes: the bound is approached, not attained.
+    status = Status.edge_collapse if shortest <= NO_LENGTH else Status.singular if solution.ok else solution.status
+    return replace(optimum, value=unknown_configuration(network), status=status, objective=bound)
+
+
+def _with_forces(
+    manifold: CriticalManifold, L_star: Array, F: Array, modulus: TransitionModulus, bound: float
+) -> tuple[Solution[CriticalConfiguration], float]:
+    """The planar configuration with forces T = kFL*, and its shortest length over the mean.
+
+    T is not parallel to L*: lengths in the directions of T that close are the solution of one more linear system, and
+    some are negative, which is compression.
+    """
+    network, k = manifold.network, manifold.network.stiffness
+    parallel = abs(float(np.linalg.det(F))) <= PARALLEL_FORCES * float(np.sum(F**2))
+    B = F.T @ QUARTER_TURN.T
+    # L = L* + g u, n·L = 0 for n = JFL*; then others with these forces: of L̃ = BL with B = FᵀJᵀ and n·L = L*·L̃ the
+    # constraints are not nearly dependent.
+    for stretched, start, normals in ((False, L_star, L_star @ F.T @ QUARTER_TURN.T), (True, L_star @ B.T, L_star)):
+        # Since gᵀ(k n) = 0, the constraints have the self-stress k, and this is a system of stresses and displacements.
+        factor = manifold.saddle.factorize(k, normals)
+        u, _, _ = factor.solve(np.zeros((len(network.free), 2)), -dot(normals, start))
+        L = np.asarray(start + network.free_incidence @ u)
+        if stretched:
+            L = np.linalg.solve(B, L.T).T
+        square = dot(L, L)
+        solution = manifold.solve(k * dot(L_star @ F.T, L) / np.maximum(square, np.finfo(float).tiny))
+        if parallel or abs(modulus.evaluate(solution.value)[0] / bound - 1) < BALANCED:
+            break
+    return solution, float(np.sqrt(square.min()) / np.sqrt(square).mean())

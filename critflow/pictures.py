@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import reduce
 from itertools import product
 from pathlib import Path
 from typing import Any
@@ -14,16 +15,16 @@ from matplotlib.axes import Axes
 from matplotlib.backend_bases import FigureCanvasBase
 from matplotlib.cm import ScalarMappable
 from matplotlib.collections import LineCollection, PolyCollection
-from matplotlib.colors import Colormap, LinearSegmentedColormap, LogNorm, Normalize, to_rgb
+from matplotlib.colors import Colormap, LinearSegmentedColormap, LogNorm, Normalize
 from matplotlib.figure import Figure, SubFigure
 from matplotlib.patches import Polygon
 from numpy.typing import ArrayLike
 
 from critflow.arguments import of_kind
 from critflow.calls import running
+from critflow.extensions import provided
 from critflow.faces import Faces
 from critflow.networks import Array, IntArray, Network
-from critflow.points import images_in_cell
 from critflow.result import InputError, Solution
 from critflow.workflow.output import require_folder
 
@@ -146,6 +147,26 @@ def add_cell(axes: Axes, cell: ArrayLike) -> Polygon:
     return outline
 
 
+# Lines nearer to a border, in units of the cell, lie along it.
+BORDER = 1e-12
+
+
+def images_in_cell(ends: Array) -> tuple[Array, IntArray]:
+    """Images that touch the cell of lines, ends (n, 2, d) in its units: ends (m, 2, d), and the line of each (m,)."""
+    ends = ends - np.floor(ends[:, :1])
+    # Along each axis the whole shifts and the lines that they move to the cell: one test for all images of a shift.
+    shifts = []
+    for low, high in zip(np.minimum(ends[:, 0], ends[:, 1]).T, np.maximum(ends[:, 0], ends[:, 1]).T, strict=True):
+        whole = range(-int(np.floor(high.max() + BORDER)), 1 - int(np.floor(low.min())))
+        # A line along a border is drawn at the lower one of both.
+        shifts.append([(n, (low + n < 1 - BORDER) & ((high + n > BORDER) | (low + n > -BORDER))) for n in whole])
+    pieces, lines = [], []
+    for image in product(*shifts):
+        lines.append(np.flatnonzero(reduce(np.logical_and, [within for _, within in image])))
+        pieces.append(ends[lines[-1]] + [n for n, _ in image])
+    return np.concatenate(pieces), np.concatenate(lines)
+
+
 def periodic_segments(
     edges: ArrayLike, offsets: ArrayLike, cell: ArrayLike, coordinates: ArrayLike
 ) -> tuple[Array, IntArray]:
@@ -202,58 +223,6 @@ def shade_faces(
     return shading
 
 
-# Networks of three dimensions in projection, and the figure of one network in two or three.
-
-# Directions of view on three dimensions, across and up, at right angles: from the front, a little from above.
-_ACROSS, _UP = np.array([0.94, -0.34, 0.0]), np.array([0.09, 0.25, 0.96])
-
-
-def draw_in_depth(
-    axes: Axes,
-    edges: ArrayLike,
-    offsets: ArrayLike,
-    cell: ArrayLike,
-    coordinates: ArrayLike,
-    tensions: Array,
-    scale: Normalize | None = None,
-) -> ScalarMappable:
-    """Draw a periodic network of three dimensions in parallel projection, near edges over far ones, which fade.
-
-    scale  of the colours; from zero to the 97th percentile by default
-
-    Colour and width show the tension as in two dimensions.  Every edge is drawn once, from the image of its tail in the
-    cell to its head, inside or outside.  Returns the mappable for a colour bar.
-    """
-    (tail, head), x, cell = np.asarray(edges).T, np.asarray(coordinates), np.asarray(cell, dtype=float)
-    fraction = x[tail] @ np.linalg.inv(cell)
-    start = (fraction - np.floor(fraction)) @ cell
-    ends = np.stack([start, start + x[head] - x[tail] + np.asarray(offsets) @ cell], axis=1)
-    view = np.stack([_ACROSS, _UP], axis=1)
-    depth = ends.mean(axis=1) @ np.cross(_ACROSS, _UP)
-    far, close = np.percentile(depth, (2, 98))
-    near = np.clip((depth - far) / (close - far), 0, 1)
-    norm = scale or Normalize(0.0, float(np.percentile(np.abs(tensions), 97)) or 1.0, clip=True)
-    strength = np.asarray(norm(np.abs(tensions)))
-    ink = np.where((tensions < 0)[:, None], to_rgb(COMPRESSED), TENSION_MAP(strength)[:, :3])
-    faded = 1 - (0.15 + 0.85 * near**1.5)[:, None] * (1 - ink)
-    widths = (0.4 + 1.8 * strength) * (0.45 + 0.55 * near)
-    order = np.argsort(depth, kind="stable")
-    axes.add_collection(
-        LineCollection(list((ends @ view)[order]), colors=faded[order], linewidths=widths[order], capstyle="round")
-    )
-    corners = np.array(list(product((0, 1), repeat=3)))
-    sides = [(a, b) for a in range(8) for b in range(a) if np.abs(corners[a] - corners[b]).sum() == 1]
-    frame = corners @ cell @ view
-    axes.add_collection(LineCollection(list(frame[np.array(sides)]), colors="0.55", linewidths=0.7, zorder=0))
-    for name, place in zip("xyz", ((0.5, 0, 0), (0, 0.5, 0), (0, 1, 0.5)), strict=True):
-        label = frame.mean(axis=0) + 1.16 * (np.array(place) @ cell @ view - frame.mean(axis=0))
-        axes.text(label[0], label[1], f"${name}$", fontsize=11, ha="center", va="center", color="0.35")
-    axes.autoscale_view()
-    axes.set_aspect("equal")
-    axes.set_axis_off()
-    return ScalarMappable(norm, TENSION_MAP)
-
-
 def network_figure(
     edges: ArrayLike,
     offsets: ArrayLike,
@@ -268,7 +237,7 @@ def network_figure(
     figure = Figure(figsize=(6.2, 5.4), layout="constrained")
     axes = figure.add_subplot()
     if np.shape(coordinates)[1] == 3:
-        lines: LineCollection | ScalarMappable = draw_in_depth(axes, edges, offsets, cell, coordinates, tensions)
+        lines: ScalarMappable = _draw_in_depth(axes, edges, offsets, cell, coordinates, tensions)
     else:
         lines = draw_network(axes, edges, offsets, cell, coordinates, tensions, width=1.6)
     bar = figure.colorbar(lines, ax=axes, shrink=0.8, pad=0.02)
@@ -278,6 +247,12 @@ def network_figure(
         axes.legend(loc="upper left", fontsize=8, frameon=True)
     axes.set_title(title, fontsize=10)
     return figure
+
+
+def _draw_in_depth(*arguments: Any) -> ScalarMappable:
+    """Draw a periodic network of three dimensions, which an extra does."""
+    drawn: ScalarMappable = provided("draw_in_depth", "pictures of periodic networks in space")(*arguments)
+    return drawn
 
 
 # Colour of edges without values.
@@ -326,15 +301,16 @@ def draw(
     of_kind(float, width=width)
     of_kind(str, title=title)
     network, x, tensions, of_faces = _parts(thing)
-    values, scale = tensions if color is None else np.asarray(color, dtype=float), None
-    if color is None and varied(network.stiffness) and _at_rest(network, x, tensions):
-        values, scale = network.stiffness, stiffness_scale(network.stiffness)
+    values, scale = None if color is None else np.asarray(color, dtype=float), None
+    if color is None:
+        scale = _stiffness_scale(network, x, tensions)
+        values = tensions if scale is None else network.stiffness
     _check_drawn(network, values, vertices, cmap)
     if ax is None:
         ax = plt.figure(figsize=(6.0, 5.4), layout="constrained").add_subplot()
     if network.dimension == 3 and network.cell is not None:
         shown = np.ones(network.n_edges) if values is None else values
-        drawn: ScalarMappable | None = draw_in_depth(ax, network.edges, network.offsets, network.cell, x, shown, scale)
+        drawn: ScalarMappable | None = _draw_in_depth(ax, network.edges, network.offsets, network.cell, x, shown, scale)
     elif network.dimension == 3:
         drawn = _draw_plane(ax, network, x[:, [0, 2]], values, cmap, width, scale)
         title = f"{title} (seen along y)" if title else "seen along y"
@@ -379,10 +355,17 @@ def _check_drawn(network: Network, values: Array | None, vertices: ArrayLike | N
         raise InputError(f"matplotlib has no colour map {cmap!r}: choose a name such as 'viridis'")
 
 
-def _at_rest(network: Network, x: Array, tensions: Array | None) -> bool:
-    """Whether no edge carries tension but that of rounding."""
-    scale = network.stiffness * np.linalg.norm(network.bond_vectors(x), axis=1)
-    return tensions is None or bool(np.abs(tensions).max() <= _NO_TENSION * scale.mean())
+def _stiffness_scale(network: Network, x: Array, tensions: Array | None) -> Normalize | None:
+    """The scale of colours by stiffness, logarithmic where these differ widely; None where they are equal.
+
+    None too where an edge carries more tension than that of rounding.
+    """
+    k = network.stiffness
+    unit = float((k * np.linalg.norm(network.bond_vectors(x), axis=1)).mean())
+    if not varied(k) or (tensions is not None and not np.abs(tensions).max() <= _NO_TENSION * unit):
+        return None
+    low, high = float(k.min()), float(k.max())
+    return LogNorm(low, high, clip=True) if widely(k) else Normalize(0.0, high, clip=True)
 
 
 def _colour_faces(ax: Axes, network: Network, x: Array, of_faces: Array) -> None:
@@ -391,12 +374,6 @@ def _colour_faces(ax: Axes, network: Network, x: Array, of_faces: Array) -> None
     shade = matplotlib.colormaps[_FACE_MAP](0.5 + _PALE * of_faces / (np.abs(of_faces).max() or 1.0))
     polygons = face_polygons(network.faces, network.edges, x, network.bond_vectors(x))
     shade_faces(ax, polygons, network.cell, shade)
-
-
-def stiffness_scale(stiffness: Array) -> Normalize:
-    """The scale of the colours of stiffnesses (N_b,): from zero, or logarithmic where they differ widely."""
-    low, high = float(stiffness.min()), float(stiffness.max())
-    return LogNorm(low, high, clip=True) if widely(stiffness) else Normalize(0.0, high, clip=True)
 
 
 def _draw_plane(

@@ -1,11 +1,16 @@
-"""Random sequential addition: points of a hard core in the periodic unit cube, up to saturation."""
+"""Networks of random points: their Voronoi and Delaunay tessellations in periodic cells of any shape.
+
+Random points have a hard core: none is nearer to another than ρ in units of (V/n)^(1/d).  The standard network is the
+Voronoi tessellation of n_cells = N_v/2 such points in the plane: three edges a vertex, N_b = 3 N_v/2, and V = N_v.  In
+space it is that of a foam: four edges a vertex, N_b = 2 N_v, and V = N_v.
+"""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
-from functools import reduce
+from collections.abc import Callable, Iterable
 from itertools import combinations, product
+from typing import Any
 
 import numpy as np
 import scipy
@@ -17,14 +22,18 @@ from critflow.checks import check_size, checked_cell
 from critflow.networks import Array, IntArray, Network, periodic_network
 from critflow.result import InputError
 
-# Periodic cells of any shape: short vectors of a lattice, and images of points near and of lines in a cell.
+# Hard core of the standard networks in the plane and in space.
+STANDARD_HARD_CORE, FOAM_HARD_CORE = 0.82, 0.87
+# Random sequential addition saturates at these ρ, which are coverages of 0.547 in the plane and 0.384 in space.
+_SATURATED = {2: 0.834, 3: 0.902}
+# No packing at all is denser than the hexagonal one of discs and the face-centred one of spheres.
+_DENSEST = {2: np.sqrt(2 / np.sqrt(3)), 3: 2 ** (1 / 6)}
+_MAX_RESTARTS = 1000
+# Vertices of a network of random points where no number is given.
+_N_VERTICES = 1000
 
-# Cells thinner than this, relative to the lengths of their short vectors, have no volume within rounding.
-FLAT = 1e-10
-# Images of points beyond this number do not fit into memory.
-MOST_IMAGES = 20_000_000
-# Lines nearer to a border, in units of the cell, lie along it.
-BORDER = 1e-12
+
+# Cells
 
 
 def short_cell(cell: Array) -> tuple[Array, IntArray]:
@@ -45,15 +54,19 @@ def short_cell(cell: Array) -> tuple[Array, IntArray]:
                 rows[i] -= int(np.round(share)) * rows[j]
                 shortened = True
     short = rows @ cell
-    if not abs(np.linalg.det(short)) > FLAT * np.prod(np.linalg.norm(short, axis=1)):
+    if not abs(np.linalg.det(short)) > 1e-10 * np.prod(np.linalg.norm(short, axis=1)):
         raise InputError("the cell vectors are parallel within rounding: give vectors that span a volume")
     return short, rows
+
+
+# Images of points beyond this number do not fit into memory.
+_MOST_IMAGES = 20_000_000
 
 
 def near_images(points: Array, cell: Array, margin: float) -> tuple[IntArray, IntArray]:
     """Periodic images, within `margin` of the cell, of points (n, d) in its units: point (m,) and image (m, d)."""
     widths = margin * np.linalg.norm(np.linalg.inv(cell), axis=0)
-    if len(points) * np.prod(1 + 2 * widths) > MOST_IMAGES:
+    if len(points) * np.prod(1 + 2 * widths) > _MOST_IMAGES:
         raise InputError(f"{len(points)} points are too few for so long a cell: use more points, or a shorter cell")
     ids, images = [], []
     for image in product(*(range(-layers, layers + 1) for layers in np.ceil(widths).astype(int))):
@@ -64,34 +77,11 @@ def near_images(points: Array, cell: Array, margin: float) -> tuple[IntArray, In
     return np.concatenate(ids), np.concatenate(images)
 
 
-def images_in_cell(ends: Array) -> tuple[Array, IntArray]:
-    """Images that touch the cell of lines, ends (n, 2, d) in its units: ends (m, 2, d), and the line of each (m,)."""
-    ends = ends - np.floor(ends[:, :1])
-    # Along each axis the whole shifts and the lines that they move to the cell: one test for all images of a shift.
-    shifts = []
-    for low, high in zip(np.minimum(ends[:, 0], ends[:, 1]).T, np.maximum(ends[:, 0], ends[:, 1]).T, strict=True):
-        whole = range(-int(np.floor(high.max() + BORDER)), 1 - int(np.floor(low.min())))
-        # A line along a border is drawn at the lower one of both.
-        shifts.append([(n, (low + n < 1 - BORDER) & ((high + n > BORDER) | (low + n > -BORDER))) for n in whole])
-    pieces, lines = [], []
-    for image in product(*shifts):
-        lines.append(np.flatnonzero(reduce(np.logical_and, [within for _, within in image])))
-        pieces.append(ends[lines[-1]] + [n for n, _ in image])
-    return np.concatenate(pieces), np.concatenate(lines)
-
-
-# Random sequential addition saturates here, for distances ρ in units of 1/n_points^(1/d): at coverages of 0.547 in the
-# plane and 0.384 in space.
-_SATURATED = {2: 0.834, 3: 0.902}
-# No packing at all is denser than the hexagonal one of discs and the face-centred one of spheres.
-_DENSEST = {2: np.sqrt(2 / np.sqrt(3)), 3: 2 ** (1 / 6)}
-_MAX_RESTARTS = 1000
+# Random sequential addition
 
 
 @running("random_sequential_addition")
-def random_sequential_addition(
-    n_points: int, distance: float, rng: np.random.Generator, dimension: int = 2, max_restarts: int = _MAX_RESTARTS
-) -> Array:
+def random_sequential_addition(n_points: int, distance: float, rng: np.random.Generator, dimension: int = 2) -> Array:
     """Points (n_points, d) in the periodic unit cube, placed one by one and no two closer than `distance`.
 
     Trials are drawn only from voxels that the points so far leave uncovered, which changes nothing of the
@@ -103,158 +93,11 @@ def random_sequential_addition(
     >>> random_sequential_addition(10, 0.1, np.random.default_rng(0)).shape
     (10, 2)
     """
-    n_points, dimension, max_restarts = of_kind(int, n_points=n_points, dimension=dimension, max_restarts=max_restarts)
+    n_points, dimension = of_kind(int, n_points=n_points, dimension=dimension)
     of_kind(float, distance=distance)
     rng = of_kind(np.random.Generator, rng=rng)
-    check_addition(n_points, distance, dimension)
-    for _ in range(max_restarts):
-        points = _add_until_saturated(n_points, distance, rng, dimension)
-        if len(points) == n_points:
-            cell = np.floor(points * n_points ** (1 / dimension)).astype(int)
-            return points[np.lexsort(cell.T)]
-    raise _no_space(n_points, distance, max_restarts, dimension)
-
-
-def check_addition(n_points: int, distance: float, dimension: int) -> None:
-    """Raise `InputError` for points that cannot be placed, without placing any."""
-    if n_points < 1 or not distance > 0:
-        raise InputError(
-            f"random sequential addition needs points and a positive distance, not {n_points} and {distance}"
-        )
-    if dimension < 1:
-        raise InputError(f"points need a dimension of at least 1, not {dimension}")
-    check_size(n_points)
-    if distance * n_points ** (1 / dimension) > _DENSEST.get(dimension, np.inf):
-        raise _no_space(n_points, distance, "any number of", dimension)
-
-
-def _no_space(n_points: int, distance: float, tries: int | str, dimension: int) -> InputError:
-    return InputError(
-        f"{n_points} points never fitted at a distance of {distance:.4g} in {tries} tries: lower the hard core "
-        f"(ρ = {_SATURATED.get(dimension, 0.9)} is the limit in {dimension} dimensions)"
-    )
-
-
-def _add_until_saturated(n_points: int, distance: float, rng: np.random.Generator, dimension: int) -> Array:
-    # Grid cells of diagonal <= distance hold one point at most, so the neighbours of a trial are found by index.
-    per_side = int(np.ceil(np.sqrt(dimension) / distance))
-    grid = np.full((per_side,) * dimension + (dimension,), _NOWHERE)
-    points = np.empty((n_points, dimension))
-    n_placed = 0
-
-    voxels = np.indices(grid.shape[:-1]).reshape(dimension, -1).T / per_side
-    side = 1.0 / per_side
-    uncovered = _Uncovered(grid, distance)
-    while n_placed < n_points and len(voxels):
-        # As many trials as uncovered voxels is cheap and rarely places two in reach of each other.
-        trials = voxels.take(rng.integers(len(voxels), size=len(voxels)), 0)
-        trials += side * rng.random((len(voxels), dimension))
-        trials -= trials >= 1.0
-        placed_before = n_placed
-        # The pairs of all first trials are many more than those of each eighth that earlier ones leave uncovered.
-        for part in [trials] if n_placed or len(trials) < _MANY_TRIALS else np.array_split(trials, 8):
-            if n_placed:
-                part = part.take(uncovered(part, 0.0), 0)
-            placed = part.take(_first_come(part, distance)[: n_points - n_placed], 0)
-            points[n_placed : n_placed + len(placed)] = placed
-            n_placed += len(placed)
-            if n_placed == n_points:
-                return points
-            grid[tuple(np.floor(placed * per_side).astype(int).T)] = placed
-            uncovered = _Uncovered(grid, distance)
-
-        voxels = voxels.take(uncovered(voxels + side / 2, side / 2), 0)
-        # Halving the voxels follows the shrinking holes; while holes are large it would only cost.
-        if n_placed - placed_before < 0.2 * max(len(voxels), 1):
-            side /= 2
-            voxels = (voxels[:, None, :] + side * np.array(list(product((0, 1), repeat=dimension)))).reshape(
-                -1, dimension
-            )
-    return points[:n_placed]
-
-
-class _Uncovered:
-    """Which places keep their distance to all points of a grid (…, d) of cells with one point each at most."""
-
-    def __init__(self, grid: Array, distance: float):
-        dimension, self._per_side, self._distance = grid.shape[-1], len(grid), distance
-        self._padded = _periodic_padding(grid)
-        self._strides = (len(grid) + 4) ** np.arange(dimension - 1, -1, -1)
-        # The nearest cells first, which settles most places at once; but the cell of a place itself is mostly empty.
-        steps = np.array(list(product(range(-2, 3), repeat=dimension)))
-        order = np.argsort(np.sum(steps**2, axis=1), kind="stable")
-        self._steps = steps[np.roll(order, -1)]
-
-    def _reach(self, half_width: float) -> NDArray[np.int64]:
-        """Steps in the padded grid to the cells from which a point can cover a cube that lies in one cell."""
-        away = np.abs(self._steps)
-        gap = np.maximum(away - 1, 0) / self._per_side + np.where(away, 2, 1) * half_width
-        able = np.sum(gap**2, axis=1) < (1 + 1e-9) * self._distance**2
-        return np.asarray((self._steps[able] + 2) @ self._strides)
-
-    def __call__(self, places: Array, half_width: float) -> IntArray:
-        """The points, or cubes of that half width, around places (n, d) whose even farthest corner is clear."""
-        clear, reach = [np.zeros(0, int)], self._reach(half_width)
-        # Blocks stay in the cache of the processor, and shrink as their places are found to be covered.
-        for start in range(0, len(places), _BLOCK):
-            at = places[start : start + _BLOCK]
-            cell = np.floor(at * self._per_side).astype(int) @ self._strides
-            left = np.arange(start, start + len(at))
-            for step in reach:
-                away = self._padded.take(cell + step, axis=0)
-                np.subtract(at, away, out=away)
-                np.abs(away, out=away)
-                away += half_width
-                away *= away
-                far = np.flatnonzero(sum(away.T) >= self._distance**2)
-                if len(far) < len(left):
-                    left, cell, at = left.take(far), cell.take(far), at.take(far, axis=0)
-            clear.append(left)
-        return np.concatenate(clear)
-
-
-# Number of voxels in one vectorised step, and of trials from which they are tested in parts.
-_BLOCK, _MANY_TRIALS = 1 << 16, 1 << 12
-
-
-# Coordinate of the point of an empty grid cell: farther away than any hard core.
-_NOWHERE = 1e3
-
-
-def _periodic_padding(grid: Array) -> Array:
-    """The points (n, d) in a grid of cells with two layers of periodic images around it."""
-    dimension = grid.shape[-1]
-    padded = np.pad(grid, [(2, 2)] * dimension + [(0, 0)], mode="wrap")
-    for axis in range(dimension):
-        ends = np.moveaxis(padded[..., axis], axis, 0)
-        ends[:2] -= 1.0
-        ends[-2:] += 1.0
-    return padded.reshape(-1, dimension)
-
-
-def _first_come(trials: Array, distance: float) -> IntArray:
-    """The trials that remain when each, in order, must keep its distance to all that remain before it."""
-    if len(trials) == 0:
-        return np.zeros(0, int)
-    # A simple tree with small leaves is the fastest for one query.
-    tree = scipy.spatial.cKDTree(trials, leafsize=8, boxsize=1.0, balanced_tree=False, compact_nodes=False)
-    return np.flatnonzero(_accepted(len(trials), tree.query_pairs(distance, output_type="ndarray")))
-
-
-def _accepted(n_trials: int, pairs: NDArray[np.int64]) -> NDArray[np.bool_]:
-    """The trials that remain when each, in order, excludes the later ones that it forms a pair with."""
-    earlier, later = np.ascontiguousarray(pairs.T)
-    taken = np.zeros(n_trials, bool)
-    refused = np.zeros(n_trials, bool)
-    while len(earlier):
-        # A trial that waits for no earlier one is taken, and refuses the later ones in its reach.
-        waiting = np.zeros(n_trials, bool)
-        waiting[later] = True
-        taken |= ~waiting & ~refused
-        refused[later[taken[earlier]]] = True
-        open_ = ~refused[earlier] & ~refused[later] & ~taken[earlier]
-        earlier, later = earlier[open_], later[open_]
-    return ~refused
+    _check_addition(n_points, distance, dimension)
+    return _added(n_points, distance, rng, dimension)
 
 
 def points_in_cell(n_points: int, hard_core: float, rng: np.random.Generator, cell: Array | None = None) -> Array:
@@ -275,61 +118,198 @@ def points_in_cell(n_points: int, hard_core: float, rng: np.random.Generator, ce
     shape = short / abs(np.linalg.det(short)) ** (1 / dimension)
     if np.linalg.norm(shape, axis=1).min() < 2 * distance:
         raise InputError(f"{n_points} points are too few for so thin a cell: use more points, or a shorter cell")
-    crowded = hard_core > _DENSEST.get(dimension, np.inf)
-    for _ in range(0 if crowded else _MAX_RESTARTS):
-        points = _add_in_cell(n_points, distance, rng, shape)
-        if len(points) == n_points:
-            grid = np.floor(points * np.linalg.norm(shape, axis=1) * n_points ** (1 / dimension)).astype(int)
-            return (points[np.lexsort(grid.T)] @ rows) % 1.0
+    if hard_core > _DENSEST.get(dimension, np.inf):
+        raise _no_space(n_points, distance, _MAX_RESTARTS, dimension)
+    return (_added(n_points, distance, rng, dimension, shape) @ rows) % 1.0
+
+
+def _check_addition(n_points: int, distance: float, dimension: int) -> None:
+    """Raise `InputError` for points that cannot be placed, without placing any."""
+    if n_points < 1 or not distance > 0:
+        raise InputError(
+            f"random sequential addition needs points and a positive distance, not {n_points} and {distance}"
+        )
+    if dimension < 1:
+        raise InputError(f"points need a dimension of at least 1, not {dimension}")
+    check_size(n_points)
+    if distance * n_points ** (1 / dimension) > _DENSEST.get(dimension, np.inf):
+        raise _no_space(n_points, distance, "any number of", dimension)
+
+
+def _no_space(n_points: int, distance: float, tries: int | str, dimension: int) -> InputError:
+    return InputError(
+        f"{n_points} points never fitted at a distance of {distance:.4g} in {tries} tries: lower the hard core "
+        f"(ρ = {_SATURATED.get(dimension, 0.9)} is the limit in {dimension} dimensions)"
+    )
+
+
+# Number of trials from which those of an empty cell are tested in parts: the pairs of all of them are many more than
+# those of each eighth that earlier ones leave uncovered.  Number of places in one vectorised step.
+_MANY_TRIALS, _BLOCK = 1 << 12, 1 << 16
+# Coordinate of the point of an empty grid cell: farther away than any hard core.
+_NOWHERE = 1e3
+
+
+def _added(
+    n_points: int, distance: float, rng: np.random.Generator, dimension: int, shape: Array | None = None
+) -> Array:
+    """Points by random sequential addition, in units of the vectors of a short cell of volume 1; by default a cube."""
+    norms = np.ones(dimension) if shape is None else np.linalg.norm(shape, axis=1)
+    # A voxel has half the side of a grid cell in an oblique cell, whose voxels are tested by the spheres around them.
+    per_side: Any = _per_side(distance, dimension)
+    if shape is not None:
+        per_side = np.ceil(2 * np.sqrt(dimension) * norms / distance).astype(int)
+    corners = np.array(list(product((0, 1), repeat=dimension)))
+    for _ in range(_MAX_RESTARTS):
+        voxels = np.indices(np.broadcast_to(per_side, dimension).tolist()).reshape(dimension, -1).T / per_side
+        side, points = 1 / per_side, np.empty((0, dimension))
+        while len(points) < n_points and len(voxels):
+            # As many trials as uncovered voxels is cheap and rarely places two in reach of each other.
+            trials = voxels.take(rng.integers(len(voxels), size=len(voxels)), 0)
+            trials += side * rng.random((len(voxels), dimension))
+            trials -= trials >= 1.0
+            n_before, in_parts = len(points), len(points) == 0 and len(trials) >= _MANY_TRIALS
+            for part in np.array_split(trials, 8) if in_parts else [trials]:
+                free = part.take(_clear(points, part, 0.0, distance, shape), 0)
+                points = np.concatenate([points, free.take(_first_come(free, distance, shape), 0)])[:n_points]
+            if len(points) == n_points:
+                cell = np.floor(points * norms * n_points ** (1 / dimension)).astype(int)
+                return np.asarray(points[np.lexsort(cell.T)])
+            # Halving the voxels follows the shrinking holes; while holes are large it would only cost.
+            voxels = voxels.take(_clear(points, voxels + side / 2, side / 2, distance, shape), 0)
+            if len(points) - n_before < 0.2 * max(len(voxels), 1):
+                side = side / 2
+                voxels = (voxels[:, None] + side * corners).reshape(-1, dimension)
     raise _no_space(n_points, distance, _MAX_RESTARTS, dimension)
 
 
-def _add_in_cell(n_points: int, distance: float, rng: np.random.Generator, shape: Array) -> Array:
-    """Random sequential addition in units of short cell vectors (d, d); fewer points if they saturate before."""
-    dimension = len(shape)
-    per_side = np.ceil(2 * np.sqrt(dimension) * np.linalg.norm(shape, axis=1) / distance).astype(int)
-    voxels, side = np.indices(per_side).reshape(dimension, -1).T / per_side, 1 / per_side
-    corners = np.array(list(product((0, 1), repeat=dimension)))
-    placed = np.empty((0, dimension))
-    while len(placed) < n_points and len(voxels):
-        trials = voxels[rng.integers(len(voxels), size=len(voxels))] + side * rng.random((len(voxels), dimension))
-        trials = trials[_gap(placed, trials, shape, distance) >= distance]
-        ids, images = near_images(trials, shape, distance)
-        pairs = scipy.spatial.cKDTree((trials[ids] + images) @ shape).query_pairs(distance, output_type="ndarray")
-        added = trials[_accepted(len(trials), np.sort(ids[pairs], axis=1))]
-        placed = np.concatenate([placed, added])[:n_points]
-        radius = np.linalg.norm((corners - 0.5) * side @ shape, axis=1).max()
-        voxels = voxels[_gap(placed, voxels + side / 2, shape, distance) > distance - radius]
-        if len(added) < 0.2 * max(len(voxels), 1):
-            side = side / 2
-            voxels = (voxels[:, None] + side * corners).reshape(-1, dimension)
-    return placed
-
-
-def _gap(points: Array, places: Array, shape: Array, limit: float) -> Array:
-    """Distance of each place from the nearest periodic image of the points, or infinity beyond the limit."""
+def _clear(points: Array, places: Array, half_width: float | Array, distance: float, shape: Array | None) -> IntArray:
+    """The places, or voxels of that half width around them, whose even farthest corner is clear of all points."""
     if len(points) == 0:
-        return np.full(len(places), np.inf)
-    ids, images = near_images(points, shape, limit)
+        return np.arange(len(places))
+    if shape is None:
+        return _clear_in_cube(points, places, half_width, distance)
+    ids, images = near_images(points, shape, distance)
     tree = scipy.spatial.cKDTree((points[ids] + images) @ shape)
-    return np.asarray(tree.query(places @ shape, distance_upper_bound=limit)[0])
+    gap = tree.query(places @ shape, distance_upper_bound=distance)[0]
+    signs = np.array(list(product((-1, 1), repeat=len(shape))))
+    return np.flatnonzero(gap >= distance - np.linalg.norm(signs * half_width @ shape, axis=1).max())
 
 
-# Periodic Voronoi tessellations of points in a cell of any shape, in two and three dimensions, by their simplices.
+def _per_side(distance: float, dimension: int) -> int:
+    """Cells a side of a grid whose cells have a diagonal of at most `distance`, and so hold one point at most."""
+    return int(np.ceil(np.sqrt(dimension) / distance))
 
 
-def voronoi_tessellation(points: ArrayLike, cell: ArrayLike | None = None) -> Network:
-    """The periodic Voronoi network of points (n_cells, d) in units of the cell vectors; d + 1 edges a vertex.
+def _clear_in_cube(points: Array, places: Array, half_width: float | Array, distance: float) -> IntArray:
+    """The same in a cube, where the neighbours of a place are found by their cells in a grid."""
+    dimension = points.shape[1]
+    per_side = _per_side(distance, dimension)
+    grid = np.full((per_side,) * dimension + (dimension,), _NOWHERE)
+    grid[tuple(np.floor(points * per_side).astype(int).T)] = points
+    # Two layers of periodic images around it.
+    padded = np.pad(grid, [(2, 2)] * dimension + [(0, 0)], mode="wrap")
+    for axis in range(dimension):
+        ends = np.moveaxis(padded[..., axis], axis, 0)
+        ends[:2] -= 1.0
+        ends[-2:] += 1.0
+    padded, strides = padded.reshape(-1, dimension), (per_side + 4) ** np.arange(dimension - 1, -1, -1)
+
+    # Steps to the cells from which a point can cover a voxel that lies in one cell: the nearest first, which settles
+    # most places at once; but the cell of a place itself is mostly empty.
+    steps = np.array(list(product(range(-2, 3), repeat=dimension)))
+    steps = steps[np.roll(np.argsort(np.sum(steps**2, axis=1), kind="stable"), -1)]
+    away = np.abs(steps)
+    gap = np.maximum(away - 1, 0) / per_side + np.where(away, 2, 1) * half_width
+    reach = (steps[np.sum(gap**2, axis=1) < (1 + 1e-9) * distance**2] + 2) @ strides
+
+    clear = [np.zeros(0, int)]
+    # Blocks stay in the cache of the processor, and shrink as their places are found to be covered.
+    for start in range(0, len(places), _BLOCK):
+        at = places[start : start + _BLOCK]
+        cell = np.floor(at * per_side).astype(int) @ strides
+        left = np.arange(start, start + len(at))
+        for step in reach:
+            apart = padded.take(cell + step, axis=0)
+            np.subtract(at, apart, out=apart)
+            np.abs(apart, out=apart)
+            apart += half_width
+            apart *= apart
+            far = np.flatnonzero(sum(apart.T) >= distance**2)
+            if len(far) < len(left):
+                left, cell, at = left.take(far), cell.take(far), at.take(far, axis=0)
+        clear.append(left)
+    return np.concatenate(clear)
+
+
+def _first_come(trials: Array, distance: float, shape: Array | None) -> IntArray:
+    """The trials that remain when each, in order, must keep its distance to all that remain before it."""
+    if shape is None:
+        # A simple tree with small leaves is the fastest for one query.
+        tree = scipy.spatial.cKDTree(trials, leafsize=8, boxsize=1.0, balanced_tree=False, compact_nodes=False)
+        pairs = tree.query_pairs(distance, output_type="ndarray")
+    else:
+        ids, images = near_images(trials, shape, distance)
+        tree = scipy.spatial.cKDTree((trials[ids] + images) @ shape)
+        pairs = np.sort(ids[tree.query_pairs(distance, output_type="ndarray")], axis=1)
+    earlier, later = np.ascontiguousarray(pairs.T)
+    taken, refused = np.zeros((2, len(trials)), bool)
+    while len(earlier):
+        # A trial that waits for no earlier one is taken, and refuses the later ones in its reach.
+        waiting = np.zeros(len(trials), bool)
+        waiting[later] = True
+        taken |= ~waiting & ~refused
+        refused[later[taken[earlier]]] = True
+        open_ = ~refused[earlier] & ~refused[later] & ~taken[earlier]
+        earlier, later = earlier[open_], later[open_]
+    return np.flatnonzero(~refused)
+
+
+# Tessellations
+
+Edges = Callable[[Array, Array], tuple[IntArray, IntArray, Array]]
+
+
+def _tessellation(points: ArrayLike, cell: ArrayLike | None, edges_of: Edges) -> Network:
+    """The periodic network that `edges_of` makes of points (n, d) in units of the cell vectors.
 
     cell   (d, d) vectors as rows; by default a cube of volume V = N_v
 
-    Vertices are the circumcentres of the Delaunay simplices of the points, edges join simplices that share a facet.
     Raises `InputError` when the points are too few or too regular to have one Delaunay tessellation.
     """
-    tiling = Tiling(points, cell)
-    n_points, dimension = tiling.points.shape
-    corners, centres = periodic_delaunay(tiling.points, tiling.shape)
-    n_vertices = len(corners)
+    given = np.asarray(points, dtype=float)
+    if given.ndim != 2 or given.size == 0 or given.shape[1] < 2 or not np.isfinite(given).all():
+        raise InputError(
+            f"points must be finite and of shape (n, d) with d >= 2, not {given.shape}: "
+            "give points in units of the cell vectors"
+        )
+    if (span := np.ptp(given, axis=0).max()) > 1 + 1e-9:
+        raise InputError(
+            f"the points span {span:.3g} cells, but are in units of the cell vectors: "
+            "divide coordinates by the side of the cell, or take them modulo 1"
+        )
+    # In units of the short vectors, of a cell of volume 1.
+    dimension = given.shape[1]
+    vectors = None if cell is None else checked_cell(cell, dimension)
+    short, rows = short_cell(np.eye(dimension) if vectors is None else vectors)
+    shape = short / abs(np.linalg.det(short)) ** (1 / dimension)
+    if np.linalg.norm(shape, axis=1).min() < (1 - 1e-9) / len(given) ** (1 / dimension):
+        raise InputError(f"{len(given)} points are too few for so thin a cell: use more points, or a shorter cell")
+    inside = given @ np.round(np.linalg.inv(rows))
+    inside -= np.floor(inside)
+    edges, offsets, positions = edges_of(inside, shape)
+    if vectors is None:
+        vectors = len(positions) ** (1 / dimension) * np.eye(dimension)
+    return periodic_network(edges, offsets @ rows, vectors, positions @ (rows @ vectors))
+
+
+def _voronoi_edges(points: Array, shape: Array) -> tuple[IntArray, IntArray, Array]:
+    """Edges, offsets and positions of the Voronoi network: d + 1 edges a vertex.
+
+    Vertices are the circumcentres of the Delaunay simplices of the points, edges join simplices that share a facet.
+    """
+    n_points, dimension = points.shape
+    corners, centres = _delaunay_simplices(points, shape)
     # A facet seen from its two simplices differs by a lattice shift, which is the image offset of the edge.
     keep = np.array([[k for k in range(dimension + 1) if k != left_out] for left_out in range(dimension + 1)])
     ids, images = corners[:, :, 0], corners[:, :, 1:]
@@ -343,7 +323,7 @@ def voronoi_tessellation(points: ArrayLike, cell: ArrayLike | None = None) -> Ne
     order = np.lexsort(keys[::-1])
     first, second = order[0::2], order[1::2]
     matched = len(order) % 2 == 0 and all(np.array_equal(key[first], key[second]) for key in keys)
-    if not matched or (dimension == 2 and n_vertices != 2 * n_points):
+    if not matched or (dimension == 2 and len(corners) != 2 * n_points):
         raise InputError(
             f"{n_points} points have no periodic Voronoi tessellation with simple vertices: "
             "they are too few or lie on a regular lattice; use more cells, or another seed"
@@ -351,54 +331,38 @@ def voronoi_tessellation(points: ArrayLike, cell: ArrayLike | None = None) -> Ne
     tail, head = first // (dimension + 1), second // (dimension + 1)
     step = shift[first] - shift[second]
     # Circumcentres that coincide belong to more than d + 1 points on one sphere, which have several tessellations.
-    gap = np.linalg.norm((centres[head] + step - centres[tail]) @ tiling.shape, axis=1)
+    gap = np.linalg.norm((centres[head] + step - centres[tail]) @ shape, axis=1)
     if gap.min() < 1e-9 * gap.max():
         raise InputError(f"some of the {n_points} points lie on a regular lattice, so vertices coincide: move them")
     wrap = np.floor(centres).astype(int)
-    offsets = step + wrap[head] - wrap[tail]
-    return tiling.network(np.stack([tail, head], axis=1), offsets, centres - wrap)
+    return np.stack([tail, head], axis=1), step + wrap[head] - wrap[tail], centres - wrap
 
 
-class Tiling:
-    """Points in units of short vectors of their lattice, and the return to the cell in which they were given.
-
-    points  (n, d) in units of the short vectors, in their cell
-    shape   (d, d) short vectors as rows, of volume 1
-    """
-
-    def __init__(self, points: ArrayLike, cell: ArrayLike | None):
-        given = np.asarray(points, dtype=float)
-        if given.ndim != 2 or given.size == 0 or given.shape[1] < 2 or not np.isfinite(given).all():
-            raise InputError(
-                f"points must be finite and of shape (n, d) with d >= 2, not {given.shape}: "
-                "give points in units of the cell vectors"
-            )
-        if (span := np.ptp(given, axis=0).max()) > 1 + 1e-9:
-            raise InputError(
-                f"the points span {span:.3g} cells, but are in units of the cell vectors: "
-                "divide coordinates by the side of the cell, or take them modulo 1"
-            )
-        dimension = given.shape[1]
-        self._cell = None if cell is None else checked_cell(cell, dimension)
-        short, self._rows = short_cell(np.eye(dimension) if self._cell is None else self._cell)
-        self.shape = short / abs(np.linalg.det(short)) ** (1 / dimension)
-        if np.linalg.norm(self.shape, axis=1).min() < (1 - 1e-9) / len(given) ** (1 / dimension):
-            raise InputError(f"{len(given)} points are too few for so thin a cell: use more points, or a shorter cell")
-        self.points = given @ np.round(np.linalg.inv(self._rows))
-        self.points -= np.floor(self.points)
-
-    def network(self, edges: IntArray, offsets: IntArray, positions: Array) -> Network:
-        """The network with offsets and positions in units of the short vectors, in the cell given."""
-        n_vertices, dimension = positions.shape
-        cell = n_vertices ** (1 / dimension) * np.eye(dimension) if self._cell is None else self._cell
-        return periodic_network(edges, offsets @ self._rows, cell, positions @ (self._rows @ cell))
+def _delaunay_edges(points: Array, shape: Array) -> tuple[IntArray, IntArray, Array]:
+    """Edges, offsets and positions of the Delaunay network, whose vertices are the points: N_b = 3 N_v in the plane."""
+    n_points, dimension = points.shape
+    corners, _ = _delaunay_simplices(points, shape)
+    first, second = np.array(list(combinations(range(dimension + 1), 2))).T
+    tail, head = (corners[:, ends].reshape(-1, 1 + dimension) for ends in (first, second))
+    # Corners are sorted by point and image, so that an edge is seen from the same end in all its simplices.
+    rows = np.column_stack([tail[:, 0], head[:, 0], head[:, 1:] - tail[:, 1:]])
+    rows = rows[_distinct(rows.T)]
+    if dimension == 2 and len(rows) != 3 * n_points:
+        raise InputError(
+            f"{n_points} points have no unique periodic Delaunay tessellation: "
+            "they are too few or lie on a regular lattice; use more points, or another seed"
+        )
+    return rows[:, :2], rows[:, 2:], points
 
 
-# Layers of images around the cell in units of the spacing of points: enough for any.
-LAYERS = 4.0
+# Layers of images around the cell, in units of the spacing of points: enough for any, and for those of a hard core, in
+# which spheres without a point have radii up to 0.95, where a sixth of the images is enough.
+_LAYERS, _FEW_LAYERS = 4.0, 1.0
+# Centre of a simplex without volume: far outside of a cell of volume 1.
+_FAR = 1e12
 
 
-def periodic_delaunay(points: Array, cell: Array, layers: float = LAYERS) -> tuple[NDArray[np.int64], Array]:
+def _delaunay_simplices(points: Array, cell: Array, layers: float = _LAYERS) -> tuple[NDArray[np.int64], Array]:
     """Delaunay simplices of periodic points, once each: corners (n, d+1, 1+d) as point and image, centres (n, d).
 
     Points and centres are in units of the cell, which has volume 1 and short vectors.  Corners are sorted and shifted
@@ -409,13 +373,12 @@ def periodic_delaunay(points: Array, cell: Array, layers: float = LAYERS) -> tup
     """
     n_points, dimension = points.shape
     margin = min(1.0, layers / n_points ** (1 / dimension))
-    to_cell = np.linalg.inv(cell)
     while True:
         ids, images = near_images(points, cell, margin)
         coordinates = (points[ids] + images) @ cell
         simplices = scipy.spatial.Delaunay(coordinates).simplices
         centres, radii = _circumcentres(coordinates[simplices])
-        centres = centres @ to_cell
+        centres = centres @ np.linalg.inv(cell)
         inside = ((centres > -1e-6) & (centres < 1 + 1e-6)).all(axis=1)
         # A simplex is one of the infinite tessellation if its circumsphere lies within the points laid out.
         if radii[inside].max(initial=np.inf if not inside.any() else 0.0) < margin:
@@ -432,11 +395,23 @@ def periodic_delaunay(points: Array, cell: Array, layers: float = LAYERS) -> tup
     corners = np.take_along_axis(corners, np.argsort(code, axis=1)[:, :, None], axis=1)
     base = corners[:, 0, 1:].copy()
     corners[:, :, 1:] -= base[:, None]
-    chosen = distinct(corners.reshape(len(corners), -1).T)
+    chosen = _distinct(corners.reshape(len(corners), -1).T)
     return corners[chosen], (centres - base)[chosen]
 
 
-def distinct(columns: Iterable[NDArray[np.int64]]) -> IntArray:
+def _circumcentres(corners: Array) -> tuple[Array, Array]:
+    """Centres (n, d) and radii (n,) of the spheres through simplices (n, d+1, d)."""
+    sides = corners[:, 1:] - corners[:, :1]
+    volume = np.abs(np.linalg.det(sides))
+    thin = volume < 1e-12 * np.max(np.sum(sides**2, axis=2), axis=1)
+    sides[thin] = np.eye(corners.shape[2])
+    offset = np.linalg.solve(sides, 0.5 * np.sum(sides**2, axis=2)[:, :, None])[:, :, 0]
+    # Slivers on the hull have no centre within reach; the caller looks only at those whose centre is inside.
+    offset[thin] = _FAR
+    return corners[:, 0] + offset, np.sqrt(np.sum(offset**2, axis=1))
+
+
+def _distinct(columns: Iterable[NDArray[np.int64]]) -> IntArray:
     """Index of the first of all equal rows of columns of whole numbers, in lexicographic order of the rows."""
     keys = _packed(columns)
     order = np.lexsort(keys[::-1])
@@ -463,32 +438,7 @@ def _packed(columns: Iterable[NDArray[np.int64]]) -> list[NDArray[np.int64]]:
     return keys
 
 
-# Centre of a simplex without volume: far outside of a cell of volume 1.
-_FAR = 1e12
-
-
-def _circumcentres(corners: ArrayLike) -> tuple[Array, Array]:
-    """Centres (n, d) and radii (n,) of the spheres through simplices (n, d+1, d)."""
-    corners = np.asarray(corners)
-    sides = corners[:, 1:] - corners[:, :1]
-    volume = np.abs(np.linalg.det(sides))
-    thin = volume < 1e-12 * np.max(np.sum(sides**2, axis=2), axis=1)
-    sides[thin] = np.eye(corners.shape[2])
-    offset = np.linalg.solve(sides, 0.5 * np.sum(sides**2, axis=2)[:, :, None])[:, :, 0]
-    # Slivers on the hull have no centre within reach; the caller looks only at those whose centre is inside.
-    offset[thin] = _FAR
-    return corners[:, 0] + offset, np.sqrt(np.sum(offset**2, axis=1))
-
-
-# The standard disordered network: the Voronoi tessellation of random points.
-#
-# The standard network is the periodic Voronoi tessellation of n_cells = N_v/2 points placed by random sequential
-# addition with hard-core distance ρ/√n_cells, scaled to the area V = N_v.  Every vertex has three edges, N_b = 3 N_v/2.
-
-# Random sequential addition of discs stops near ρ = 0.834; above, the points do not fit.
-STANDARD_HARD_CORE = 0.82
-# Vertices of a network of random points where no number is given.
-N_VERTICES = 1000
+# Networks
 
 
 @running("voronoi_network")
@@ -517,39 +467,14 @@ def voronoi_network(
     >>> cf.voronoi_network(points=np.random.default_rng(0).random((12, 2)))
     Network(24 vertices, 36 edges, 2 dimensions, periodic, z = 3)
     """
-    n_vertices = of_kind(int, None, n_vertices=n_vertices)
-    seed = of_kind(int, np.random.Generator, seed=seed)
-    of_kind(float, hard_core=hard_core)
-    of_kind(np.ndarray, None, cell=cell, points=points)
+    n_vertices, seed = _checked(n_vertices, seed, hard_core, cell, points)
     if points is not None:
-        check_alone(n_vertices)
-        return voronoi_tessellation(points, cell)
-    n_vertices = N_VERTICES if n_vertices is None else n_vertices
+        return _tessellation(points, cell, _voronoi_edges)
     check_voronoi(n_vertices, hard_core)
     shape = None if cell is None else checked_cell(cell, 2)
     points = points_in_cell(n_vertices // 2, hard_core, generator(seed), shape)
     scale = 1.0 if shape is None else np.sqrt(n_vertices / abs(np.linalg.det(shape)))
-    return voronoi_tessellation(points, None if shape is None else shape * scale)
-
-
-def check_alone(n_vertices: int | None) -> None:
-    """Raise `InputError` for a number of vertices in addition to points."""
-    if n_vertices is not None:
-        raise InputError("the number of vertices follows from the points: give n_vertices or points")
-
-
-def check_voronoi(n_vertices: int, hard_core: float = STANDARD_HARD_CORE) -> None:
-    """Raise `InputError` for arguments without a `voronoi_network`, without making one."""
-    if n_vertices < 4 or n_vertices % 2:
-        raise InputError(
-            f"n_vertices must be an even number of at least 4, not {n_vertices}: a Voronoi network has two a cell"
-        )
-    check_size(n_vertices)
-    if hard_core != 0:
-        check_addition(n_vertices // 2, hard_core / np.sqrt(n_vertices // 2), dimension=2)
-
-
-# Networks of random points: their Delaunay triangulation, in two and three dimensions.
+    return _tessellation(points, None if shape is None else shape * scale, _voronoi_edges)
 
 
 @running("delaunay_network")
@@ -571,58 +496,44 @@ def delaunay_network(
     >>> cf.delaunay_network(n_vertices=20, seed=1)
     Network(20 vertices, 60 edges, 2 dimensions, periodic, z = 6)
     """
-    n_vertices = of_kind(int, None, n_vertices=n_vertices)
-    seed = of_kind(int, np.random.Generator, seed=seed)
-    of_kind(float, hard_core=hard_core)
-    of_kind(np.ndarray, None, cell=cell, points=points)
+    n_vertices, seed = _checked(n_vertices, seed, hard_core, cell, points)
     if points is not None:
-        check_alone(n_vertices)
-        return delaunay_tessellation(points, cell)
-    n_vertices = N_VERTICES if n_vertices is None else n_vertices
+        return _tessellation(points, cell, _delaunay_edges)
     if n_vertices < 4:
         raise InputError(f"n_vertices must be a whole number of at least 4, not {n_vertices}")
     shape = np.eye(2) if cell is None else checked_cell(cell)
     scale = (n_vertices / abs(np.linalg.det(shape))) ** (1 / len(shape))
     points = points_in_cell(n_vertices, hard_core, generator(seed), shape)
-    return delaunay_tessellation(points, scale * shape)
+    return _tessellation(points, scale * shape, _delaunay_edges)
 
 
-def delaunay_tessellation(points: ArrayLike, cell: ArrayLike | None = None) -> Network:
-    """The periodic Delaunay network of points (n, d) in units of the cell vectors: N_b = 3 N_v in the plane.
+def _checked(
+    n_vertices: int | None, seed: Any, hard_core: float, cell: ArrayLike | None, points: ArrayLike | None
+) -> tuple[int, Any]:
+    """Number of vertices and seed; `InputError` for arguments of other kinds, and for points and their number."""
+    n_vertices = of_kind(int, None, n_vertices=n_vertices)
+    seed = of_kind(int, np.random.Generator, seed=seed)
+    of_kind(float, hard_core=hard_core)
+    of_kind(np.ndarray, None, cell=cell, points=points)
+    if points is not None and n_vertices is not None:
+        raise InputError("the number of vertices follows from the points: give n_vertices or points")
+    return _N_VERTICES if n_vertices is None else n_vertices, seed
 
-    The vertices are the points, in their order, and the cell is that of `voronoi_tessellation`.
-    Raises `InputError` when the points are too few or too regular to have one Delaunay tessellation.
-    """
-    tiling = Tiling(points, cell)
-    n_points, dimension = tiling.points.shape
-    corners, _ = periodic_delaunay(tiling.points, tiling.shape)
-    first, second = np.array(list(combinations(range(dimension + 1), 2))).T
-    tail, head = (corners[:, ends].reshape(-1, 1 + dimension) for ends in (first, second))
-    # Corners are sorted by point and image, so that an edge is seen from the same end in all its simplices.
-    rows = np.column_stack([tail[:, 0], head[:, 0], head[:, 1:] - tail[:, 1:]])
-    rows = rows[distinct(rows.T)]
-    if dimension == 2 and len(rows) != 3 * n_points:
+
+def check_voronoi(n_vertices: int, hard_core: float = STANDARD_HARD_CORE) -> None:
+    """Raise `InputError` for arguments without a `voronoi_network`, without making one."""
+    if n_vertices < 4 or n_vertices % 2:
         raise InputError(
-            f"{n_points} points have no unique periodic Delaunay tessellation: "
-            "they are too few or lie on a regular lattice; use more points, or another seed"
+            f"n_vertices must be an even number of at least 4, not {n_vertices}: a Voronoi network has two a cell"
         )
-    return tiling.network(rows[:, :2], rows[:, 2:], tiling.points)
+    check_size(n_vertices)
+    if hard_core != 0:
+        _check_addition(n_vertices // 2, hard_core / np.sqrt(n_vertices // 2), dimension=2)
 
 
-# The disordered network of three dimensions: the Voronoi tessellation of random points, as of a foam.
-#
-# The distance of points is ρ/n_cells^(1/3), every vertex has four edges, N_b = 2 N_v, and the volume is V = N_v.
-
-# Random sequential addition of spheres stops at 0.384 of the volume, which is ρ = 0.902.
-FOAM_HARD_CORE = 0.87
-# Mean number of vertices of a cell at the standard hard core, each counted in the four cells that share it.
+# Mean number of vertices of a cell of a foam at the standard hard core, each counted in the four cells that share it.
 _VERTICES_A_CELL = 6.467
-_FEWEST_CELLS = 8
-_MAX_DRAWS = 3000
-# Layers of images for points of a hard core, in which spheres without a point have radii up to 0.95: a sixth of the
-# points of `LAYERS`.
-_FEW_LAYERS = 1.0
-_WHOLE_CELL = 1e-9  # rounding of the volume of all simplices
+_FEWEST_CELLS, _MAX_DRAWS = 8, 3000
 
 
 @running("foam_network")
@@ -649,7 +560,7 @@ def foam_network(
     for _ in range(_MAX_DRAWS):
         points = random_sequential_addition(n_cells, hard_core / n_cells ** (1 / 3), rng, dimension=3)
         if count_simplices(points) == n_vertices:
-            return voronoi_tessellation(points)
+            return _tessellation(points, None, _voronoi_edges)
     raise InputError(
         f"{n_cells} cells never had {n_vertices} vertices in {_MAX_DRAWS} draws: hard_core={hard_core:g} is far from "
         f"its standard {FOAM_HARD_CORE}, so make the network by voronoi_network(points=...)"
@@ -665,17 +576,17 @@ def check_foam(n_vertices: int, hard_core: float = FOAM_HARD_CORE) -> None:
         )
     check_size(n_vertices)
     n_cells = round(n_vertices / _VERTICES_A_CELL)
-    check_addition(n_cells, hard_core / n_cells ** (1 / 3), dimension=3)
+    _check_addition(n_cells, hard_core / n_cells ** (1 / 3), dimension=3)
 
 
 def count_simplices(points: Array) -> int:
     """Number of Delaunay simplices of points (n, d) in the periodic unit cube, each a vertex of the Voronoi network."""
     dimension = points.shape[1]
-    for layers in (_FEW_LAYERS, LAYERS):
-        corners, _ = periodic_delaunay(points, np.eye(dimension), layers)
+    for layers in (_FEW_LAYERS, _LAYERS):
+        corners, _ = _delaunay_simplices(points, np.eye(dimension), layers)
         places = points[corners[:, :, 0]] + corners[:, :, 1:]
         volume = np.abs(np.linalg.det(places[:, 1:] - places[:, :1])).sum() / math.factorial(dimension)
         # A hole wider than the layers would leave a part of the cell without simplices.
-        if abs(volume - 1) < _WHOLE_CELL:
+        if abs(volume - 1) < 1e-9:
             break
     return len(corners)

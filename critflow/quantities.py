@@ -25,9 +25,9 @@ A stress σ has Σσ² = N_b; its scale changes no configuration.  A state of sp
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from dataclasses import dataclass
+from dataclasses import dataclass, is_dataclass
 from functools import cache, cached_property
-from typing import Any, ClassVar, Protocol
+from typing import ClassVar
 
 import numpy as np
 import scipy.linalg
@@ -36,7 +36,7 @@ from numpy.typing import NDArray
 from critflow.arguments import of_kind, shown
 from critflow.deformation import Deformable, deformation_of
 from critflow.double_double import Extended, add, divide, extended, multiply, total, two_product
-from critflow.manifold import Balance, CriticalConfiguration, CriticalManifold
+from critflow.manifold import Balance, CriticalConfiguration, CriticalManifold, StressedBonds
 from critflow.networks import Array, Network
 from critflow.numerics import EPS, dot, mean, norms, quasi_random
 from critflow.result import InputError, Record
@@ -53,30 +53,8 @@ Partials = tuple[Array, Array]
 """∂O/∂σ (N_b,) and ∂O/∂L (N_b, d)."""
 
 
-class Balanced(Protocol):
-    """A stress σ (N_b,) and bond vectors L (N_b, d) of one network: a `Balance` or a `CriticalConfiguration`."""
-
-    @property
-    def network(self) -> Network: ...
-    @property
-    def sigma(self) -> Array: ...
-    @property
-    def bond_vectors(self) -> Array: ...
-    @property
-    def manifold(self) -> CriticalManifold: ...
-
-
-@dataclass(frozen=True, eq=False)
-class StressedBonds:
-    """A stress σ (N_b,) and bond vectors L (N_b, d) without coordinates: a `Balanced` where P is not needed."""
-
-    manifold: CriticalManifold
-    sigma: NDArray[Any]
-    bond_vectors: NDArray[Any]
-
-    @property
-    def network(self) -> Network:
-        return self.manifold.network
+Balanced = StressedBonds | CriticalConfiguration
+"""What a quantity sees: a stress σ (N_b,), the bond vectors L (N_b, d) that it balances, network and manifold."""
 
 
 class Quantity(Record, ABC):
@@ -95,6 +73,9 @@ class Quantity(Record, ABC):
     one_self_stress: ClassVar[bool] = False
     elastic: ClassVar[bool] = False
     analytic: ClassVar[bool] = True
+
+    def __repr__(self) -> str:
+        return super().__repr__() if is_dataclass(self) else f"{type(self).__name__}()"
 
     @property
     def name(self) -> str:
@@ -202,43 +183,11 @@ def only_positive(signs: str) -> bool:
     return signs == "positive"
 
 
-def own(quantity: Quantity) -> bool:
-    """Whether the class of a quantity is one of critflow, which has tests of its own."""
-    return type(quantity).__module__.partition(".")[0] == __name__.partition(".")[0]
-
-
-def require_valid(quantity: Quantity, balance: Balanced) -> None:
-    """Raise `InputError` where `evaluate` of a class of the user returns no finite number and partials of these shapes.
-
-    A call asks this once, at its first stress; where edges have no length, derivatives may not exist.
-    """
-    if own(quantity):
-        return
-    kind, L = type(quantity), balance.bond_vectors
-    if not np.isfinite(L).all() or not (norms(L) > 0).all():
-        return
-    with np.errstate(all="ignore"):
-        returned = quantity.evaluate(balance)
-    try:
-        value, (by_sigma, by_L) = returned
-    except (TypeError, ValueError):
-        raise InputError(f"{kind.__name__}.evaluate must return (O, (∂O/∂σ, ∂O/∂L)), not {shown(returned)}") from None
-    if not (isinstance(value, int | float | np.number) or np.shape(value) == ()) or not np.isfinite(value):
-        raise InputError(f"{kind.__name__}.evaluate must return a finite number O first, not {shown(value)}")
-    for name, partial, shape in (("∂O/∂σ", by_sigma, L.shape[:1]), ("∂O/∂L", by_L, L.shape)):
-        if np.shape(partial) != shape:
-            raise InputError(
-                f"{kind.__name__}.evaluate must return {name} as an array of shape {shape}, not {np.shape(partial)}"
-            )
-        finite = np.isfinite(partial).reshape(len(L), -1).all(axis=1)
-        if not finite.all():
-            raise InputError(f"{kind.__name__}.evaluate returns {name} that is not finite at edge {finite.argmin()}")
-
-
 def derivatives_along(quantity: Quantity, balance: Balanced, dsigma: Array, dL: Array) -> Partials:
     """Derivatives of ∂O/∂σ (N_b,) and ∂O/∂L (N_b, d) in the direction (σ̇, L̇), by a complex step."""
     sigma, L = balance.sigma, balance.bond_vectors
-    size = float(np.sqrt(_square(dsigma) / _square(sigma) + _square(dL) / _square(L)))
+    of_dsigma, of_sigma, of_dL, of_L = (float(values.ravel() @ values.ravel()) for values in (dsigma, sigma, dL, L))
+    size = float(np.sqrt(of_dsigma / of_sigma + of_dL / of_L))
     if size == 0:
         return np.zeros_like(sigma), np.zeros_like(L)
     h = IMAGINARY / size
@@ -249,69 +198,11 @@ def derivatives_along(quantity: Quantity, balance: Balanced, dsigma: Array, dL: 
     return np.imag(by_sigma) / h, np.imag(by_L) / h
 
 
-def _square(values: Array) -> float:
-    """The sum of squares."""
-    flat = values.ravel()
-    return float(flat @ flat)
-
-
 def _complex(real: Array, imaginary: Array) -> NDArray[np.complex128]:
     """Complex numbers of two parts, without the products of real + 1j imaginary."""
     numbers = np.empty(real.shape, complex)
     numbers.real, numbers.imag = real, imaginary
     return numbers
-
-
-def has_exact_hessian(manifold: CriticalManifold, quantity: Quantity) -> bool:
-    """Whether `Evaluation.hessian_product` holds; for the classes of critflow tests know."""
-    return quantity.analytic and (own(quantity) or takes_complex_steps(manifold, quantity))
-
-
-def takes_complex_steps(manifold: CriticalManifold, quantity: Quantity) -> bool:
-    """Whether a complex step agrees with differences of partial derivatives.
-
-    A norm or an absolute value takes complex numbers and loses the derivative; other functions refuse them.  That is a
-    property of the code of `evaluate`, so that one direction at σ = 1 shows it.
-    """
-    here = manifold.balance(np.ones(manifold.network.n_edges))
-    sigma, L = here.sigma, here.bond_vectors
-    dsigma, dL = sigma * (0.5 + quasi_random(len(sigma))), L * (0.5 + quasi_random(L.size)[::-1].reshape(L.shape))
-    with np.errstate(all="ignore"):
-        try:
-            exact = derivatives_along(quantity, here, dsigma, dL)
-        except InputError:  # which would meet real numbers as well
-            raise
-        except (TypeError, ValueError, np.exceptions.ComplexWarning):
-            return False
-        above, below = (
-            quantity.evaluate(StressedBonds(manifold, sigma + step * dsigma, L + step * dL))[1]
-            for step in (DIFFERENCE, -DIFFERENCE)
-        )
-        return all(_agrees(*three) for three in zip(exact, above, below, strict=True))
-
-
-def _agrees(exact: Array, above: Array, below: Array) -> bool:
-    """Whether a derivative is the difference of values at two points, up to the error of that difference."""
-    difference = (above - below) / (2 * DIFFERENCE)
-    tolerance = DISAGREEMENT * _largest(difference) + NEGLIGIBLE * _largest(above)
-    return np.allclose(exact, difference, rtol=0, atol=tolerance, equal_nan=True)
-
-
-def _largest(values: Array) -> float:
-    """The largest finite size of a component."""
-    return float(np.max(np.abs(values), where=np.isfinite(values), initial=0.0))
-
-
-def require_exact_hessian(manifold: CriticalManifold, quantity: Quantity) -> None:
-    """Raise `InputError` where products with the Hessian are not exact, which Newton's method needs."""
-    name = quantity.name
-    if not quantity.analytic:
-        raise InputError(f"Newton's method needs second derivatives, and {name} has none: choose method='lbfgs'")
-    if not has_exact_hessian(manifold, quantity):
-        raise InputError(
-            f"Newton's method evaluates {name} at complex stresses and bond vectors, which its evaluate does not take: "
-            "write np.sqrt((L*L).sum(axis=1)) for lengths, without norm, abs, float, vdot or .real, or choose 'lbfgs'"
-        )
 
 
 def evaluate(manifold: CriticalManifold, quantity: Quantity, sigma: Array) -> Evaluation:
@@ -329,29 +220,29 @@ def evaluate_at(balance: Balance, quantity: Quantity) -> Evaluation:
 # Variances of lengths and of tensions.
 
 
-class OfLengths(Quantity):
-    """A quantity of lengths and tensions: independent of the stiffness, and not negative but for signed areas."""
-
-    def by_stiffness(self, balance: Balanced) -> Array:
-        return np.zeros_like(balance.sigma)
-
-    def extreme(self, manifold: CriticalManifold, positive: bool = True) -> tuple[float, float]:
-        return 0.0, np.inf
-
-
-class _RelativeVariance(OfLengths):
-    """⟨(v − ⟨v⟩)²⟩/⟨v⟩² of v = w|L|, where the weights w are one, or the stresses."""
+class _RelativeVariance(Quantity):
+    """⟨(v − ⟨v⟩)²⟩/⟨v⟩² of v = w|L|, where the weights w are one, or the stresses; independent of the stiffness."""
 
     of_tensions: ClassVar[bool]
 
     def evaluate(self, balance: Balanced) -> tuple[float, Partials]:
         L = balance.bond_vectors
         length = norms(L)
+        values = balance.sigma * length if self.of_tensions else length
+        mean = _mean(values)
+        deviation = values - mean
+        square = mean * mean  # not a power, whose last bit depends on the units
+        variance = _mean(deviation * deviation) / square
+        derivative = 2 / (len(values) * square) * (deviation - variance * mean)
         if self.of_tensions:
-            value, derivative = _relative_variance(balance.sigma * length)
-            return value, (derivative * length, (derivative * balance.sigma / divisors(length))[:, None] * L)
-        value, derivative = _relative_variance(length)
-        return value, (np.zeros_like(length), (derivative / divisors(length))[:, None] * L)
+            return variance, (derivative * length, (derivative * balance.sigma / divisors(length))[:, None] * L)
+        return variance, (np.zeros_like(length), (derivative / divisors(length))[:, None] * L)
+
+    def by_stiffness(self, balance: Balanced) -> Array:
+        return np.zeros_like(balance.sigma)
+
+    def extreme(self, manifold: CriticalManifold, positive: bool = True) -> tuple[float, float]:
+        return 0.0, np.inf
 
 
 @dataclass(frozen=True, repr=False)
@@ -380,17 +271,8 @@ def divisors(length: Array) -> Array:
     return np.where(length.real > 0, length, np.nan)
 
 
-def _relative_variance(values: Array) -> tuple[float, Array]:
-    """Variance over squared mean, without cancellation, and its derivative."""
-    mean = _mean(values)
-    deviation = values - mean
-    square = mean * mean  # not a power, whose last bit depends on the units
-    variance = _mean(deviation * deviation) / square
-    return variance, 2 / (len(values) * square) * (deviation - variance * mean)
-
-
 def _mean(values: Array) -> float:
-    """The bits of `values.mean()`, which takes three times as long for small networks."""
+    """The bits of `values.mean()`, which takes three times as long for small networks, also of complex numbers."""
     return np.add.reduce(values).item() / len(values)
 
 
@@ -398,7 +280,6 @@ def _mean(values: Array) -> float:
 #
 #     W = Σ σ L·A L,   D = Σ σ²|L|²/k,   μ_A = W²/(V D).
 # Scalars are squared by products: the power of a number is off by a last bit that depends on its unit.
-# All are functions f(W, D), so that ∂O/∂σ = f_W ∂W/∂σ + f_D ∂D/∂σ and likewise for L.
 # The configuration does not depend on k, and ∂D/∂k = −σ²|L|²/k².
 #
 # Virtual work gives Σσ L·A L = Σσ L·A L* with L* the configuration at σ = k, so by the inequality of Cauchy and Schwarz
@@ -408,29 +289,6 @@ def _mean(values: Array) -> float:
 ISOTROPIC = 1e-14  # anisotropy of a strain that is a dilation up to rounding
 PENALTY_EXPONENT = 10  # of r/s in the penalty of small stresses, even (`ShearMod+Constraint`)
 PENALTY_THRESHOLD = 0.1  # r of that penalty unless another one is given
-
-
-class WorkAndCost:
-    """W and D of one strain at a balance, with their derivatives by σ and L."""
-
-    def __init__(self, balance: Balanced, A: Array):
-        self.sigma, self.L, self.k, self.A = balance.sigma, balance.bond_vectors, balance.network.stiffness, A
-        self.AL = self.L @ A
-        self.hdot = dot(self.L, self.AL)
-        self.flexibility = dot(self.L, self.L) / self.k
-        self.square = self.sigma * self.sigma
-        self.work, self.cost = (self.sigma @ self.hdot).item(), (self.square @ self.flexibility).item()
-
-    def partials(self, f_W: float, f_D: float) -> Partials:
-        """∂O/∂σ and ∂O/∂L of f(W, D)."""
-        by_sigma = f_W * self.hdot + 2 * f_D * self.sigma * self.flexibility
-        by_L = (2 * f_W * self.sigma)[:, None] * self.AL + (2 * f_D * self.square / self.k)[:, None] * self.L
-        return by_sigma, by_L
-
-    @property
-    def by_stiffness(self) -> Array:
-        """−∂D/∂k, (N_b,)."""
-        return np.asarray(self.square * self.flexibility / self.k)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -447,15 +305,21 @@ class TransitionModulus(SpringResponse):
     maximise = True
 
     def evaluate(self, balance: Balanced) -> tuple[float, Partials]:
-        terms, volume = WorkAndCost(balance, self.symmetric), balance.network.volume
-        ratio = terms.work / terms.cost
-        by_sigma, by_L = terms.partials(2 * ratio, -ratio * ratio)
-        return terms.work * ratio / volume, (by_sigma / volume, by_L / volume)
+        sigma, L, k, volume = balance.sigma, balance.bond_vectors, balance.network.stiffness, balance.network.volume
+        AL, square = L @ self.symmetric, sigma * sigma
+        hdot, flexibility = dot(L, AL), dot(L, L) / k
+        work, cost = (sigma @ hdot).item(), (square @ flexibility).item()
+        # ∂μ/∂W = 2W/(V D) and ∂μ/∂D = −W²/(V D²).
+        ratio = work / cost
+        by_sigma = 2 * ratio * hdot + 2 * (-ratio * ratio) * sigma * flexibility
+        by_L = (2 * (2 * ratio) * sigma)[:, None] * AL + (2 * (-ratio * ratio) * square / k)[:, None] * L
+        return work * ratio / volume, (by_sigma / volume, by_L / volume)
 
     def by_stiffness(self, balance: Balanced) -> Array:
-        terms = WorkAndCost(balance, self.symmetric)
-        ratio = terms.work / terms.cost
-        return terms.by_stiffness * (ratio * ratio) / balance.network.volume
+        sigma, L, k = balance.sigma, balance.bond_vectors, balance.network.stiffness
+        square, flexibility = sigma * sigma, dot(L, L) / k
+        ratio = (sigma @ dot(L, L @ self.symmetric)).item() / (square @ flexibility).item()
+        return np.asarray(square * flexibility / k * (ratio * ratio) / balance.network.volume)
 
     def extreme(self, manifold: CriticalManifold, positive: bool = True) -> tuple[float, float]:
         return 0.0, largest_value(manifold, self.symmetric)
@@ -566,15 +430,13 @@ def pure_shear(dimension: int) -> Array:
 
 
 def named_modulus(network: Network, name: str) -> TransitionModulus:
-    """B_0 or G_0."""
-    return _moduli(network.dimension)[name]
+    """B_0 or G_0: the same object at every call, since those of one name are equal."""
+    return _named_modulus(network.dimension, name)
 
 
 @cache
-def _moduli(d: int) -> dict[str, TransitionModulus]:
-    """The same objects at every call: those of one name are equal."""
-    bulk = {"B_0": TransitionModulus(dilation(d), "B_0")}
-    return bulk | ({"G_0": TransitionModulus(pure_shear(d), "G_0")} if d > 1 else {})
+def _named_modulus(d: int, name: str) -> TransitionModulus:
+    return TransitionModulus(dilation(d) if name == "B_0" else pure_shear(d), name)
 
 
 def transition_modulus(network: Network, strain: Deformable) -> TransitionModulus:
@@ -661,3 +523,85 @@ def _input_rounding(critical: CriticalConfiguration, value: float) -> float:
         return 2 * EPS * abs(value)
     skew = float(np.prod(np.linalg.norm(cell, axis=1))) / critical.network.volume
     return EPS * abs(value) * (2 + 2 * len(cell) * skew)
+
+
+# Checks of classes of users: numbers and shapes, and whether `evaluate` takes complex numbers.
+
+
+def own(quantity: Quantity) -> bool:
+    """Whether the class of a quantity is one of critflow, which has tests of its own."""
+    return type(quantity).__module__.partition(".")[0] == __name__.partition(".")[0]
+
+
+def require_valid(quantity: Quantity, balance: Balanced) -> None:
+    """Raise `InputError` where `evaluate` of a class of the user returns no finite number and partials of these shapes.
+
+    A call asks this once, at its first stress; where edges have no length, derivatives may not exist.
+    """
+    if own(quantity):
+        return
+    kind, L = type(quantity), balance.bond_vectors
+    if not np.isfinite(L).all() or not (norms(L) > 0).all():
+        return
+    with np.errstate(all="ignore"):
+        returned = quantity.evaluate(balance)
+    try:
+        value, (by_sigma, by_L) = returned
+    except (TypeError, ValueError):
+        raise InputError(f"{kind.__name__}.evaluate must return (O, (∂O/∂σ, ∂O/∂L)), not {shown(returned)}") from None
+    if not (isinstance(value, int | float | np.number) or np.shape(value) == ()) or not np.isfinite(value):
+        raise InputError(f"{kind.__name__}.evaluate must return a finite number O first, not {shown(value)}")
+    for name, partial, shape in (("∂O/∂σ", by_sigma, L.shape[:1]), ("∂O/∂L", by_L, L.shape)):
+        if np.shape(partial) != shape:
+            raise InputError(
+                f"{kind.__name__}.evaluate must return {name} as an array of shape {shape}, not {np.shape(partial)}"
+            )
+        finite = np.isfinite(partial).reshape(len(L), -1).all(axis=1)
+        if not finite.all():
+            raise InputError(f"{kind.__name__}.evaluate returns {name} that is not finite at edge {finite.argmin()}")
+
+
+def has_exact_hessian(manifold: CriticalManifold, quantity: Quantity) -> bool:
+    """Whether `Evaluation.hessian_product` holds; for the classes of critflow tests know."""
+    return quantity.analytic and (own(quantity) or takes_complex_steps(manifold, quantity))
+
+
+def takes_complex_steps(manifold: CriticalManifold, quantity: Quantity) -> bool:
+    """Whether a complex step agrees with differences of partial derivatives.
+
+    A norm or an absolute value takes complex numbers and loses the derivative; other functions refuse them.  That is a
+    property of the code of `evaluate`, so that one direction at σ = 1 shows it.
+    """
+    here = manifold.balance(np.ones(manifold.network.n_edges))
+    sigma, L = here.sigma, here.bond_vectors
+    dsigma, dL = sigma * (0.5 + quasi_random(len(sigma))), L * (0.5 + quasi_random(L.size)[::-1].reshape(L.shape))
+    with np.errstate(all="ignore"):
+        try:
+            exact = derivatives_along(quantity, here, dsigma, dL)
+        except InputError:  # which would meet real numbers as well
+            raise
+        except (TypeError, ValueError, np.exceptions.ComplexWarning):
+            return False
+        above, below = (
+            quantity.evaluate(StressedBonds(manifold, sigma + step * dsigma, L + step * dL))[1]
+            for step in (DIFFERENCE, -DIFFERENCE)
+        )
+        for derivative, up, down in zip(exact, above, below, strict=True):
+            difference = (up - down) / (2 * DIFFERENCE)
+            change, size = (np.abs(values[np.isfinite(values)]).max(initial=0.0) for values in (difference, up))
+            tolerance = DISAGREEMENT * change + NEGLIGIBLE * size
+            if not np.allclose(derivative, difference, rtol=0, atol=tolerance, equal_nan=True):
+                return False
+        return True
+
+
+def require_exact_hessian(manifold: CriticalManifold, quantity: Quantity) -> None:
+    """Raise `InputError` where products with the Hessian are not exact, which Newton's method needs."""
+    name = quantity.name
+    if not quantity.analytic:
+        raise InputError(f"Newton's method needs second derivatives, and {name} has none: choose method='lbfgs'")
+    if not has_exact_hessian(manifold, quantity):
+        raise InputError(
+            f"Newton's method evaluates {name} at complex stresses and bond vectors, which its evaluate does not take: "
+            "write np.sqrt((L*L).sum(axis=1)) for lengths, without norm, abs, float, vdot or .real, or choose 'lbfgs'"
+        )

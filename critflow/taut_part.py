@@ -60,11 +60,6 @@ class Backbone(Record):
             raise InputError(f"the taut part has {len(self.components)} components: use `components`")
         return self.components[0]
 
-    @property
-    def network(self) -> Network:
-        """The network of the only component; `InputError` for several."""
-        return self.configuration.network
-
 
 @running("backbone")
 def backbone(critical: CriticalConfiguration) -> Backbone:

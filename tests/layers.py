@@ -2,8 +2,8 @@
 
 LAYERS = (
     *("result", "calls", "arguments", "extensions", "minimisers", "checks", "deformation", "faces", "networks"),
-    *("digits", "pruning", "points", "lattices", "numerics", "sparse", "saddles", "double_double", "refinement"),
-    *("manifold", "taut_part", "quantities", "quantity_names", "design_names", "isogonal", "self_stress", "springs"),
+    *("points", "lattices", "numerics", "sparse", "saddles", "double_double", "refinement"),
+    *("manifold", "taut_part", "quantities", "quantity_names", "isogonal", "self_stress", "springs"),
     *("equilibria", "cones", "taut_edges", "lengths", "descent", "optima", "linear_response", "elastic", "growth"),
-    *("certificate", "paths", "workflow", "pictures", "extras", "command", "__main__"),
+    *("paths", "workflow", "pictures", "extras", "command", "__main__"),
 )

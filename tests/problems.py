@@ -20,10 +20,10 @@ from critflow import (
     critical_from_lengths,
     equilibrium,
     lattice,
-    pruned,
     spring_state,
     voronoi_network,
 )
+from critflow.checks import blocks, components, opened_edges
 from critflow.manifold import critical_configuration
 from critflow.minimisers import Function, Point
 from critflow.sparse import FixedPattern
@@ -62,9 +62,13 @@ def with_random_stiffness(network: Network, seed: int) -> Network:
 
 def thinned(network: Network, n_removed: int, seed: int = 1) -> Network:
     """The network without this number of random edges, and without those that carry no tension without them."""
-    left = np.ones(network.n_edges, bool)
-    left[np.random.default_rng(seed).permutation(network.n_edges)[:n_removed]] = False
-    return pruned(network, left).network
+    left = np.sort(np.random.default_rng(seed).permutation(network.n_edges)[n_removed:])
+    graph = network.edges[left], network.offsets[left], network.cell, network.pins, network.n_vertices
+    opened = left[opened_edges(*blocks(*graph))]
+    part = components(network.edges[opened], network.n_vertices)[network.edges[opened, 0]]
+    kept = np.zeros(network.n_edges, bool)
+    kept[opened[part == np.bincount(part).argmax()]] = True
+    return network.part(kept)[0]
 
 
 def slack_lattice() -> tuple[Network, np.ndarray, CriticalConfiguration]:

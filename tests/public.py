@@ -11,12 +11,12 @@ NAMES = sorted(critflow.__all__)
 """The names at the top level."""
 
 IN_MODULES = {
-    "certificates.spaces": ("zero_modes",),
-    "critical.backbone": ("backbone",),
-    "critical.isogonal": ("face_modes",),
-    "critical.properties": ("stress_hessian", "flat_directions"),
-    "critical.transition": ("transition_modulus",),
+    "taut_part": ("backbone",),
+    "isogonal": ("face_modes",),
+    "quantity_names": ("stress_hessian", "flat_directions"),
+    "quantities": ("transition_modulus",),
     "extras.cables.rigidity_surface": ("strain_plane",),
+    "extras.certificates.spaces": ("zero_modes",),
     "extras.design_stiffness.stiffnesses": ("isotropic_targets",),
     "extras.local.diagonals": ("face_diagonals", "response_name"),
     "extras.local.drawing": ("draw_response",),
@@ -24,10 +24,10 @@ IN_MODULES = {
     "extras.tensegrity.signed_stress": ("signed_stress",),
     "extras.weak.soft_spectrum": ("soft_spectrum",),
     "extras.weak.weak_equilibrium": ("weak_equilibrium",),
-    "generators.random_points": ("random_sequential_addition",),
-    "networks.deformation": ("deformation_of",),
-    "networks.faces": ("planar_faces",),
-    "springs.hessian": ("geometric_split", "hookean_split", "bond_operator"),
+    "points": ("random_sequential_addition",),
+    "deformation": ("deformation_of",),
+    "faces": ("planar_faces",),
+    "equilibria": ("geometric_split", "hookean_split", "bond_operator"),
 }
 """Further functions whose arguments are checked, by module."""
 
@@ -36,7 +36,6 @@ def checked_functions():
     """Functions by name whose arguments are checked: of the top level and of modules, without deleted extras."""
     functions = {name: f for name in NAMES if inspect.isfunction(f := getattr(critflow, name, None))}
     for module, names in IN_MODULES.items():
-        ring, extra, *_ = module.split(".")
-        if ring != "extras" or not absent([extra]):
+        if not module.startswith("extras.") or not absent([module.split(".")[1]]):
             functions |= {name: getattr(import_module(f"critflow.{module}"), name) for name in names}
     return functions

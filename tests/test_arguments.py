@@ -192,6 +192,8 @@ def test_what_holds_a_network_stands_for_it():
         assert example(holder, 1.0)[0] is NETWORK
     with pytest.raises(InputError, match=r"failed.*\.value"):
         example(MANIFOLD.solve([0, 0, 0, 0, 1, 1]), 1.0)
+    solved = MANIFOLD.solve(np.ones(6))
+    assert critflow.elasticity(solved).value.bulk == critflow.elasticity(solved.value).value.bulk
 
 
 def test_numbers_of_every_kind_are_accepted():

@@ -225,10 +225,10 @@ def test_the_pages_on_theory_name_the_function_of_every_equation():
 
 # Modules that define the bounds of these functions, and those that are imported from their module.
 DELEGATES = {
-    "CriticalManifold": ("precision/refinement.py",),
-    "critical_from_lengths": ("lengths/lengths_end.py",),
-    "optimize": ("optimisation/optimum.py",),
-    "strain_path": ("springs/equilibrium.py",),
+    "CriticalManifold": ("refinement.py",),
+    "critical_from_lengths": ("lengths.py",),
+    "optimize": ("descent.py",),
+    "strain_path": ("equilibria.py",),
 }
 
 

@@ -4,12 +4,14 @@ import subprocess
 import sys
 from pathlib import Path
 
+from extras_there import skip_without
 from test_docs import DOCS, blocks, is_of_the_package
 from test_extras import without
 
 
 def test_the_extra_of_the_documents_is_one_folder(tmp_path):
     """The page has its files, its tests, and what its command prints."""
+    skip_without(["design_names"])
     page = blocks(DOCS / "extending.md")
     folder, files = without(tmp_path), [block for block in page if is_of_the_package(block)]
     for block in files:

@@ -64,12 +64,16 @@ def test_a_service_of_an_extra_that_needs_one_that_is_not_installed():
         replace(extra, needs=["nonsense"]).named(next(iter(extra.functions.values())))
 
 
+def share(network, pair):
+    """A factory of quantities."""
+    raise ValueError(pair)
+
+
 def test_what_an_extra_writes_in_brackets_goes_to_its_factory(monkeypatch):
     """Names in other words than EDGE, FACE and D, such as a pair of vertices."""
-    declared = {"share[I-J]": "critflow.design_names:edge_length"}
-    monkeypatch.setattr("critflow.quantity_names.quantities", lambda: declared)
+    monkeypatch.setattr("critflow.quantity_names.quantities", lambda: {"share[I-J]": f"{__name__}:share"})
     network = lattice("honeycomb", 2, 2)
-    with pytest.raises(ValueError, match="3-5:1:0"):  # this factory knows whole numbers alone
+    with pytest.raises(ValueError, match="3-5:1:0"):
         quantity(network, "share[3-5:1:0]")
-    with pytest.raises(InputError, match=r"did you mean 'share\[I-J\]'.*area\[FACE\], share\[I-J\], and modulus"):
+    with pytest.raises(InputError, match=r"did you mean 'share\[I-J\]'.*C_G, share\[I-J\], and modulus"):
         quantity(network, "shar[3-5]")

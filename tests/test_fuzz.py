@@ -37,7 +37,7 @@ from critflow.equilibria import bond_operator, geometric_split, hookean_split
 from critflow.isogonal import face_modes
 from critflow.quantities import transition_modulus
 from critflow.quantity_names import flat_directions, stress_hessian
-from critflow.self_stress import zero_modes
+from critflow.self_stress import Spectrum, edge_without_length
 from critflow.taut_part import backbone
 from workflows.benchmarks import reference
 
@@ -55,10 +55,6 @@ CALLS = {
     "upper_bound of a strain": lambda p, r: critflow.upper_bound(
         p.network, transition_modulus(p.network, strain_of(p, r))
     ),
-    "certify": lambda p, r: critflow.certify(critical_of(p)),
-    "rigidity": lambda p, r: critflow.rigidity(*geometry(p)[:2]),
-    "zero_modes": lambda p, r: zero_modes(*geometry(p)[:2]),
-    "self_stresses": lambda p, r: critflow.self_stresses(critical_of(p)),
     "stiffening": lambda p, r: critflow.stiffening(critical_of(p)),
     "strain_path": lambda p, r: critflow.strain_path(critical_of(p), [1e-6, 1e-3], measure=measured(p)),
     "strain_path of a law": lambda p, r: critflow.strain_path(
@@ -96,7 +92,6 @@ CALLS = {
     ),
     "properties": lambda p, r: critflow.properties(critical_of(p), r.choice([["V_tau", "V_L"], ["B_0", "C_B"]])),
     "quantity": lambda p, r: critflow.quantity(p.network, "V_L"),
-    "pruned": lambda p, r: critflow.pruned(p.network, numbers(r, len(p.sigma)) < 0.5),
 }
 
 # Public functions that these do not reach; each has tests of its own.
@@ -158,9 +153,10 @@ def facts(network, sigma):
         return found
     unit, k = critical.lengths.mean(), network.stiffness.mean()
     found["lengths"] = critical.lengths / unit
-    counts = critflow.rigidity(network, critical.coordinates)
-    if counts.ok:
-        found["counts"] = (counts.value.n_self_stresses, counts.value.n_zero_modes)
+    if not edge_without_length(critical.lengths):
+        spectrum = Spectrum(network, critical.coordinates)
+        if not spectrum.doubt(*spectrum.gap):
+            found["counts"] = (spectrum.n_self_stresses, spectrum.n_motions)
     if network.cell is not None:
         found["bulk bound"] = critflow.upper_bound(network, "B_0") / (k * unit**2 / network.volume)
         try:

@@ -29,10 +29,10 @@ from critflow import (
 )
 from critflow.deformation import strain_basis
 from critflow.equilibria import geometric_split
+from critflow.extras.certificates.spaces import zero_modes
 from critflow.extras.design_stiffness.stiffnesses import isotropic_targets
 from critflow.extras.tensegrity.second_order import second_order_rigidity
 from critflow.extras.weak.soft_spectrum import soft_spectrum
-from critflow.self_stress import zero_modes
 from workflows.benchmarks.lammps import Lammps
 
 # SymPy before 1.15 calls a function that mpmath 1.4 deprecates.

@@ -7,7 +7,7 @@ network.
 import numpy as np
 
 import critflow as cf
-from critflow.self_stress import zero_modes
+from critflow.extras.certificates.spaces import zero_modes
 
 network = cf.voronoi_network(n_vertices=100, seed=4)
 x = network.positions + 0.05 * np.random.default_rng(0).standard_normal(

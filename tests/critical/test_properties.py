@@ -35,12 +35,10 @@ def closed_forms(sigma, k):
     stress = (sigma[:, None] * L).T @ L
     D = (sigma**2 * dot(L, L) / k).sum()
     lengths = roots(dot(L, L))
-    variances = [(v**2).mean() / v.mean() ** 2 - 1 for v in (lengths, sigma * lengths)]
+    V_L, V_tau = ((v**2).mean() / v.mean() ** 2 - 1 for v in (lengths, sigma * lengths))
     works = {"B_0": (stress[0, 0] + stress[1, 1]) / 2, "G_0": stress[0, 1], "modulus[uniaxial]": stress[0, 0]}
     moduli = {name: work**2 / (volume * D) for name, work in works.items()}
-    others = {"S_xy": stress[0, 1] / MP.sqrt(D), "S_xx": stress[0, 0] / MP.sqrt(D), "length[3]": lengths[3]}
-    others |= {"C_xxxy": stress[0, 0] * stress[0, 1] / (volume * D), "V_L": variances[0], "V_tau": variances[1]}
-    return moduli | others | {"C_B": C_B, "C_G": C_G}
+    return moduli | {"V_L": V_L, "V_tau": V_tau, "C_B": C_B, "C_G": C_G}
 
 
 def difference(function):

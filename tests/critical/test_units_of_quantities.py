@@ -15,11 +15,8 @@ from critflow.taut_part import backbone
 
 # Quantities of a network, and the power of the unit of stiffness and of length that they have in d dimensions.
 POWERS = {
-    **dict.fromkeys(("B_0", "G_0", "C_B", "C_G", "modulus[uniaxial]", "C_xxyy", "C_xyxy"), lambda d: (1, 2 - d)),
-    **dict.fromkeys(("S_xx", "S_xy"), lambda d: (0.5, 1)),
+    **dict.fromkeys(("B_0", "G_0", "C_B", "C_G", "modulus[uniaxial]"), lambda d: (1, 2 - d)),
     **dict.fromkeys(("V_L", "V_tau"), lambda d: (0, 0)),
-    "length[3]": lambda d: (0, 1),
-    "area[2]": lambda d: (0, 2),
 }
 
 
@@ -39,10 +36,9 @@ def quantities(network, units, signed=False):
     sigma = random_stress(network.n_edges, 1)
     sigma[::6] *= -0.3 if signed else 1
     critical = manifold.configuration(sigma)
-    names = [name for name in POWERS if name != "area[2]" or network.faces is not None]
-    found = properties(critical, names)
+    found = properties(critical, list(POWERS))
     one = {}
-    for name in names:
+    for name in POWERS:
         k, length = POWERS[name](d)
         unit, goal = units.stiffness**k * units.length**length, quantity(network, name)
         numbers = (found.values[name], found.errors[name], found.by_stress[name], goal.unit(network))

@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 
 import critflow as cf
+from critflow.extras.certificates.certify import BALANCED
 from critflow.extras.fronts.pareto import FRONT_CERTIFIED
 from critflow.extras.targets.constrained import RESTORED
 from critflow.networks import Network
@@ -13,6 +14,12 @@ from critflow.networks import Network
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
 from thresholds import Ratios, show
+
+
+def of_certificates(network: Network, rng: np.random.Generator) -> Ratios:
+    """Force balance of a random stress, as its certificate demands."""
+    critical = cf.CriticalManifold(network).configuration(np.abs(rng.standard_normal(network.n_edges)))
+    yield "balance of a random stress", critical.residual / BALANCED
 
 
 def of_designs(network: Network, rng: np.random.Generator) -> Ratios:
@@ -37,4 +44,4 @@ def of_fronts(network: Network, rng: np.random.Generator) -> Ratios:
 
 
 if __name__ == "__main__":
-    show((of_designs, of_fronts), *map(int, sys.argv[1:]))
+    show((of_certificates, of_designs, of_fronts), *map(int, sys.argv[1:]))

@@ -7,9 +7,10 @@ from problems import NETWORKS, hung_ring
 from units import Units, same_in_units
 
 from critflow import CriticalManifold, Network, foam_network, optimize, voronoi_network
-from critflow.descent import StressObjective
-from critflow.optima import largest_modulus, least_compressed_length, objective_of
+from critflow.descent import Descent
+from critflow.optima import largest_modulus, objective_of
 from critflow.quantities import pure_shear
+from workflows.shear.compression import least_compressed_length
 
 
 def optimum(network, units, name, method="auto", **options):
@@ -48,7 +49,7 @@ def closed_form(network, units):
 
 
 def objective(network, units, name):
-    objective = StressObjective(CriticalManifold(network), objective_of(network, name, 0.1))
+    objective = Descent(CriticalManifold(network), objective_of(network, name, 0.1))
     x = np.random.default_rng(1).standard_normal(network.n_edges)
     point = objective.at(x)
     return {"number": (point.value, point.gradient, point.residual, objective.hessian_product(point, np.cos(x)))}

@@ -5,7 +5,7 @@ import pytest
 from problems import NETWORKS, strained
 
 from critflow import elasticity, equilibrium
-from critflow.linear_response import _rounding, accumulated_rounding
+from critflow.linear_response import accumulated_rounding, form_rounding
 
 
 @pytest.mark.parametrize("name", ["voronoi", "pinned grid", "voronoi 3D"])
@@ -16,7 +16,7 @@ def test_the_parts_of_the_first_error_are_those_of_its_sum(name):
     speed, tension = rng.random((2, n)), rng.standard_normal((2, n))
     for size in (1e-6, 1.0, 1e6):  # velocities of vertices that do not matter, and that decide
         u = size * rng.standard_normal((2, d, len(state.network.free)))
-        noise, first = _rounding(state, speed, u, tension)
+        noise, first = form_rounding(state, speed, u, tension)
         assert 0.7 * noise[0, 0] <= accumulated_rounding(first) <= 1.0001 * noise[0, 0]
 
 

@@ -30,7 +30,7 @@ from critflow import (
     stiffening,
     voronoi_network,
 )
-from critflow.growth import ThirdOrderEnergy
+from critflow.growth import StrainedEnergy
 from critflow.quantities import dilation, pure_shear
 from critflow.saddles import CondensedSaddle, Saddle
 from critflow.springs import HOOKEAN
@@ -206,7 +206,7 @@ def test_elastic_responses_balance_to_rounding(n_vertices):
     )
     L, sigma = critical.bond_vectors, critical.sigma
     for system in (Saddle(network), CondensedSaddle(network)):
-        energy = ThirdOrderEnergy(network, sigma, L, system, HOOKEAN, [dilation(2), pure_shear(2)])
+        energy = StrainedEnergy(network, sigma, L, system, HOOKEAN, [dilation(2), pure_shear(2)])
         for response in energy.responses:
             s = sigma / np.linalg.norm(sigma)
             pulls = s[:, None] * response.rate + response.multipliers[:, None] * L

@@ -26,11 +26,9 @@ def of_response(found, d, units):
     value, errors = found.value, found.value.errors
     moduli = (value.tensor, value.affine, value.stress, value.bulk, value.shear, value.shear_stress_corrected)
     known = (errors.tensor, errors.bulk, errors.shear, errors.shear_stress_corrected)
-    averages = (*value.voigt, value.young(np.eye(d)[0]))
     return {
         "number": (found.status, found.note, found.stats.condition),
-        "stiffness" if d == 2 else "pressure": (*moduli, *known, *averages),
-        "softness" if d == 2 else "compliance": (value.compliance,),
+        "stiffness" if d == 2 else "pressure": (*moduli, *known),
     }
 
 

@@ -6,7 +6,8 @@ import numpy as np
 from scipy.optimize import brentq
 
 import critflow as cf
-from critflow.pruning import carrying_part
+from critflow.extras.anisotropy.tensors import voigt
+from critflow.extras.pruning.pruning import carrying_part
 from critflow.taut_part import backbone
 from critflow.workflow import stable_rng
 
@@ -210,7 +211,7 @@ def poisson(network):
     Infinite for networks that do not resist dilation, where it would be −1.
     """
     found = cf.elasticity(network, network.positions)
-    B, G = found.value.voigt
+    B, G = voigt(found.value)
     return (B - G) / (B + G) if found.ok and B > SOFT * G else np.inf
 
 

@@ -18,7 +18,7 @@ import numpy as np
 
 from critflow import CriticalManifold, Solution, optimize, upper_bound, voronoi_network
 from critflow.elastic import elasticity
-from critflow.optima import largest_modulus, least_compressed_length
+from critflow.optima import largest_modulus
 from critflow.points import check_voronoi
 from critflow.quantities import pure_shear, transition_modulus
 from critflow.result import Status, StudyError
@@ -29,6 +29,7 @@ from ..shared.checks import check_network
 from ..shared.populations import MEANING, POPULATIONS, configuration, prepared
 from ..shared.reports import PAPER
 from ..shared.tables import NETWORK
+from .compression import least_compressed_length
 from .figures import animation, ascent_figure, compression_figure, scaling_figure
 from .report import claims, verify
 

@@ -7,6 +7,7 @@ import numpy as np
 
 import critflow as cf
 from critflow.extras.tissue.face_springs import FaceSprings
+from critflow.self_stress import Spectrum
 
 from .sample import ZERO, floppy_motions, rank
 
@@ -49,7 +50,9 @@ def unique_configuration(sample):
 def overconstrained(sample):
     """Largest change of a length between the configurations of two self-stresses of a triangulation."""
     network = cf.delaunay_network(sample.n_vertices, sample.seed)
-    stresses = cf.rigidity(network, network.positions).value.self_stresses
+    spectrum = Spectrum(network, network.positions)
+    tensions, _ = spectrum.null_space(spectrum.n_self_stresses, of_stresses=True)
+    stresses = np.linalg.qr((tensions / spectrum.lengths).T)[0].T
     mixed = sample.rng("mixed").standard_normal((2, len(stresses))) @ stresses
     manifold, L = cf.CriticalManifold(network), network.bond_vectors(network.positions)
     lengths = np.linalg.norm(L, axis=1)

@@ -6,9 +6,10 @@ other grids follow one sheet each in signed lengths r_α ∝ 1/σ_α, which add 
 
 import numpy as np
 
-from critflow import CriticalManifold, Status, rigidity, three_bar_linkage
+from critflow import CriticalManifold, Status, three_bar_linkage
 from critflow.manifold import COLLAPSED
 from critflow.result import StudyError
+from critflow.self_stress import Spectrum, stabilises
 from critflow.workflow import Axis, Coordinate, Study, decimals, stable_rng
 
 from ..paper.committed import committed_run
@@ -97,11 +98,13 @@ def check_at(manifold, chart, point):
     # The distance to the nearest place without a tangent plane sets the length on which the surface changes.
     e = 2e-3 * min(float(np.abs(sigma).min()), float(np.abs(point["prestress_eigenvalue"]).min()))
     middle, mixed = 2 * height(0, 0), (height(e, e) - height(e, -e) - height(-e, e) + height(-e, -e)) / 4
+    network, x = manifold.network, point["position"]
+    L, one_stress = network.bond_vectors(x), Spectrum(network, x).n_self_stresses == 1
     first, second = (height(*step) + height(*-step) - middle for step in e * np.eye(2))
     return {
         "numeric_second_form": np.array([[first, mixed], [mixed, second]]) / e**2,
-        "prestress_stable": bool(rigidity(manifold.network, point["position"]).value.prestress_stable),
-        "ways_out": len(finite_motions(np.diff(point["position"][:, 0]), span, 1e-3)),
+        "prestress_stable": one_stress and any(stabilises(network, x, L, sign * point["sigma"]) for sign in (1, -1)),
+        "ways_out": len(finite_motions(np.diff(x[:, 0]), span, 1e-3)),
     }
 
 
@@ -149,7 +152,7 @@ def examples(manifold):
         motion = np.full((8, 4, 2), np.nan)
         for stored, frame in zip(motion, frames, strict=False):
             stored[:] = pins[0], *frame, pins[1]
-        n_self_stresses = rigidity(manifold.network, x).value.n_self_stresses
+        n_self_stresses = Spectrum(manifold.network, x).n_self_stresses
         out.append({"sigma": sigma, "position": x, "n_self_stresses": n_self_stresses, "motion": motion})
     return {f"example_{name}": values for name, values in stacked(out).items()}
 

@@ -26,10 +26,10 @@ from numpy.typing import NDArray
 
 from critflow.extras.cables.boundary_path import BoundaryPath
 from critflow.extras.cables.bounds import StrainBounds
+from critflow.extras.certificates.counts import rigidity
 from critflow.manifold import CriticalConfiguration, critical_configuration
 from critflow.networks import Array, Network
 from critflow.result import Record, Solution, Stats, Status
-from critflow.self_stress import rigidity
 from critflow.taut_edges import FITTED, OnsetState, unknown_configuration
 from critflow.taut_part import Backbone, backbone
 

@@ -16,6 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 from critflow.arguments import of_kind
 from critflow.checks import edge_values
 from critflow.deformation import strain_basis
+from critflow.extras.certificates.counts import rigidity
 from critflow.extras.design_stiffness.poisson import NAME, TensorRatio, poisson_refusal, with_poisson
 from critflow.extras.rest.at_rest import response_at_rest
 from critflow.extras.targets.problem import DesignOptions, DesignResult, EdgeLimits, Target, Variables, limit_sizes
@@ -23,7 +24,6 @@ from critflow.extras.targets.stress_form import tensor_weights
 from critflow.networks import Array, Network
 from critflow.quantities import Quantity
 from critflow.result import InputError
-from critflow.self_stress import rigidity
 from critflow.sparse import block_laplacian, edge_blocks
 from critflow.springs import SpringState, spring_state
 

@@ -14,22 +14,23 @@ from numpy.typing import ArrayLike
 from critflow.arguments import of_kind
 from critflow.calls import running
 from critflow.checks import edge_values
-from critflow.digits import Digits
 from critflow.elastic import elasticity
 from critflow.extras.cables.critical_strain import critical_strain
 from critflow.extras.cables.onset_end import CriticalStrain
+from critflow.extras.certificates.counts import Rigidity, rigidity
 from critflow.extras.examine.report import UNFINISHED, Examination
 from critflow.extras.files.boundaries import UnheldNetwork, hull_volume
 from critflow.extras.files.convert import network_from
 from critflow.extras.files.repair import ImportedNetwork
 from critflow.extras.fronts.leverage import edge_leverage
 from critflow.extras.inference.nearest import Nearest, nearest_critical
+from critflow.extras.pruning.digits import Digits
 from critflow.extras.tensegrity.second_order import second_order_rigidity
 from critflow.extras.tensegrity.signed_stress import signed_stress
 from critflow.networks import Array, Network, validated_coordinates
 from critflow.numerics import EPS, norms
 from critflow.result import CritflowError, InputError, NetworkError, Solution, SolveError, Status
-from critflow.self_stress import CLEAR_GAP, Rigidity, rigidity
+from critflow.self_stress import CLEAR_GAP
 
 Result = TypeVar("Result")
 

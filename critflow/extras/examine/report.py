@@ -10,6 +10,8 @@ import numpy as np
 from critflow.checks import components
 from critflow.elastic import Elasticity
 from critflow.extras.cables.onset_end import CriticalStrain
+from critflow.extras.certificates.counts import Rigidity, n_rotations
+from critflow.extras.certificates.spaces import zero_modes
 from critflow.extras.files.data import counted
 from critflow.extras.files.repair import described
 from critflow.extras.fronts.leverage import EdgeLeverage
@@ -17,7 +19,6 @@ from critflow.extras.inference.nearest import Nearest
 from critflow.manifold import CriticalConfiguration
 from critflow.networks import Array, Network
 from critflow.result import InputError, Record, Solution, Status
-from critflow.self_stress import Rigidity, n_rotations, zero_modes
 
 # Distance from the nearest critical configuration, in units of the mean edge length, up to which a network counts as
 # one that its program has relaxed to a tolerance: the loosest ones in use are 1e-3.

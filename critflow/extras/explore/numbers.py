@@ -9,13 +9,14 @@ from typing import TypeVar
 import numpy as np
 
 from critflow.elastic import elasticity
+from critflow.extras.certificates.certify import certify
+from critflow.extras.certificates.counts import n_rotations, rigidity
 from critflow.growth import stiffening
 from critflow.manifold import CriticalConfiguration, CriticalManifold
 from critflow.networks import Array, Network
 from critflow.numerics import EPS
 from critflow.quantity_names import quantity
 from critflow.result import CritflowError
-from critflow.self_stress import certify, n_rotations, rigidity
 
 T = TypeVar("T")
 PROOF, ESTIMATE = "proof", "estimate"

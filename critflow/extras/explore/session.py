@@ -15,11 +15,11 @@ import numpy as np
 
 from critflow.extras.explore.model import POPULATIONS, Model, Observer
 from critflow.extras.explore.source import Source
+from critflow.extras.pruning.pruning import pruned
 from critflow.isogonal import IsogonalModes, face_modes
 from critflow.manifold import CriticalConfiguration
 from critflow.networks import Array
 from critflow.paths import StrainPath, strain_path
-from critflow.pruning import pruned
 from critflow.result import InputError, Solution
 from critflow.springs import SpringState
 

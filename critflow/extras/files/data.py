@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from critflow.checks import floats, integers
-from critflow.digits import Digits, digits_of
+from critflow.extras.pruning.digits import Digits, digits_of
 from critflow.result import EnvironmentFailure, InputError, Record
 from critflow.workflow.selected import stored_configuration
 

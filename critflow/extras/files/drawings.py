@@ -12,8 +12,7 @@ import numpy as np
 import scipy
 
 from critflow.extras.files.data import Array, IntArray, NetworkData, bond_vectors_of, optional
-from critflow.pictures import TENSION_COLOURS, varied, widely
-from critflow.points import BORDER, images_in_cell
+from critflow.pictures import BORDER, TENSION_COLOURS, images_in_cell, varied, widely
 from critflow.result import InputError
 
 # STL has no field for units, and programs show its header of 80 bytes.

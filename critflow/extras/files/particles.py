@@ -12,9 +12,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from critflow.checks import floats, integers
-from critflow.digits import Digits, single_precision
 from critflow.extras.files.boundaries import with_offsets
 from critflow.extras.files.data import Array, NetworkData, bond_vectors_of, number, optional
+from critflow.extras.pruning.digits import Digits, single_precision
 from critflow.result import InputError
 
 _HEADER = "critflow network"

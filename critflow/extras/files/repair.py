@@ -16,10 +16,10 @@ from numpy.typing import NDArray
 from critflow.checks import check_ends, components, finite_rows
 from critflow.extras.files.boundaries import require_boundary
 from critflow.extras.files.data import EDGE_VALUES, Array, IntArray, NetworkData, bond_vectors_of, counted
+from critflow.extras.pruning.pruning import carrying_part
 from critflow.faces import Faces, planar_faces
 from critflow.manifold import CriticalConfiguration
 from critflow.networks import Network
-from critflow.pruning import carrying_part
 from critflow.result import InputError, NetworkError, Solution, Stats, Status
 
 # Volumes of unit cell vectors below this are none.

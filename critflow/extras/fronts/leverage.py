@@ -230,9 +230,10 @@ def value_of_part(measured: Quantity, network: Network, kept: Mask, sigma: Array
     of_part = measured.in_part(network, kept)
     if of_part is None or measured.in_part(network, present) is None:
         return np.nan
+    part: Any = Part(network, kept, sigma, L)
     with np.errstate(all="ignore"):
         # Edges without length have no gradient.
-        return of_part.evaluate(Part(network, kept, sigma, L))[0]
+        return of_part.evaluate(part)[0]
 
 
 def values_after(

@@ -23,12 +23,12 @@ from scipy.linalg.blas import dger
 from critflow.arguments import generator, of_kind
 from critflow.calls import running, tell
 from critflow.extras.fronts.leverage import Mask, value_of_part, values_after
+from critflow.extras.pruning.pruning import pruned
 from critflow.extras.targets.problem import Target, parse_targets
 from critflow.extras.targets.stress_form import stress_form
 from critflow.manifold import NO_LENGTH, CriticalConfiguration, CriticalManifold
 from critflow.networks import Array, IntArray, Network
 from critflow.numerics import LARGEST_DENSE, norms
-from critflow.pruning import pruned
 from critflow.quantities import require_valid
 from critflow.result import InputError, Solution, Stats, Status
 

@@ -9,8 +9,8 @@ import numpy as np
 
 from critflow.arguments import generator, of_kind
 from critflow.calls import running
+from critflow.extras.pruning.pruning import CarryingPart, carrying_part, part_of
 from critflow.networks import Network
-from critflow.pruning import CarryingPart, carrying_part, part_of
 from critflow.result import InputError
 
 

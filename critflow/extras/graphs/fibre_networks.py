@@ -19,9 +19,9 @@ from critflow.arguments import generator, of_kind, shown
 from critflow.calls import running
 from critflow.checks import check_size, components
 from critflow.extras.graphs.dilution import diluted, with_coordination
+from critflow.extras.pruning.pruning import CarryingPart, carrying_part, pruned
 from critflow.lattices import lattice
 from critflow.networks import Array, IntArray, Network, periodic_network
-from critflow.pruning import CarryingPart, carrying_part, pruned
 from critflow.result import InputError
 
 

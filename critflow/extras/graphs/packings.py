@@ -11,9 +11,9 @@ from critflow.arguments import generator, of_kind
 from critflow.calls import running
 from critflow.checks import check_size
 from critflow.extras.graphs.dilution import diluted
+from critflow.extras.pruning.pruning import pruned
 from critflow.networks import Array, IntArray, Network
 from critflow.points import points_in_cell
-from critflow.pruning import pruned
 from critflow.result import InputError
 
 # Ratio of the two radii, at which neither discs nor spheres crystallise (O'Hern et al. 2003).

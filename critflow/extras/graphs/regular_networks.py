@@ -7,9 +7,9 @@ import scipy
 
 from critflow.arguments import generator, of_kind
 from critflow.calls import running
+from critflow.extras.pruning.pruning import carrying_part
 from critflow.networks import Array, IntArray, Network
 from critflow.points import near_images, points_in_cell
-from critflow.pruning import carrying_part
 from critflow.result import InputError
 
 # Least distance of two vertices, in units of their mean spacing.

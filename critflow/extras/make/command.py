@@ -10,7 +10,7 @@ import click
 import numpy as np
 
 from critflow.calls import running
-from critflow.certificate import certificate_text
+from critflow.extras.certificates.certify import certificate_text
 from critflow.extras.files.convert import write_network
 from critflow.extras.files.formats import writable_format
 from critflow.extras.files.hints import Hints, files_argument, in_shell, read, reading, value_of

@@ -20,8 +20,8 @@ import numpy as np
 import scipy.sparse as sp
 
 from critflow.deformation import strain_basis
-from critflow.digits import rounding_note
 from critflow.elastic import ElasticResponse
+from critflow.extras.pruning.digits import rounding_note
 from critflow.extras.rest.stiffness_contrast import FormAtRest, hierarchical_response
 from critflow.linear_response import TRUSTED_ERROR, Elasticity, Errors, accumulated_rounding, no_elasticity
 from critflow.networks import Array, Network

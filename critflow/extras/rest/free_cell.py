@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
@@ -26,7 +27,7 @@ from critflow.equilibria import (
 )
 from critflow.networks import Array, Network
 from critflow.numerics import EPS
-from critflow.result import Stats, Status
+from critflow.result import Status
 from critflow.sparse import Factor, FixedPattern
 from critflow.springs import TAUT, EdgeMatrix, SpringState, times
 
@@ -264,17 +265,18 @@ def relaxed_with_cell(
 
     Error bound (estimate): that of the equilibrium in this cell, and its change by the remaining error of q.
     """
-    end = newton(state, tolerance, NEWTON_STEPS, pattern)
-    q = end.state.stretch
+    # To these functions the state is one of springs: it has their energy, forces, stress and factors.
+    unknowns: Any = state
+    end, known = newton(unknowns, tolerance, NEWTON_STEPS, pattern)
+    q = end.value.stretch
     # The cell has the rounding of one deformation, not of many.
     network = reference.deformed(stretched(q, state.strains) @ gradient)
-    stats = Stats("newton", end.steps, residual=end.state.max_force)
-    solution = Equilibrium(replace(end.state.springs, network=network), end.status, stats, indefinite=end.indefinite)
+    solution: Equilibrium[SpringState] = replace(end, value=replace(end.value.springs, network=network))
     if not solution.ok:
         return solution, None, q
-    vertices = (end.factor if isinstance(end.factor, BorderedFactor) else end.state.factorize(pattern)).vertices
+    vertices = (known if isinstance(known, BorderedFactor) else end.value.factorize(pattern)).vertices
     solution, factor = with_bounds(solution, pattern, vertices, corrected=True, judged=False)
-    there = FreeCellState(solution.value, q, state.strains)
+    there: Any = FreeCellState(solution.value, q, state.strains)
     # Of this state and without a shift, which resists every motion of the cell.
     border = there.bordered(vertices, solution.value.modified_stiffness, solution.value.sigma)
     left = there.stretch_errors(border)

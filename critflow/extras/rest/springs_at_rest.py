@@ -4,16 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from critflow.elastic import ElasticResponse, Options, elastic_response, total_response
+from critflow.elastic import ElasticResponse, elastic_response, total_response
 from critflow.extras.rest.at_rest import Springs, response_at_rest
 from critflow.linear_response import Elasticity, Errors
 from critflow.networks import Network, validated_coordinates
 from critflow.result import InputError, Solution
-from critflow.springs import SpringState, edge_directions, spring_state
+from critflow.springs import SpringLaw, SpringState, edge_directions, spring_state
 from critflow.taut_part import taut_edges, taut_networks
 
 # Change of a tensor by a stress that counts as rounding, relative to the affine tensor and to the largest σ over the
@@ -22,9 +23,18 @@ NEGLECTED = 5.0
 
 
 @elastic_response.register(Network)
-def _of_network(network: Network, volume: float, options: Options) -> Solution[Elasticity]:
+def _of_network(
+    network: Network,
+    volume: float,
+    *,
+    coordinates: ArrayLike | None,
+    rest_lengths: ArrayLike | None,
+    taut: ArrayLike | None,
+    law: SpringLaw,
+    **options: Any,
+) -> Solution[Elasticity]:
     """The response of springs at coordinates, at rest if they have no other rest lengths."""
-    coordinates, rest, taut, law, _ = options
+    rest = rest_lengths
     if coordinates is None:
         raise InputError("the elasticity of a network depends on its configuration: give coordinates")
     if taut is not None and not taut_edges(network, taut).all():
@@ -33,7 +43,8 @@ def _of_network(network: Network, volume: float, options: Options) -> Solution[E
         return _of_taut(network, coordinates, taut, volume)
     if rest is None:
         rest = np.linalg.norm(edge_directions(network, coordinates)[1], axis=1)
-    response: Solution[Elasticity] = elastic_response(spring_state(network, rest, coordinates, law), volume, options)
+    state = spring_state(network, rest, coordinates, law)
+    response: Solution[Elasticity] = elastic_response(state, volume, **options)
     return response
 
 

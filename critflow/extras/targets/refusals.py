@@ -17,7 +17,7 @@ from itertools import product
 import numpy as np
 
 from critflow.deformation import strain_basis, strain_components
-from critflow.design_names import modulus_form
+from critflow.extras.design_names.components import modulus_form
 from critflow.extras.targets.problem import Target
 from critflow.extras.targets.stress_form import StressForm, stress_form
 from critflow.manifold import CriticalManifold

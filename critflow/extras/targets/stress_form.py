@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from critflow.deformation import strain_basis, strain_components
-from critflow.design_names import StressComponent, TensorComponent
+from critflow.extras.design_names.components import StressComponent, TensorComponent
 from critflow.networks import Array
 from critflow.quantities import Quantity, TransitionModulus
 from critflow.result import InputError

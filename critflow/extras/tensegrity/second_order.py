@@ -21,20 +21,14 @@ from numpy.typing import ArrayLike
 
 from critflow.arguments import of_kind
 from critflow.calls import running
+from critflow.extras.certificates.counts import Rigidity, rigidity, stable_margin, stiffness_error
+from critflow.extras.certificates.spaces import zero_modes
 from critflow.extras.tensegrity.semidefinite import fourth_order_bound, second_order_relaxation
 from critflow.networks import Array, Network
 from critflow.numerics import EPS, LARGEST_DENSE
 from critflow.result import Record, Solution, Stats, Status
 from critflow.saddles import Saddle
-from critflow.self_stress import (
-    ITERATION_ERROR,
-    Rigidity,
-    forms_on_modes,
-    rigidity,
-    stable_margin,
-    stiffness_error,
-    zero_modes,
-)
+from critflow.self_stress import ITERATION_ERROR, forms_on_modes
 
 POSITIVE = 1e-7  # an eigenvalue above this is positive: below, the solutions of semidefinite programs are not accurate
 ZERO = 1e-10  # an eigenvalue or form below this is zero to rounding

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import astuple, replace
-from functools import partial
+from typing import Any
 
 import numpy as np
 
@@ -11,7 +10,6 @@ from critflow.deformation import Deformation
 from critflow.elastic import (
     AT_REST,
     ElasticResponse,
-    Options,
     elastic_response,
     of_one_self_stress,
     strain_rates,
@@ -23,7 +21,7 @@ from critflow.extras.tissue.face_springs import FaceSprings
 from critflow.extras.tissue.state import TissueState
 from critflow.extras.tissue.tissue import CriticalTissue
 from critflow.extras.tissue.tissue_energy import PerimeterSystem, TissueEnergy, balanced_system
-from critflow.growth import Stiffening, StiffeningSolution, coefficients, exact_stiffening, failed, with_status
+from critflow.growth import StiffeningSolution, coefficients, exact_stiffening, failed, strains_of_growth, with_status
 from critflow.linear_response import Elasticity, linear_response
 from critflow.manifold import CriticalManifold
 from critflow.numerics import EPS
@@ -38,7 +36,7 @@ _SAMPLES, _SAMPLE_MARGIN = 2, 10.0
 
 
 @elastic_response.register(CriticalTissue)
-def _at_transition(tissue: CriticalTissue, volume: float, _: Options) -> ElasticResponse:
+def _at_transition(tissue: CriticalTissue, volume: float, **_: Any) -> ElasticResponse:
     """The response of the perimeters in tension, at rest where these have several self-stresses."""
     critical, tense = tissue.configuration, tissue.face_tensions > SLACK_FACE * tissue.face_tensions.max()
     faces = FaceSprings(tissue.faces.sides[tense], tissue.faces.stiffness[tense])
@@ -51,9 +49,9 @@ def _at_transition(tissue: CriticalTissue, volume: float, _: Options) -> Elastic
 
 
 @elastic_response.register(TissueState)
-def _of_state(state: TissueState, volume: float, options: Options) -> Solution[Elasticity]:
+def _of_state(state: TissueState, volume: float, *, tolerance: float, **_: Any) -> Solution[Elasticity]:
     """The response of perimeters under stress, or of those at rest."""
-    if under_stress(state, options.tolerance):
+    if under_stress(state, tolerance):
         return linear_response(state, volume)
     response: ElasticResponse = provided("state_at_rest", AT_REST)(state, volume, state.faces.of_edges)
     return response
@@ -84,14 +82,12 @@ def _stiffening(
         )
     if system.soft:
         return failed(Status.unstable, "the tensions of the faces do not stabilise all zero modes")
-    V, rng = tissue.network.volume, np.random.default_rng(0)
-    exact = coefficients(partial(TissueEnergy, system), V, path)
+    V, strains, rng = tissue.network.volume, strains_of_growth(path), np.random.default_rng(0)
+    energy = TissueEnergy(system, strains)
+    exact, _, condition = coefficients(energy, V, path)
     samples = []
     for _ in range(_SAMPLES):
         noise = (errors * rng.standard_normal(errors.shape))[:, None]
         other = PerimeterSystem(tissue, system.tensions, system.bond_vectors * (1 + noise))
-        there = coefficients(partial(TissueEnergy, other), V, path).value
-        samples.append(np.abs(np.subtract(astuple(there), astuple(exact.value))))
-    changes = _SAMPLE_MARGIN * (np.max(samples, axis=0) + EPS * np.abs(astuple(exact.value)))
-    error = Stiffening(*map(float, changes))
-    return with_status(replace(exact, error=error))
+        samples.append(np.abs(coefficients(TissueEnergy(other, strains), V, path)[0] - exact))
+    return with_status(energy, exact, _SAMPLE_MARGIN * (np.max(samples, axis=0) + EPS * np.abs(exact)), condition)

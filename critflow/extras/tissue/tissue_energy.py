@@ -1,4 +1,4 @@
-"""Third derivatives of the relaxed energy of springs on perimeters at the transition, as `third_order` for edges.
+"""Third derivatives of the relaxed energy of springs on perimeters at the transition, as `growth` for edges.
 
 With perimeters p = A|L|, their balanced tensions T, σ = Aᵀ T/|L|, directions n = L/|L| and D = Σ T²/κ, the affine
 change A_a L has the amplitude c_a = T·ṗ_a/D.  Perimeters do not determine single lengths, so that zero modes relax to
@@ -11,14 +11,14 @@ With L̇_a = A_a L + g u the second and third derivatives of the energy are
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
 from critflow.extras.tissue.face_springs import FaceSprings
 from critflow.extras.tissue.state import TissueState
 from critflow.extras.tissue.tissue import CriticalTissue
-from critflow.growth import Term, ThirdDerivative
+from critflow.growth import StrainedEnergy, Term, Third
 from critflow.linear_response import accumulated_rounding
 from critflow.networks import Array
 from critflow.numerics import EPS, MOST_REFINEMENTS, dot, norms
@@ -88,8 +88,7 @@ def balanced_system(tissue: CriticalTissue) -> tuple[PerimeterSystem, Array]:
     return PerimeterSystem(tissue, tensions, L), norms(change) / system.lengths + 2 * EPS
 
 
-@dataclass(frozen=True, eq=False)
-class _Response:
+class _Response(NamedTuple):
     """Amplitude c, work |T·ṗ| with its rounding, rates L̇ (N_b, d) and relative residual of one strain."""
 
     amplitude: float
@@ -98,39 +97,37 @@ class _Response:
     residual: float
 
 
-class TissueEnergy:
-    """Second and third derivatives of the energy in the strains A_a (n, d, d), as `ThirdOrderEnergy` without errors."""
+class TissueEnergy(StrainedEnergy):
+    """Second and third derivatives of the energy in strains A_a (d, d), without errors: `response` has samples."""
 
     def __init__(self, system: PerimeterSystem, strains: Sequence[Array]):
-        self._system = system
-        self._flexibility = 1 / system.tissue.faces.stiffness
-        self._D = float(system.tensions**2 @ self._flexibility)
-        self.responses = tuple(self._respond(A) for A in strains)
+        self.system, self.flexibility = system, 1 / system.tissue.faces.stiffness
+        self.D = float(system.tensions**2 @ self.flexibility)
+        self.responses = [self._response(A) for A in strains]
 
-    def second(self, a: int, b: int) -> float:
-        """E_ab."""
-        return self.responses[a].amplitude * self.responses[b].amplitude * self._D
-
-    def second_error(self, a: int, b: int) -> float:
-        """Zero: errors are changes by other bond vectors (`response`)."""
-        return 0.0
-
-    def _respond(self, A: Array) -> _Response:
-        system = self._system
+    def _response(self, A: Array) -> _Response:
+        system = self.system
         affine = system.bond_vectors @ A.T
         rates = np.asarray(system.sides @ dot(system.units, affine))
-        c = float(system.tensions @ rates) / self._D
+        c = float(system.tensions @ rates) / self.D
         pull = -(system.network.divergence @ (system.sigma[:, None] * system.bent(affine)))
-        u, _, residual = system.solve(pull, c * system.tensions * self._flexibility - rates)
+        u, _, residual = system.solve(pull, c * system.tensions * self.flexibility - rates)
         rounding = float(accumulated_rounding(4 * EPS * system.tensions * (system.sides @ norms(affine))))
         rate = affine + system.network.free_incidence @ u
-        return _Response(c, (abs(c) * self._D, rounding), rate, residual)
+        return _Response(c, (abs(c) * self.D, rounding), rate, residual)
 
-    def third_with_error(self, terms: Sequence[Term]) -> ThirdDerivative:
-        """E_abc, without its error."""
-        system, L, third = self._system, self._system.bond_vectors, 0.0
-        for term in terms:
-            b, c = (self.responses[i].rate for i in (term.b, term.c))
-            stretch = dot(b, system.bent(c)) + dot(L, L @ term.curvature.T)
-            third += term.times * self.responses[term.a].amplitude * float(system.sigma @ stretch)
-        return ThirdDerivative(third, 0.0, np.nan)
+    def second(self, a: int, b: int) -> tuple[float, float]:
+        """E_ab, without its error."""
+        return self.responses[a].amplitude * self.responses[b].amplitude * self.D, 0.0
+
+    def third(self, terms: Sequence[Term]) -> Third:
+        """E_abc, without its derivatives."""
+        system, L, value, unknown = self.system, self.system.bond_vectors, 0.0, np.array([np.nan])
+        for times, a, i, j, curvature in terms:
+            b, c = self.responses[i].rate, self.responses[j].rate
+            stretch = dot(b, system.bent(c)) + dot(L, L @ curvature.T)
+            value += times * self.responses[a].amplitude * float(system.sigma @ stretch)
+        return Third(value, unknown, unknown, unknown, unknown)
+
+    def third_error(self, terms: Sequence[Term], by_length: Array) -> float:
+        return 0.0

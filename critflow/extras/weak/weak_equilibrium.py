@@ -197,10 +197,9 @@ def _strained(state: WeakSpringState, network: Network, path: Deformation, strai
 
 
 def _relaxed(state: WeakSpringState, pattern: FixedPattern) -> tuple[WeakSpringState, Status]:
-    end = newton(state, TOLERANCE, _MOST_STEPS, pattern)
-    if end.status is not Status.ok:
-        return end.state, end.status
-    return end.state, Status.unstable if end.state.factorize(pattern).n_negative else Status.ok
+    end, _ = newton(state, TOLERANCE, _MOST_STEPS, pattern)
+    saddle = end.ok and end.value.factorize(pattern).n_negative
+    return end.value, Status.unstable if saddle else end.status
 
 
 def _equilibria(

@@ -7,7 +7,7 @@ symbolic analysis serves all s.  Iteration on the residuals removes the complian
 pivots the stiffness is positive on the floppy motions, up to 1/w.
 
 Along F(ε) the vertices follow x = F(ε) x_c + ε u, where u lets every edge gain tension in proportion to the self-stress
-and is least in the energy of turning edges (`third_order`): R u = (c/D) K⁻¹σ − ḣ with c = Σ σ ḣ, D = Σ σ²|L|²/k.  The
+and is least in the energy of turning edges (`growth`): R u = (c/D) K⁻¹σ − ḣ with c = Σ σ ḣ, D = Σ σ²|L|²/k.  The
 weak energy U and its forces change along that motion.
 """
 

@@ -8,12 +8,11 @@ from problems import random_stress
 from critflow import CriticalManifold, InputError, Status, voronoi_network
 from critflow import sparse as backends
 from critflow.extras.large import multigrid, pardiso
-from critflow.points import voronoi_tessellation
 from critflow.sparse import available_backends, choose_backend, choose_iteration, eliminating_backends
 
 pytest.importorskip("pyamg")
 
-FOAM = voronoi_tessellation(np.random.default_rng(1).random((400, 3)))
+FOAM = voronoi_network(points=np.random.default_rng(1).random((400, 3)))
 STRESS = random_stress(FOAM.n_edges, 2)
 WEAK = np.where(np.random.default_rng(3).random(FOAM.n_edges) < 0.3, 1e-6, 1.0)
 HOPELESS = 10 ** np.random.default_rng(3).uniform(-9, 9, FOAM.n_edges)
@@ -43,7 +42,7 @@ def test_configurations_and_bounds_are_those_of_elimination(sigma):
 
 def test_equal_matrices_have_equal_levels():
     """Random numbers in their making would give other bits in every run."""
-    network = voronoi_tessellation(np.random.default_rng(4).random((2000, 3)))
+    network = voronoi_network(points=np.random.default_rng(4).random((2000, 3)))
     sigma = random_stress(network.n_edges, 5)
     balances = [CriticalManifold(network, "pyamg").balance(sigma) for _ in range(2)]
     np.testing.assert_array_equal(balances[0].coordinates, balances[1].coordinates)
@@ -130,7 +129,7 @@ def test_vertices_without_strong_connections_join_no_aggregate():
 
 
 def test_stresses_of_four_decades_need_few_steps(monkeypatch):
-    network = voronoi_tessellation(np.random.default_rng(6).random((2000, 3)))
+    network = voronoi_network(points=np.random.default_rng(6).random((2000, 3)))
     manifold, cycle, steps = CriticalManifold(network, "pyamg"), multigrid.Multigrid._cycle, []
 
     def counted(solver, right, level=0):

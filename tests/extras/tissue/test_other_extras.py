@@ -1,9 +1,19 @@
 """What other extras say of a tissue."""
 
 import numpy as np
+from extras.increments import assert_increments
 from refusals import refused
 
-from critflow import AngleSprings, critical_from_perimeters, design, lattice, weak_forces
+from critflow import (
+    AngleSprings,
+    critical_from_perimeters,
+    design,
+    elasticity,
+    equilibrium,
+    lattice,
+    voronoi_network,
+    weak_forces,
+)
 
 TISSUE = critical_from_perimeters(lattice("honeycomb", 3, 3), np.ones(9))
 BAD = {
@@ -11,3 +21,11 @@ BAD = {
     "weak forces": (lambda: weak_forces(TISSUE, AngleSprings()), "not springs on edges"),
 }
 test_bad_input_raises_one_sentence = refused(BAD)
+
+
+def test_increments_of_the_stress_are_those_of_relaxed_tissues():
+    network, rng = voronoi_network(100, seed=1), np.random.default_rng(1)
+    perimeters, stiffness = 1 + 0.03 * rng.standard_normal(50), rng.uniform(0.5, 2.0, 50)
+    start = critical_from_perimeters(network, perimeters, stiffness=stiffness).value.at_rest()
+    state = equilibrium(start.deformed(np.sqrt(1.03) * np.eye(2)), tolerance=1e-15).value
+    assert_increments(state, elasticity(state))

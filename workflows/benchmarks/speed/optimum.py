@@ -26,7 +26,7 @@ from scipy.optimize import minimize
 
 from critflow import CriticalManifold, Network, Status, optimize, voronoi_network
 from critflow.cones import fit_lengths
-from critflow.descent import StressObjective
+from critflow.descent import Descent
 from critflow.minimisers import Point
 from critflow.optima import objective_of
 from critflow.quantities import evaluate
@@ -62,7 +62,7 @@ Gradient = Callable[[np.ndarray], tuple[float, np.ndarray]]
 def _by_scipy(network: Network, word: str, start: np.ndarray, method: str) -> Run:
     """Value, gradient and products with the Hessian at the last θ are those of critflow."""
     manifold, latest = CriticalManifold(replace(network)), list[Point]()
-    objective = StressObjective(manifold, objective_of(manifold.network, word))
+    objective = Descent(manifold, objective_of(manifold.network, word))
 
     def function(theta: np.ndarray) -> tuple[float, np.ndarray]:
         latest[:] = [objective.at(theta.copy())]

@@ -19,7 +19,7 @@ import numpy as np
 from critflow import Network, Status, optimize, stiffening
 from critflow.elastic import elasticity
 from critflow.manifold import CriticalConfiguration, CriticalManifold, critical_configuration
-from critflow.points import STANDARD_HARD_CORE, random_sequential_addition, voronoi_tessellation
+from critflow.points import STANDARD_HARD_CORE, random_sequential_addition, voronoi_network
 from critflow.quantities import LengthVariance
 from critflow.workflow import stable_rng
 
@@ -76,7 +76,7 @@ def measured(n_vertices: int, seed: int, least: float) -> list[Timing]:
     """Timings of every stage of one network."""
     stage, n_cells = _Stages(least), n_vertices // 2
     points = stage("points", _points, n_cells, seed)
-    network = stage("tessellation", voronoi_tessellation, points)
+    network = stage("tessellation", _tessellated, points)
     del points
     manifold = stage("analysis", _analysed, network)
     sigma = stable_rng(seed, "stress", str(n_vertices)).uniform(0.5, 1.5, network.n_edges)
@@ -100,6 +100,10 @@ def measured(n_vertices: int, seed: int, least: float) -> list[Timing]:
     exact, backend = stage("coefficients", _coefficients, network, best.value)
     stage.note(exact.stats.residual, backend, exact.status)
     return stage.timings
+
+
+def _tessellated(points: np.ndarray) -> Network:
+    return voronoi_network(points=points)
 
 
 def _points(n_cells: int, seed: int) -> np.ndarray:

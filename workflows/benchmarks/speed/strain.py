@@ -16,7 +16,7 @@ import numpy as np
 
 from critflow import Status, equilibrium
 from critflow.equilibria import Relaxation
-from critflow.minimisers import LBFGS, minimise
+from critflow.minimisers import lbfgs, minimise
 from critflow.networks import Array
 
 from ..lammps import Lammps, representable
@@ -84,7 +84,7 @@ def _by_lbfgs(springs: StrainedSprings) -> Run:
 
     def run(tolerance: float) -> Answer:
         state = replace(start)
-        end = minimise(Relaxation(state), LBFGS(), np.zeros(state.forces.size), tolerance * springs.unit, limit)
+        end = minimise(Relaxation(state), lbfgs, np.zeros(state.forces.size), tolerance * springs.unit, limit)
         return Answer(state.moved(end.point.x.reshape(state.forces.shape)).coordinates, end.status)
 
     return run

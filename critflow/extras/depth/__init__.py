@@ -1,0 +1,1 @@
+"""Drawings of periodic networks in space."""
