@@ -47,13 +47,15 @@ def _converted(name: str, value: Any, kinds: tuple[Any, ...]) -> Any:
     if type(value) in kinds and type(value) is not np.ndarray:
         return value
     classes = tuple(kind for kind in kinds if kind is not None and kind not in _WORDS)
-    if (value is None and None in kinds) or isinstance(value, classes):
+    if (
+        (value is None and None in kinds)
+        or isinstance(value, classes)
+        or (str in kinds and isinstance(value, str))
+        or (bool in kinds and isinstance(value, bool | np.bool_))
+        or (float in kinds and is_number(value))
+    ):
         return value
-    if (str in kinds and isinstance(value, str)) or (bool in kinds and isinstance(value, bool | np.bool_)):
-        return value
-    if is_number(value) and float in kinds:
-        return value
-    if is_number(value) and int in kinds and float(value).is_integer():
+    if int in kinds and is_number(value) and float(value).is_integer():
         return int(value)
     if np.ndarray in kinds and _is_array(value):
         return value

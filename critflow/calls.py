@@ -120,7 +120,7 @@ def say(sentence: str) -> None:
 
 
 def counted(items: Collection[Item], what: str) -> Iterator[Item]:
-    """The items, each told by its number as a part, such as "point 3 of 11"."""
+    """The items, each with its number as the part that is shown, such as "point 3 of 11"."""
     for number, item in enumerate(items, start=1):
         tell(f"{what} {number} of {len(items)}")
         yield item

@@ -158,8 +158,8 @@ class Deformation:
         name = "uniaxial" if sides == "fixed" else "uniaxial_free"
         along = np.diag(np.eye(dimension)[i])
         deformation = replace(cls.linear(along), name=name if axis == "x" else f"{name}_{axis}")
-        others = [a + a for a in AXES[:dimension] if a != axis]
-        return deformation.freeing(*others) if sides == "free" else deformation
+        across = [a + a for a in AXES[:dimension] if a != axis]
+        return deformation.freeing(*across) if sides == "free" else deformation
 
     @classmethod
     def linear(cls, strain: ArrayLike) -> Deformation:

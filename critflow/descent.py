@@ -415,7 +415,7 @@ def optimum_at(descent: Descent, end: Minimum, saddles: int | None, method: str)
 # Lanczos' method finds the ends of a spectrum first.
 
 
-def negative_curvature_direction(function: Function, point: Point, products: int = PRODUCTS) -> Array | None:
+def negative_curvature_direction(function: Function, point: Point) -> Array | None:
     """A direction (n,) of negative curvature at a stationary point, or None.
 
     By Lanczos' method with full orthogonalisation on S H S, whose curvatures have the signs of those of H.  S scales
@@ -428,7 +428,7 @@ def negative_curvature_direction(function: Function, point: Point, products: int
     if np.any(diagonal):
         rest = function.hessian_product(point, first) - diagonal * first
         scale = 1 / np.sqrt(1 + diagonal * np.linalg.norm(first) / np.linalg.norm(rest))
-    products = min(products, n)
+    products = min(PRODUCTS, n)
     basis = np.empty((products + 1, n))
     basis[0] = first / np.linalg.norm(first)
     main, off = np.zeros(products), np.zeros(products)

@@ -120,8 +120,9 @@ def _at_transition(critical: CriticalConfiguration, volume: float, **_: Any) -> 
     parts: list[ElasticResponse] = []
     for part in backbone(critical).components:
         if count_self_stresses(part) == 1:
-            value = elasticity_at_transition(part, volume, 1 if part is critical else 2)
-            parts.append(of_one_self_stress(value, part.residual))
+            value = elasticity_at_transition(part, volume, roundings=1 if part is critical else 2)
+            stats = Stats("transition", residual=part.residual)
+            parts.append(ElasticResponse(value, Status.ok, stats, n_self_stresses=1))
         else:
             parts.append(provided("response_at_rest", AT_REST)(part.network, part.coordinates, volume))
     return total_response(parts)
@@ -142,7 +143,6 @@ def elasticity_at_transition(critical: CriticalConfiguration, volume: float, rou
     """
     L, d = critical.bond_vectors, critical.network.dimension
     error = partial(transition_modulus_error, critical=critical, volume=volume, roundings=roundings)
-
     shear = partial(error, pure_shear(d)) if d > 1 else np.nan
     errors = Errors(partial(_tensor_errors, critical, volume, roundings), partial(error, dilation(d)), shear, shear)
     flexibility = dot(L, L) / critical.network.stiffness
@@ -175,11 +175,6 @@ def tensor_of_self_stress(
     return Elasticity(tensor[1:, 1:], affine, nothing, volume, errors, float(tensor[0, 0]))  # type: ignore[arg-type]
 
 
-def of_one_self_stress(value: Elasticity, residual: float) -> ElasticResponse:
-    """An elasticity at the transition as a solution; residual of the balance of forces."""
-    return ElasticResponse(value, Status.ok, Stats("transition", residual=residual), n_self_stresses=1)
-
-
 def under_stress(state: SpringState, tolerance: float) -> bool:
     """Whether springs in equilibrium are under stress.  Raises `InputError` when the forces do not balance."""
     scale = state.stiffness_scale * state.length_scale
@@ -196,20 +191,21 @@ def total_response(parts: Sequence[ElasticResponse]) -> ElasticResponse:
     if len(parts) == 1:
         return parts[0]
     values = [part.value for part in parts]
-
-    def total(name: str) -> Any:
-        return np.sum([getattr(value, name) for value in values], axis=0)
-
-    def error(name: str) -> Any:
-        return np.sum([getattr(value.errors, name) for value in values], axis=0)
-
-    errors = Errors(*(partial(error, name) for name in ("tensor", "bulk", "shear", "shear_stress_corrected")))
+    tensor, affine, stress, bulk = (
+        np.sum([getattr(value, name) for value in values], axis=0) for name in ("tensor", "affine", "stress", "bulk")
+    )
+    names = ("tensor", "bulk", "shear", "shear_stress_corrected")
+    errors = Errors(*(partial(_summed_errors, values, name) for name in names))
     failed = [part for part in parts if not (part.ok or part.status is Status.floppy)]
     worst = (failed or [part for part in parts if part.ok] or parts)[0]
     return ElasticResponse(
-        Elasticity(total("tensor"), total("affine"), total("stress"), values[0].volume, errors, float(total("bulk"))),
+        Elasticity(tensor, affine, stress, values[0].volume, errors, float(bulk)),
         worst.status,
         Stats("sum over the taut parts", len(parts)),
         worst.note,
         n_self_stresses=sum(part.n_self_stresses for part in parts),
     )
+
+
+def _summed_errors(values: Sequence[Elasticity], name: str) -> Any:
+    return np.sum([getattr(value.errors, name) for value in values], axis=0)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -50,21 +49,13 @@ class PlanarFaces(Faces):
     def __init__(self, edges: IntArray, bond_vectors: Array, n_vertices: int):
         self.__dict__["_embedding"] = edges, bond_vectors, n_vertices
 
-    @cached_property
-    def _walks(self) -> Faces:
-        return planar_faces(*self.__dict__["_embedding"])
-
-    @property
-    def edges(self) -> IntArray:
-        return self._walks.edges
-
-    @property
-    def signs(self) -> IntArray:
-        return self._walks.signs
-
-    @property
-    def starts(self) -> IntArray:
-        return self._walks.starts
+    def __getattr__(self, name: str) -> IntArray:
+        """A field that is not known yet."""
+        if name not in ("edges", "signs", "starts"):
+            raise AttributeError(name)
+        self.__dict__ |= vars(planar_faces(*self.__dict__["_embedding"]))
+        value: IntArray = self.__dict__[name]
+        return value
 
 
 def planar_faces(edges: ArrayLike, bond_vectors: ArrayLike, n_vertices: int) -> Faces:

@@ -47,7 +47,7 @@ from critflow.quantities import (
 )
 from critflow.refinement import exact_displacement
 from critflow.result import InputError, Record, Solution, Stats, Status
-from critflow.saddles import CondensedFactor, CondensedSaddle, Saddle, SaddleFactor
+from critflow.saddles import Saddle, SaddleFactor
 from critflow.self_stress import require_only_self_stress, stabilises
 from critflow.springs import HOOKEAN, SpringLaw, checked_law
 from critflow.taut_part import backbone
@@ -211,8 +211,8 @@ def stiffening_of_part(
     if not np.isfinite(balance.remainder):
         return failed(Status.ill_conditioned, "rounding hides which configuration balances this stress exactly")
     # 3. Its responses, and the derivatives of the energy
-    system = manifold.system(sigma)
-    energy = StrainedEnergy(network, sigma, balance.bond_vectors, system, law, strains_of_growth(path))
+    strains = strains_of_growth(path)
+    energy = StrainedEnergy(network, sigma, balance.bond_vectors, manifold.saddle, law, strains)
     return with_status(energy, *coefficients(energy, network.volume, path))
 
 
@@ -332,7 +332,7 @@ class StrainedEnergy:
         network: Network,
         sigma: Array,
         L: Array,
-        system: Saddle | CondensedSaddle,
+        system: Saddle,
         law: SpringLaw,
         strains: Sequence[Array],
     ):
@@ -351,7 +351,7 @@ class StrainedEnergy:
         """The index of γ among the strains δ, ε, γ; 0 where these have no third, since γ is then the first."""
         return 2 if len(self.responses) > 2 else 0
 
-    def respond(self, A: Array, sigma: Array, factor: SaddleFactor | CondensedFactor) -> Response:
+    def respond(self, A: Array, sigma: Array, factor: SaddleFactor) -> Response:
         """The response to a strain: a solution, and a second one of what is left by the first."""
         network, L, s, g = self.network, self.L, self.s, self.network.free_incidence
         affine = L @ A.T
@@ -508,7 +508,7 @@ class StiffeningQuantity(SpringResponse):
         network, d = balance.network, balance.network.dimension
 
         def strained(*strains: Array) -> StrainedEnergy:
-            system = balance.manifold.system(balance.sigma)
+            system = balance.manifold.saddle
             return StrainedEnergy(network, balance.sigma, balance.bond_vectors, system, HOOKEAN, strains)
 
         if self.deformation is not None:

@@ -3,24 +3,31 @@
 Given rest lengths ℓ, shrinking them uniformly (the same as expanding the box) leads the network to a critical
 configuration, which is unique.
 
-1. Where few edges or none may be slack, the iteration of `length_iteration` gives σ and t = ⟨|L|/ℓ⟩ roughly.
+1. Where few edges or none may be slack, a fixed-point iteration of the stresses gives σ and t = ⟨|L|/ℓ⟩ roughly.
 2. Newton's method on all edges solves |L| = (1 + s) t ℓ and gᵀ(σ ∘ L) = 0 for x, σ and s → 0 (`taut_edges`).  Positive
    tensions in balance at the right lengths prove that every edge is stressed.  Compressed edges are the first guess of
-   the slack ones: Newton's method decides which edges are stressed (`taut_set`).  Where the others are not longer,
-   |L| ≤ t ℓ, that is the solution of the cone program.
+   the slack ones: Newton's method decides which edges are stressed.  Where the others are not longer, |L| ≤ t ℓ, that
+   is the solution of the cone program.
 3. If that fails, cables of the lengths t ℓ/(1 + γ) at a small strain γ, relaxed by Newton's method, give another guess:
    those without tension.
-4. Else, or if that fails, the cone program min t, |L| ≤ t ℓ, gives t, σ and the guess (`cone`), as in 2.
+4. Else, or if that fails, the cone program min t, |L| ≤ t ℓ, gives t, σ and the guess (`cones`), as in 2.
 5. The exact balance of the stress of the last step is the configuration.
 
-Status, note and accuracy are those of `critflow.lengths`.
+    status       condition                                                     value
+    -----------  ------------------------------------------------------------  ------------------------------
+    ok           Newton's method and the balance converge, σ > 0 everywhere    the configuration, and its error
+    slack_edges  they converge on the stressed edges, and no other is longer   the configuration, σ = 0 on slack edges
+    stalled      a length is below the rounding of coordinates                 NaN
+    stalled      the only taut edges join pins                                 NaN
+    stalled      the stressed edges are not separated from slack ones          NaN
+
+The error of the coordinates is that of one more step of Newton's method, from residuals in extended precision.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -40,7 +47,7 @@ from critflow.springs import Cable, SpringState
 from critflow.taut_edges import (
     EXACT_CONE,
     FITTED,
-    Expansion,
+    Boundary,
     OnsetState,
     newton_taut,
     polish_taut,
@@ -49,18 +56,8 @@ from critflow.taut_edges import (
     unknown_configuration,
 )
 
-# Stresses for lengths in given ratios by a fixed-point iteration, where every edge is stressed.
+# The iteration of stresses.
 #
-# A critical configuration has lengths |L| ∝ ℓ if log σ = θ is a fixed point of θ → θ + f(θ), f = ω log(|L|/ℓ) without
-# its mean: an edge that is too long receives more stress.  Each step is one factorisation of P(σ), without gradients:
-#
-# 1. Solve P(σ) x = −gᵀ(σ ∘ b) for the lengths of σ = exp θ.
-# 2. Find the c that minimises |f − Σ_j c_j Δf_j| over the differences of the last steps (Anderson, 1965).
-# 3. θ ← θ + f − Σ_j c_j (Δθ_j + Δf_j).
-#
-# The iteration converges linearly, three steps a digit, if lengths in these ratios exist with σ > 0; else f stays
-# finite.
-
 # A stress changes the length of its own edge by −N_v/N_b of its relative change on average: 2/3 with three edges a
 # vertex.  The inverse is the best step without acceleration.
 STEP = 1.5
@@ -75,7 +72,10 @@ def iterate_lengths(
 ) -> Iterator[tuple[Balance, float]]:
     """Balances, Σσ² = N_b, with the largest |log(|L|/ℓ) − mean| of each, from σ = 1; ends where it no longer halves.
 
-    It also ends where an edge has no length, as one that hangs, or stresses become huge or vanish.
+    A critical configuration has |L| ∝ ℓ if log σ = θ is a fixed point of θ → θ + f(θ), f = ω log(|L|/ℓ) without its
+    mean: an edge that is too long receives more stress.  Each step is one factorisation of P(σ), without gradients.
+    The iteration converges linearly, three steps a digit, if lengths in these ratios exist with σ > 0.  It also ends
+    where an edge has no length, as one that hangs, or stresses become huge or vanish.
 
     lengths   ℓ up to a factor, (N_b,)
     deformed  bond vectors L (N_b, d) → F L: a network on a deformed boundary is in balance under the same stresses
@@ -85,7 +85,8 @@ def iterate_lengths(
     thetas: list[Array] = []
     steps: list[Array] = []
     while True:
-        # Sums over n are the bits of means, which take longer for small networks.
+        # 1. Solve P(σ) x = −gᵀ(σ ∘ b) for the lengths of σ = exp θ.  Sums over n are the bits of means, which take
+        # longer for small networks.
         theta = theta - theta.sum() / n
         if not np.abs(theta).max() < LARGEST:
             return
@@ -100,6 +101,8 @@ def iterate_lengths(
         if not deviations[-1] < 0.5 * deviations[-1 - PATIENCE]:
             return
         yield balance, deviations[-1]
+        # 2. The c that minimises |f − Σ_j c_j Δf_j| over the differences of the last steps (Anderson, 1965).
+        # 3. θ ← θ + f − Σ_j c_j (Δθ_j + Δf_j).
         f = STEP * stretch
         thetas, steps = [*thetas, theta][-REMEMBERED - 1 :], [*steps, f][-REMEMBERED - 1 :]
         theta = theta + f
@@ -109,18 +112,6 @@ def iterate_lengths(
             weights = dgelss(changes @ changes.T, changes @ f, cond=1e-14)[1]
             theta -= weights @ (places[1:] - places[:-1] + changes)
 
-
-# How the search for given lengths ends: its status, the condition, and what is returned.
-#
-#     status       condition                                                     value
-#     -----------  ------------------------------------------------------------  ------------------------------
-#     ok           Newton's method and the balance converge, σ > 0 everywhere    the configuration, and its error
-#     slack_edges  they converge on the stressed edges, and no other is longer   the configuration, σ = 0 on slack edges
-#     stalled      a length is below the rounding of coordinates                 NaN
-#     stalled      the only taut edges join pins                                 NaN
-#     stalled      the stressed edges are not separated from slack ones          NaN
-#
-# The error of the coordinates is that of one more step of Newton's method, from residuals in extended precision.
 
 SOLVED = 1e-6  # relative residual of a Newton step that determines the error of its start
 NEAR_END = 1e-4  # error of the state of a matrix up to which its step has two digits
@@ -138,54 +129,6 @@ class FromLengths(Solution[CriticalConfiguration]):
 
     slack_edges: NDArray[np.intp] = field(default_factory=lambda: np.zeros(0, np.intp))
     ratio: float = np.nan
-
-
-def configuration_of(
-    boundary: Expansion,
-    lengths: Array,
-    ratio: float,
-    end: OnsetState,
-    balance: Solution[CriticalConfiguration],
-    steps: int,
-) -> FromLengths:
-    """The configuration in balance at the end of Newton's method for the lengths t ℓ, t the ratio; steps before it."""
-    network = boundary.network
-    slack, status, note = np.flatnonzero(~end.taut), Status.ok, ""
-    mean_ratio = float(end.ratios(boundary, lengths)[end.taut].mean()) / (1 + end.strain)
-    if len(slack):
-        status = Status.slack_edges
-        note = f"{len(slack)} of {network.n_edges} edges are slack, edge {slack[0]} among them; narrow the lengths"
-
-    rest = np.where(end.taut, balance.value.lengths, mean_ratio * lengths)
-    value, error = replace(balance.value, rest_lengths=rest), np.nan
-    if not len(slack):
-        error = 2 * newton_error(boundary.manifold, lengths, value, end)
-        # An edge far shorter than the others turns in the last step, so that its error needs the matrix of the end.
-        if np.isnan(error) and (again := newton_taut(boundary, ratio * lengths, end)) is not None:
-            error = 2 * newton_error(boundary.manifold, lengths, value, again)
-    return FromLengths(
-        value=value,
-        status=status,
-        stats=Stats("conic", steps, end.error, balance.stats.condition, error),
-        note=note,
-        slack_edges=slack,
-        ratio=mean_ratio,
-    )
-
-
-def too_short(network: Network, lengths: Array) -> FromLengths:
-    """The end for lengths of which one cannot be told from zero."""
-    note = f"the target length of edge {lengths.argmin()} is below the rounding of coordinates: lengthen it"
-    return FromLengths(unknown_configuration(network), Status.stalled, Stats("conic"), note)
-
-
-def not_separated(network: Network, lengths: Array, end: OnsetState | None, steps: int) -> FromLengths:
-    """The end where every attempt fails, with the last; no stress changes the lengths of edges that join pins."""
-    note, fixed = NOT_SEPARATED, np.flatnonzero(~np.isin(network.edges, network.free).any(axis=1))
-    if end is not None and len(fixed) and np.isin(np.flatnonzero(end.taut), fixed).all():
-        longest = fixed[(np.linalg.norm(network.boundary_vectors[fixed], axis=1) / lengths[fixed]).argmax()]
-        note = f"edge {longest} joins two pins and is taut before all others: remove it, or lengthen its rest length"
-    return FromLengths(unknown_configuration(network), Status.stalled, Stats("conic", steps), note)
 
 
 def newton_error(manifold: CriticalManifold, lengths: Array, value: CriticalConfiguration, end: OnsetState) -> float:
@@ -254,91 +197,87 @@ def critical_from_lengths(
     # Only ratios of the lengths count, and the program has absolute tolerances: in a unit near that of the network.
     unit = power_of_two(float(lengths.mean()) / manifold.network.spacing, COARSE)
     lengths = lengths / unit
-    boundary, attempt, steps = Expansion(manifold), None, 0
+    network, boundary, steps = manifold.network, Boundary(manifold), 0
+    note, end, balance = NOT_SEPARATED, None, None
     if lengths.min() <= COLLAPSED * lengths.mean():
-        solution = too_short(manifold.network, lengths)
+        note = f"the target length of edge {lengths.argmin()} is below the rounding of coordinates: lengthen it"
     else:
-        for attempt in _attempts(boundary, lengths):
-            steps += attempt.steps
-            balance = _balanced(boundary, lengths, attempt)
-            if attempt.end is not None and balance is not None:
-                solution = configuration_of(boundary, lengths, attempt.ratio, attempt.end, balance, steps)
+        for end, ratio, taken in _attempts(boundary, lengths):
+            steps += taken
+            balance = None if end is None else _balanced(boundary, ratio * lengths, end)
+            if balance is not None:
                 break
-        else:
-            last = None if attempt is None else attempt.end
-            solution = not_separated(manifold.network, lengths, last, steps)
+    if end is not None and balance is not None:
+        solution = _configuration(boundary, lengths, ratio, end, balance, steps)
+    else:
+        fixed = np.flatnonzero(~np.isin(network.edges, network.free).any(axis=1))
+        # No stress changes the lengths of edges that join pins.
+        if end is not None and len(fixed) and np.isin(np.flatnonzero(end.taut), fixed).all():
+            longest = fixed[(np.linalg.norm(network.boundary_vectors[fixed], axis=1) / lengths[fixed]).argmax()]
+            note = (
+                f"edge {longest} joins two pins and is taut before all others: remove it, or lengthen its rest length"
+            )
+        solution = FromLengths(unknown_configuration(network), Status.stalled, Stats("conic", steps), note)
     solution = replace(solution, ratio=solution.ratio / unit)
     return solution.or_raise("these rest lengths have no all-tension critical configuration") if throw else solution
 
 
-class Attempt(NamedTuple):
-    """The end of Newton's method for the lengths t ℓ, None where it fails; the ratio t, and the steps to its start."""
-
-    end: OnsetState | None
-    ratio: float
-    steps: int
-
-
-def _attempts(boundary: Expansion, lengths: Array) -> Iterator[Attempt]:
-    """Ends of Newton's method from one start after another (1 to 4)."""
-    network, manifold = boundary.network, boundary.manifold
+def _attempts(boundary: Boundary, lengths: Array) -> Iterator[tuple[OnsetState | None, float, int]]:
+    """Ends of Newton's method for t ℓ, None where it fails; the ratio t, and the steps to its start."""
+    network, manifold, taut = boundary.network, boundary.manifold, np.ones(len(lengths), bool)
+    # 1. A balance under the stresses of the iteration
+    steps, balance, near = 0, None, False
     if float(np.std(np.log(lengths))) < EVEN:
-        steps, balance = 0, None
-        for steps, (balance, deviation) in enumerate(iterate_lengths(manifold, lengths), 1):
-            if deviation < NEAR:
-                yield from _near(boundary, lengths, balance, steps)
-                steps = 0
+        for step in iterate_lengths(manifold, lengths):
+            balance, near, steps = step[0], step[1] < NEAR, steps + 1
+            if near:
                 break
-        if balance is not None:
-            yield from _with_few_slack(boundary, lengths, balance, steps)
+
+    # 2. Near these lengths all edges, and those that are not compressed there
+    if balance is not None and near:
+        ratio = float((np.linalg.norm(balance.bond_vectors, axis=1) / lengths).mean())
+        start = OnsetState(0.0, np.zeros(0), balance.coordinates, balance.sigma, taut)
+        end = newton_taut(boundary, ratio * lengths, start)
+        yield end, ratio, steps
+        steps = 0
+        if end is not None and end.error < FITTED:
+            end = replace(end, taut=stressed(end), sigma=np.maximum(end.sigma, 0.0))
+            yield polish_taut(boundary, ratio * lengths, end), ratio, 0
+
+    # 3. Cables at a small strain, where few of them are slack; slack edges count less in the mean of |L|/ℓ
+    if balance is not None:
+        L, size = balance.bond_vectors, norms(balance.bond_vectors)
+        ratio = float(np.exp(np.average(np.log(size / lengths), weights=balance.sigma * size)))
+        alike, x = network.with_stiffness(1.0), network.all_coordinates(balance.coordinates)
+        cables = SpringState(alike, ratio / (1 + CABLE_STRAIN) * lengths, x, L, Cable())
+        relaxed, _ = newton(cables, CABLE_TOLERANCE * CABLE_STRAIN, CABLE_STEPS, manifold.hessian, CABLE_SHIFT)
+        sigma = relaxed.value.sigma
+        if (sigma <= 0).mean() <= FEW:
+            scale = np.sqrt(len(sigma) / (sigma @ sigma))
+            start = OnsetState(0.0, np.zeros(0), relaxed.value.coordinates[network.free], scale * sigma, sigma > 0)
+            yield polish_taut(boundary, ratio * lengths, start), ratio, steps + relaxed.stats.steps
+
+    # 4. The cone program
     for tolerance in EXACT_CONE:
         cone = fit_lengths(network.free_incidence, network.boundary_vectors, lengths, tolerance)
         if not cone.solved:
             return
         start = OnsetState(0.0, np.zeros(0), cone.coordinates, cone.sigma, cone.stressed)
-        yield Attempt(polish_taut(boundary, cone.ratio * lengths, start), cone.ratio, cone.steps)
+        yield polish_taut(boundary, cone.ratio * lengths, start), cone.ratio, cone.steps
 
 
-def _near(boundary: Expansion, lengths: Array, balance: Balance, steps: int) -> Iterator[Attempt]:
-    """Ends from a balance near these lengths (2): with all edges, and without those that are compressed there."""
-    ratio = float((np.linalg.norm(balance.bond_vectors, axis=1) / lengths).mean())
-    taut = np.ones(len(lengths), bool)
-    end = newton_taut(boundary, ratio * lengths, OnsetState(0.0, np.zeros(0), balance.coordinates, balance.sigma, taut))
-    yield Attempt(end, ratio, steps)
-    if end is not None and end.error < FITTED:
-        end = replace(end, taut=stressed(end), sigma=np.maximum(end.sigma, 0.0))
-        yield Attempt(polish_taut(boundary, ratio * lengths, end), ratio, 0)
-
-
-def _with_few_slack(boundary: Expansion, lengths: Array, balance: Balance, steps: int) -> Iterator[Attempt]:
-    """The end from cables at a small strain, relaxed from a balance (3); none where many of them are slack."""
-    network, L = boundary.network, balance.bond_vectors
-    size = norms(L)
-    # The logarithm weighted by tension: slack edges count less.
-    ratio = float(np.exp(np.average(np.log(size / lengths), weights=balance.sigma * size)))
-    alike, x = network.with_stiffness(1.0), network.all_coordinates(balance.coordinates)
-    cables = SpringState(alike, ratio / (1 + CABLE_STRAIN) * lengths, x, L, Cable())
-    end, _ = newton(cables, CABLE_TOLERANCE * CABLE_STRAIN, CABLE_STEPS, boundary.manifold.hessian, CABLE_SHIFT)
-    sigma = end.value.sigma
-    if (sigma <= 0).mean() <= FEW:
-        scale = np.sqrt(len(sigma) / (sigma @ sigma))
-        start = OnsetState(0.0, np.zeros(0), end.value.coordinates[network.free], scale * sigma, sigma > 0)
-        yield Attempt(polish_taut(boundary, ratio * lengths, start), ratio, steps + end.stats.steps)
-
-
-def _balanced(boundary: Expansion, lengths: Array, attempt: Attempt) -> Solution[CriticalConfiguration] | None:
+def _balanced(boundary: Boundary, lengths: Array, end: OnsetState) -> Solution[CriticalConfiguration] | None:
     """The configuration in exact balance under the stress of the taut edges (5); None where it is no solution.
 
     Newton's method reduces the errors of lengths and forces together.  Vertices off the taut edges keep their
     coordinates.
     """
-    end, manifold = attempt.end, boundary.manifold
     # A slack edge that is longer than its rest length shows a wrong set of taut edges.
-    if end is None or not resolved(boundary, attempt.ratio * lengths, end) or not (stressed(end) == end.taut).all():
+    if not resolved(boundary, lengths, end) or not (stressed(end) == end.taut).all():
         return None
-    network, taut, part = manifold.network, end.taut, end.part
+    network, taut, part = boundary.network, end.taut, end.part
     if taut.all():
-        balance = manifold.solve(end.sigma)
+        balance = boundary.manifold.solve(end.sigma)
         return balance if balance.ok else None
     if part is None or part.several:
         return None
@@ -356,3 +295,29 @@ def _balanced(boundary: Expansion, lengths: Array, attempt: Attempt) -> Solution
     # Short edges would lose digits in the rounding of the coordinates.
     L[taut], errors[taut] = balance.value.bond_vectors, balance.value.bond_errors
     return replace(balance, value=CriticalConfiguration(network, sigma, x, L, bond_errors=errors))
+
+
+def _configuration(
+    boundary: Boundary,
+    lengths: Array,
+    ratio: float,
+    end: OnsetState,
+    balance: Solution[CriticalConfiguration],
+    steps: int,
+) -> FromLengths:
+    """The configuration in balance at the end of Newton's method for t ℓ, t the ratio, after these steps."""
+    network = boundary.network
+    slack, status, note = np.flatnonzero(~end.taut), Status.ok, ""
+    mean_ratio = float(end.ratios(boundary, lengths)[end.taut].mean()) / (1 + end.strain)
+    rest = np.where(end.taut, balance.value.lengths, mean_ratio * lengths)
+    value, error = replace(balance.value, rest_lengths=rest), np.nan
+    if len(slack):
+        status = Status.slack_edges
+        note = f"{len(slack)} of {network.n_edges} edges are slack, edge {slack[0]} among them; narrow the lengths"
+    else:
+        error = 2 * newton_error(boundary.manifold, lengths, value, end)
+        # An edge far shorter than the others turns in the last step, so that its error needs the matrix of the end.
+        if np.isnan(error) and (again := newton_taut(boundary, ratio * lengths, end)) is not None:
+            error = 2 * newton_error(boundary.manifold, lengths, value, again)
+    stats = Stats("conic", steps, end.error, balance.stats.condition, error)
+    return FromLengths(value, status, stats, note, slack_edges=slack, ratio=mean_ratio)

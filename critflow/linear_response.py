@@ -28,7 +28,7 @@ from critflow.numerics import EPS, product
 from critflow.refinement import ROUNDED_FORCE, inverse_norm
 from critflow.result import InputError, Record, Solution, Stats, Status
 from critflow.sparse import Factor, FixedPattern
-from critflow.springs import SpringState, times
+from critflow.springs import SpringState
 
 TRUSTED_ERROR = 0.1  # largest error of a result, relative to the largest modulus or coefficient: one digit is correct
 # Corrections of a relaxation below this part of it have converged; largest number of corrections.
@@ -323,14 +323,14 @@ def responses(
     network, sigma = state.network, state.sigma
     d, m, n = network.dimension, len(strains), network.n_edges
     # Edges are the last axis: NumPy is several times slower where that is short.
-    L, K = np.ascontiguousarray(state.bond_vectors.T), state.modified_stiffness
+    L = np.ascontiguousarray(state.bond_vectors.T)
     affine = (unit_strains(d)[list(strains)].reshape(m * d, d) @ L).reshape(m, d, n)
     rate, direct, least, relaxing = affine, np.zeros((m, m)), NO_RELAXATION * state.length_scale, np.arange(m)
     u, scale, energy = np.zeros((m, d * len(network.free))), np.zeros(m), np.zeros(m)
     for refinement in range(MOST_CORRECTIONS + 1):
         # 1. The form and the forces of all strains, in one product
         hdot = np.add.reduce(L * rate, axis=1)
-        tension = times(K, hdot)
+        tension = state.resistance(hdot)
         stressed = sigma * rate
         pulls = tension[:, None] * L + stressed
         force = -product(network.divergence, pulls.reshape(m * d, n).T)

@@ -28,7 +28,7 @@ from critflow.networks import Array, Network
 from critflow.numerics import dot, norms, product, read_only, restore_read_only, set_read_only
 from critflow.refinement import Refined, Refinement
 from critflow.result import InputError, NetworkError, Record, Solution, Stats, Status, Value
-from critflow.saddles import CondensedSaddle, Saddle, positive
+from critflow.saddles import Saddle
 from critflow.sparse import Factor, FixedPattern, block_laplacian, laplacian
 
 # Edges without length: every limit below which a length counts as zero, in units of the mean length but where stated.
@@ -48,9 +48,6 @@ NO_LENGTH = 1e-10
 # In units of the cone program: tension over length would overflow.
 NO_DIRECTION = 1e-150
 
-# Number of edges from which systems of stresses and displacements are cheaper condensed than as saddle matrices, for
-# stresses that are all positive.
-CONDENSED_EDGES = 100_000
 # A stress with Σσ² = N_b to this relative accuracy counts as scaled and keeps its digits: the sum of squares is
 # rounded by a few EPS.
 SCALED = 4e-15
@@ -257,19 +254,8 @@ class CriticalManifold:
 
     @cached_property
     def saddle(self) -> Saddle:
-        """Systems of stresses and displacements, for stresses of any sign."""
+        """Systems of stresses and displacements."""
         return Saddle(self.network, self.backend)
-
-    @cached_property
-    def condensed(self) -> CondensedSaddle:
-        """The same systems for stresses that are all positive."""
-        return CondensedSaddle(self.network, self.backend)
-
-    def system(self, sigma: Array) -> Saddle | CondensedSaddle:
-        """Systems of stresses and displacements in the form that is cheaper for σ (N_b,)."""
-        if self.network.n_edges >= CONDENSED_EDGES and positive(sigma):
-            return self.condensed
-        return self.saddle
 
     @cached_property
     def hessian(self) -> FixedPattern:

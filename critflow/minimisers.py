@@ -22,6 +22,10 @@ ARMIJO = 1e-4  # part of the predicted decrease that a step must reach (Nocedal 
 ROUNDING = 1e-14  # relative change of a value that is rounding: the roundings of one sum over the edges
 FLAT = 1e-11  # curvature of a flat direction, relative to the steepest: the precision of Hessian-vector products
 IDLE = 100  # steps of L-BFGS without a smaller value or residual after which rounding has stopped it
+MEMORY = 15  # pairs of L-BFGS
+LONGEST = 0.7  # largest change of a component of x in one step of L-BFGS
+MIXING = 0.25  # of FIRE, where the velocity is reset
+PRODUCTS = 400  # Hessian-vector products of one step of Newton's method
 
 Array = NDArray[np.float64]
 
@@ -103,9 +107,7 @@ def minimise(
     return Minimum(point, Status.ok if point.residual < tolerance else Status.step_limit, max_steps)
 
 
-def fire(
-    function: Function, point: Point, time_step: float, max_move: float = 0.5, first_mixing: float = 0.25
-) -> Iterator[tuple[Point, bool]]:
+def fire(function: Function, point: Point, time_step: float, max_move: float = 0.5) -> Iterator[tuple[Point, bool]]:
     """FIRE 2.0, the method of the paper: damped dynamics, stopped when the value rises (Guénolé et al., 2020).
 
     Semi-implicit Euler with unit masses.  After 20 steps of descent the time step grows, up to tenfold; after a step
@@ -114,7 +116,7 @@ def fire(
     time_step  initial time step
     max_move   largest change of a component of x in one step
     """
-    x, velocity, mixing, descending = point.x, np.zeros_like(point.x), first_mixing, 0
+    x, velocity, mixing, descending = point.x, np.zeros_like(point.x), MIXING, 0
     longest = 10 * time_step
     while True:
         force = -point.gradient
@@ -125,7 +127,7 @@ def fire(
         else:
             x = x - 0.5 * time_step * velocity
             velocity = np.zeros_like(velocity)
-            time_step, mixing, descending = max(0.5 * time_step, 2e-3 * longest), first_mixing, 0
+            time_step, mixing, descending = max(0.5 * time_step, 2e-3 * longest), MIXING, 0
         velocity = velocity + time_step * force
         speed, strength = np.linalg.norm(velocity), np.linalg.norm(force)
         if strength > 0:
@@ -182,29 +184,26 @@ class Pairs:
         return direction - scattered @ S
 
 
-def lbfgs(function: Function, point: Point, memory: int = 15, max_move: float = 0.7) -> Iterator[tuple[Point, bool]]:
+def lbfgs(function: Function, point: Point) -> Iterator[tuple[Point, bool]]:
     """L-BFGS with backtracking (Nocedal & Wright, algorithms 7.4 and 3.1).
 
     Three properties that library versions lack: the limit of a step keeps trials off the wall of a barrier, the known
     diagonal of the Hessian takes the curvature of the wall out of the pairs, and where a decrease of the value is below
     rounding, a step is judged by the gradient at its end.
-
-    memory    number of pairs
-    max_move  largest change of a component of x in one step
     """
     n, fresh = len(point.x), True  # whether the pairs were discarded since the last step
-    pairs, lowest, least, idle = Pairs(memory, n), point.value, point.residual, 0
+    pairs, lowest, least, idle = Pairs(MEMORY, n), point.value, point.residual, 0
     while True:
         direction = pairs.direction(point.gradient, function.preconditioner(point))
         slope = point.gradient @ direction
         if not slope < 0:
-            pairs = Pairs(memory, n)
+            pairs = Pairs(MEMORY, n)
             direction, slope = -point.gradient, -(point.gradient @ point.gradient)
-        length = min(1.0 if len(pairs) else np.inf, max_move / float(np.abs(direction).max()))
+        length = min(1.0 if len(pairs) else np.inf, LONGEST / float(np.abs(direction).max()))
         trial = _backtrack(function, point, direction, float(slope), length)
         if trial is None:
             yield point, not fresh
-            pairs, fresh = Pairs(memory, n), True
+            pairs, fresh = Pairs(MEMORY, n), True
             continue
         dx, dgradient = trial.x - point.x, trial.gradient - point.gradient
         if dx @ dgradient > 1e-12 * np.sqrt((dx @ dx) * (dgradient @ dgradient)):
@@ -228,19 +227,17 @@ def _backtrack(function: Function, point: Point, direction: Array, slope: float,
     return None
 
 
-def newton(function: Function, point: Point, max_products: int = 400) -> Iterator[tuple[Point, bool]]:
+def newton(function: Function, point: Point) -> Iterator[tuple[Point, bool]]:
     """Newton's method with truncated conjugate gradients in a trust region (Steihaug), for any inertia of the Hessian.
 
     A step is accepted when the value decreases as the model predicts, or, where the decrease is below rounding, when
     the residual does.
-
-    max_products  Hessian-vector products of one step
     """
     radius, progress = 1.0 + 0.1 * float(np.linalg.norm(point.x)), True
     while True:
         # The wall of a barrier may overflow; an infinite step is then refused.
         with np.errstate(over="ignore", invalid="ignore"):
-            direction, predicted, inside = _steihaug(function, point, radius, max_products)
+            direction, predicted, inside = _steihaug(function, point, radius)
         trial = function.at(point.x + direction)
         decrease = point.value - trial.value
         rounding = 10 * ROUNDING * abs(point.value) + 1e-300
@@ -257,7 +254,7 @@ def newton(function: Function, point: Point, max_products: int = 400) -> Iterato
         yield point, progress
 
 
-def _steihaug(function: Function, point: Point, radius: float, max_products: int) -> tuple[Array, float, bool]:
+def _steihaug(function: Function, point: Point, radius: float) -> tuple[Array, float, bool]:
     """Step of the quadratic model in a trust region, its predicted decrease, and whether it stays inside."""
     residual = -point.gradient
     size = float(np.linalg.norm(residual))
@@ -265,7 +262,7 @@ def _steihaug(function: Function, point: Point, radius: float, max_products: int
     small_enough = size * min(0.1, np.sqrt(size))
     step, product = np.zeros_like(residual), np.zeros_like(residual)
     direction, square, steepest = residual, residual @ residual, 0.0
-    for inner in range(1, max_products + 1):
+    for inner in range(1, PRODUCTS + 1):
         curved = function.hessian_product(point, direction)
         curvature = direction @ curved
         steepest = max(steepest, float(abs(curvature) / (direction @ direction)))

@@ -22,11 +22,11 @@ from numpy.typing import ArrayLike
 
 from critflow.arguments import of_kind
 from critflow.calls import running
+from critflow.engine.settings import require_folder
 from critflow.extensions import provided
 from critflow.faces import Faces
 from critflow.networks import Array, IntArray, Network
 from critflow.result import InputError, Solution
-from critflow.workflow.output import require_folder
 
 # Where edges are shown by their stiffness, and how: also for drawings that are made without matplotlib.
 

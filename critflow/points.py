@@ -163,6 +163,7 @@ def _added(
     for _ in range(_MAX_RESTARTS):
         voxels = np.indices(np.broadcast_to(per_side, dimension).tolist()).reshape(dimension, -1).T / per_side
         side, points = 1 / per_side, np.empty((0, dimension))
+        covered: Any = None
         while len(points) < n_points and len(voxels):
             # As many trials as uncovered voxels is cheap and rarely places two in reach of each other.
             trials = voxels.take(rng.integers(len(voxels), size=len(voxels)), 0)
@@ -170,30 +171,18 @@ def _added(
             trials -= trials >= 1.0
             n_before, in_parts = len(points), len(points) == 0 and len(trials) >= _MANY_TRIALS
             for part in np.array_split(trials, 8) if in_parts else [trials]:
-                free = part.take(_clear(points, part, 0.0, distance, shape), 0)
+                free = part if covered is None else part.take(_clear(covered, part, 0.0, distance, shape), 0)
                 points = np.concatenate([points, free.take(_first_come(free, distance, shape), 0)])[:n_points]
+                covered = _covered(points, distance, shape)
             if len(points) == n_points:
                 cell = np.floor(points * norms * n_points ** (1 / dimension)).astype(int)
                 return np.asarray(points[np.lexsort(cell.T)])
             # Halving the voxels follows the shrinking holes; while holes are large it would only cost.
-            voxels = voxels.take(_clear(points, voxels + side / 2, side / 2, distance, shape), 0)
+            voxels = voxels.take(_clear(covered, voxels + side / 2, side / 2, distance, shape), 0)
             if len(points) - n_before < 0.2 * max(len(voxels), 1):
                 side = side / 2
                 voxels = (voxels[:, None] + side * corners).reshape(-1, dimension)
     raise _no_space(n_points, distance, _MAX_RESTARTS, dimension)
-
-
-def _clear(points: Array, places: Array, half_width: float | Array, distance: float, shape: Array | None) -> IntArray:
-    """The places, or voxels of that half width around them, whose even farthest corner is clear of all points."""
-    if len(points) == 0:
-        return np.arange(len(places))
-    if shape is None:
-        return _clear_in_cube(points, places, half_width, distance)
-    ids, images = near_images(points, shape, distance)
-    tree = scipy.spatial.cKDTree((points[ids] + images) @ shape)
-    gap = tree.query(places @ shape, distance_upper_bound=distance)[0]
-    signs = np.array(list(product((-1, 1), repeat=len(shape))))
-    return np.flatnonzero(gap >= distance - np.linalg.norm(signs * half_width @ shape, axis=1).max())
 
 
 def _per_side(distance: float, dimension: int) -> int:
@@ -201,36 +190,52 @@ def _per_side(distance: float, dimension: int) -> int:
     return int(np.ceil(np.sqrt(dimension) / distance))
 
 
-def _clear_in_cube(points: Array, places: Array, half_width: float | Array, distance: float) -> IntArray:
-    """The same in a cube, where the neighbours of a place are found by their cells in a grid."""
+def _covered(points: Array, distance: float, shape: Array | None) -> Any:
+    """Points for `_clear`: in an oblique cell a tree of them and their images, in a cube a grid, (m, d).
+
+    The grid has two layers of periodic images around it.
+    """
+    if shape is not None:
+        ids, images = near_images(points, shape, distance)
+        return scipy.spatial.cKDTree((points[ids] + images) @ shape)
     dimension = points.shape[1]
     per_side = _per_side(distance, dimension)
     grid = np.full((per_side,) * dimension + (dimension,), _NOWHERE)
     grid[tuple(np.floor(points * per_side).astype(int).T)] = points
-    # Two layers of periodic images around it.
     padded = np.pad(grid, [(2, 2)] * dimension + [(0, 0)], mode="wrap")
     for axis in range(dimension):
         ends = np.moveaxis(padded[..., axis], axis, 0)
         ends[:2] -= 1.0
         ends[-2:] += 1.0
-    padded, strides = padded.reshape(-1, dimension), (per_side + 4) ** np.arange(dimension - 1, -1, -1)
+    return padded.reshape(-1, dimension)
+
+
+def _clear(covered: Any, places: Array, half_width: Any, distance: float, shape: Array | None) -> IntArray:
+    """The places, or voxels of that half width around them, whose even farthest corner is clear of all points."""
+    dimension = places.shape[1]
+    if shape is not None:
+        gap = covered.query(places @ shape, distance_upper_bound=distance)[0]
+        signs = np.array(list(product((-1, 1), repeat=dimension)))
+        return np.flatnonzero(gap >= distance - np.linalg.norm(signs * half_width @ shape, axis=1).max())
 
     # Steps to the cells from which a point can cover a voxel that lies in one cell: the nearest first, which settles
     # most places at once; but the cell of a place itself is mostly empty.
+    per_side = _per_side(distance, dimension)
     steps = np.array(list(product(range(-2, 3), repeat=dimension)))
     steps = steps[np.roll(np.argsort(np.sum(steps**2, axis=1), kind="stable"), -1)]
     away = np.abs(steps)
     gap = np.maximum(away - 1, 0) / per_side + np.where(away, 2, 1) * half_width
+    strides = (per_side + 4) ** np.arange(dimension - 1, -1, -1)
     reach = (steps[np.sum(gap**2, axis=1) < (1 + 1e-9) * distance**2] + 2) @ strides
 
     clear = [np.zeros(0, int)]
-    # Blocks stay in the cache of the processor, and shrink as their places are found to be covered.
+    # Blocks stay in the cache of the processor, and shrink with every place that is covered.
     for start in range(0, len(places), _BLOCK):
         at = places[start : start + _BLOCK]
         cell = np.floor(at * per_side).astype(int) @ strides
         left = np.arange(start, start + len(at))
         for step in reach:
-            apart = padded.take(cell + step, axis=0)
+            apart = covered.take(cell + step, axis=0)
             np.subtract(at, apart, out=apart)
             np.abs(apart, out=apart)
             apart += half_width
@@ -311,7 +316,7 @@ def _voronoi_edges(points: Array, shape: Array) -> tuple[IntArray, IntArray, Arr
     n_points, dimension = points.shape
     corners, centres = _delaunay_simplices(points, shape)
     # A facet seen from its two simplices differs by a lattice shift, which is the image offset of the edge.
-    keep = np.array([[k for k in range(dimension + 1) if k != left_out] for left_out in range(dimension + 1)])
+    keep = np.array([[k for k in range(dimension + 1) if k != opposite] for opposite in range(dimension + 1)])
     ids, images = corners[:, :, 0], corners[:, :, 1:]
     shift = images[:, keep[:, 0]]
     later = [images[:, keep[:, k]] - shift for k in range(1, dimension)]
@@ -388,7 +393,7 @@ def _delaunay_simplices(points: Array, cell: Array, layers: float = _LAYERS) -> 
         margin = min(3.0, 2 * margin)
     simplices, centres = simplices[inside], centres[inside]
     corners = np.concatenate([ids[simplices][:, :, None], images[simplices]], axis=2)
-    # Sorting by point, then image, makes the first corner independent of the image that the simplex was found in.
+    # Sorting by point, then image, makes the first corner independent of the image in which the simplex appears.
     code, reach = corners[:, :, 0], 1 + int(np.abs(corners[:, :, 1:]).max())
     for axis in range(dimension):
         code = code * (2 * reach) + corners[:, :, 1 + axis] + reach

@@ -48,11 +48,8 @@ IMAGINARY = 1e-100
 # function itself below which a derivative is rounding.
 DISAGREEMENT, NEGLIGIBLE = 1e-4, 1e-8
 
-Mask = NDArray[np.bool_]
 Partials = tuple[Array, Array]
 """∂O/∂σ (N_b,) and ∂O/∂L (N_b, d)."""
-
-
 Balanced = StressedBonds | CriticalConfiguration
 """What a quantity sees: a stress σ (N_b,), the bond vectors L (N_b, d) that it balances, network and manifold."""
 
@@ -118,7 +115,7 @@ class Quantity(Record, ABC):
         """σ (N_b,) at which the best value over positive stresses is attained (proof), or None where none is known."""
         return None
 
-    def in_part(self, network: Network, kept: Mask) -> Quantity | None:
+    def in_part(self, network: Network, kept: NDArray[np.bool_]) -> Quantity | None:
         """The same quantity of the part of a network with the kept edges (N_b,), which has numbers of its own.
 
         None where the part has lost an edge or a face that the quantity names by its number.  A quantity that names
@@ -311,8 +308,8 @@ class TransitionModulus(SpringResponse):
         work, cost = (sigma @ hdot).item(), (square @ flexibility).item()
         # ∂μ/∂W = 2W/(V D) and ∂μ/∂D = −W²/(V D²).
         ratio = work / cost
-        by_sigma = 2 * ratio * hdot + 2 * (-ratio * ratio) * sigma * flexibility
-        by_L = (2 * (2 * ratio) * sigma)[:, None] * AL + (2 * (-ratio * ratio) * square / k)[:, None] * L
+        by_sigma = 2 * ratio * hdot - 2 * ratio * ratio * sigma * flexibility
+        by_L = (4 * ratio * sigma)[:, None] * AL - (2 * ratio * ratio * square / k)[:, None] * L
         return work * ratio / volume, (by_sigma / volume, by_L / volume)
 
     def by_stiffness(self, balance: Balanced) -> Array:

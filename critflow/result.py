@@ -78,9 +78,9 @@ class Record:
 _MOST_ENTRIES, _MOST_CHARACTERS = 6, 80
 
 
-def _shown_fields(record: Any, left_out: tuple[str, ...] = ()) -> list[str]:
+def _shown_fields(record: Any, without: tuple[str, ...] = ()) -> list[str]:
     """`name=value` of each field that has one."""
-    values = {f.name: getattr(record, f.name) for f in fields(record) if f.repr and f.name not in left_out}
+    values = {f.name: getattr(record, f.name) for f in fields(record) if f.repr and f.name not in without}
     empty = (type(None), str, tuple, dict)
     return [f"{name}={_brief(v)}" for name, v in values.items() if not isinstance(v, empty) or v]
 

@@ -1,17 +1,10 @@
-"""Systems of stresses and displacements: the saddle matrix [[P ⊗ 1, Rᵀ], [R, 0]], by two strategies.
+"""Systems of stresses and displacements by the saddle matrix [[P ⊗ 1, Rᵀ], [R, 0]].
 
 With P = gᵀ diag(σ) g and R = g L, the equations are  P u + Rᵀ λ = f,  R u = e  for displacements u (n_free, d) and edge
 multipliers λ (N_b,).  R has a left null vector, the self-stress σ: the second equation needs a consistent e, and λ is
 defined up to a multiple of σ.
 
-`Saddle` factorises the matrix itself, with a small −δ in place of its zero block; it serves stresses of any sign.
-
-`CondensedSaddle` eliminates the multipliers, for σ > 0.  With a small compliance 1/w,  R u − λ/w = e,  the equations
-are (P ⊗ 1 + Rᵀ w R) u = f + Rᵀ w e,  λ = w (R u − e).  That matrix has the pattern of the elastic Hessian, d·n_free
-unknowns in place of d·n_free + N_b, and is positive definite.
-
-Either removes its regularisation by iteration on the residuals of the saddle system; for the compliance this is the
-method of multipliers (Hestenes; Powell, 1969).  Each step gains 1/w times the least stiffness that the constraints add.
+The matrix is factorised with a small −δ in place of its zero block, which iteration on the residuals removes.
 """
 
 from __future__ import annotations
@@ -22,12 +15,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from critflow.networks import Array, Network
-from critflow.numerics import MOST_REFINEMENTS, REGULARISATION, STABLE_MARGIN, dot
-from critflow.sparse import Entries, Factor, FixedPattern, block_laplacian, edge_blocks, end_pairs, free_ends
+from critflow.numerics import MOST_REFINEMENTS, REGULARISATION, STABLE_MARGIN
+from critflow.sparse import Entries, Factor, FixedPattern, end_pairs, free_ends
 
-# w |L|² of a condensed system in units of ⟨|σ|⟩.  The gap of R closes as 1/N_v: 1e8 takes 3 refinements at 1,000
-# vertices and at 1,000,000.
-CONDENSED_WEIGHT = 1e8
 REFINED = 1e-15  # relative residual at which a refinement is complete
 CONTRACTION = 0.9  # reduction of the residual by a refinement that counts
 
@@ -172,62 +162,6 @@ class SaddleFactor:
             if error < tolerance:
                 break
         return solution[:n_coordinates].reshape(forces.shape), solution[n_coordinates:] / self.divisor, y, best
-
-
-class CondensedSaddle:
-    """The same systems for σ > 0, through the matrix P ⊗ 1 + Rᵀ w R."""
-
-    def __init__(self, network: Network, backend: str = "auto"):
-        self._network = network
-        self.pattern = block_laplacian(network, backend)
-
-    def factorize(self, sigma: Array, bond_vectors: Array) -> CondensedFactor:
-        """The factor at stresses σ > 0 (N_b,) and bond vectors L (N_b, d)."""
-        square = dot(bond_vectors, bond_vectors)
-        # Relative to |L|²: directions count, or rounding would hide the equations of short edges.
-        weight = CONDENSED_WEIGHT * float(np.mean(np.abs(sigma))) / square
-        factor = self.pattern.factorize(edge_blocks(weight, bond_vectors, sigma))
-        return CondensedFactor(self._network, factor, sigma, bond_vectors, np.sqrt(square), weight)
-
-
-@dataclass(frozen=True, eq=False)
-class CondensedFactor:
-    """A factorised condensed matrix at σ (N_b,) and L (N_b, d), with lengths |L| and weights w (N_b,)."""
-
-    network: Network
-    factor: Factor
-    sigma: Array
-    bond_vectors: Array
-    lengths: Array
-    weight: Array
-
-    def solve(self, forces: Array, elongations: Array, tolerance: float = REFINED) -> tuple[Array, Array, float]:
-        """As `SaddleFactor.solve`."""
-        L, w = self.bond_vectors, self.weight
-        g, divergence = self.network.free_incidence, self.network.divergence
-        # Residuals are relative to the size of the terms that cancel in them.
-        force_scale = float(np.mean(np.abs(self.sigma) * self.lengths))
-        length_scale = float(np.mean(self.lengths))
-        null = self.sigma / np.linalg.norm(self.sigma)
-        elongations = elongations - (null @ elongations) * null
-        u, multipliers, best = np.zeros_like(forces), np.zeros_like(elongations), np.inf
-        force, elongation = forces, elongations
-        for _ in range(MOST_REFINEMENTS):
-            right = force + divergence @ ((w * elongation)[:, None] * L)
-            step = self.factor.solve(right.ravel()).reshape(forces.shape)
-            new_u = u + step
-            new_multipliers = multipliers + w * (dot(L, g @ step) - elongation)
-            rates = g @ new_u
-            elongation = elongations - dot(L, rates)
-            force = forces - divergence @ (self.sigma[:, None] * rates + new_multipliers[:, None] * L)
-            missing = float(np.abs(elongation / self.lengths).max())
-            error = max(float(np.abs(force).max()) / force_scale, missing / length_scale)
-            if not error < CONTRACTION * best:
-                break
-            u, multipliers, best = new_u, new_multipliers, error
-            if error < tolerance:
-                break
-        return u, multipliers, best
 
 
 def _divisors(length: Array) -> Array:

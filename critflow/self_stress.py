@@ -14,10 +14,9 @@ hides singular values of R that are small but not zero, the zero modes themselve
 from __future__ import annotations
 
 from collections.abc import Callable
-from functools import cached_property
+from functools import cached_property, partial
 
 import numpy as np
-import scipy.sparse as sp
 from numpy.typing import NDArray
 from scipy.sparse.linalg import ArpackNoConvergence, LinearOperator, eigsh
 
@@ -143,19 +142,13 @@ def stabilises(network: Network, coordinates: Array, L: Array, sigma: Array) -> 
         return None
     if not len(modes):
         return True
-    form = forms_on_modes(network.free_incidence, sigma[None], modes.reshape(len(modes), -1, network.dimension))[0]
+    # Zᵀ P(σ) Z by the changes g Z of the bond vectors, (d·N_b, m).
+    by_axis = np.moveaxis(modes.reshape(len(modes), -1, network.dimension), 2, 0)
+    stretch = np.concatenate([np.asarray(network.free_incidence @ axis.T) for axis in by_axis])
+    form = stretch.T @ (np.tile(sigma, network.dimension)[:, None] * stretch)
     least = float(np.linalg.eigvalsh(form)[0])
     margin = STABLE_MARGIN * float(np.mean(np.abs(sigma)))
     return least > 0 if abs(least) > margin else None
-
-
-def forms_on_modes(incidence: sp.csr_array, stresses: Array, modes: Array) -> Array:
-    """Zᵀ P(σ) Z of stresses (n, N_b) on orthonormal motions Z (m, n_vertices, d), (n, m, m).
-
-    incidence  of the edges on the vertices that move, (N_b, n_vertices)
-    """
-    stretch = np.concatenate([np.asarray(incidence @ component.T) for component in np.moveaxis(modes, 2, 0)])
-    return np.stack([stretch.T @ (weights[:, None] * stretch) for weights in np.tile(stresses, modes.shape[2])])
 
 
 def edge_without_length(lengths: Array) -> str:
@@ -266,14 +259,14 @@ class Spectrum:
     def _smallest_nonzero(self, null: Array, of_stresses: bool) -> float:
         """The smallest singular value outside a null space (n, count), by Lanczos iteration."""
         most_restarts = max(_RESTARTS_TIMES_SIZE // len(null), 20)
+
+        def outside(resolve: Callable[[Array], Array], vector: Array) -> Array:
+            rest = resolve(vector[:, None])[:, 0]
+            return rest - null @ (null.T @ rest)
+
         for shift in _MODERATE:
-            moderate = self._filter(shift, of_stresses)
-
-            def outside(vector: Array, resolve: Callable[[Array], Array] = moderate) -> Array:
-                rest = resolve(vector[:, None])[:, 0]
-                return rest - null @ (null.T @ rest)
-
-            operator = LinearOperator((len(null), len(null)), matvec=outside, dtype=float)
+            moderate = partial(outside, self._filter(shift, of_stresses))
+            operator = LinearOperator((len(null), len(null)), matvec=moderate, dtype=float)
             start = np.random.default_rng(1).standard_normal(len(null))
             try:
                 weights = eigsh(

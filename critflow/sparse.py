@@ -1,25 +1,20 @@
 """Sparse symmetric matrices with a fixed pattern and variable values, and their factors.
 
 The pattern and its symbolic analysis are made once, the values follow from their sources by one precomputed sparse
-product, and each factorisation A = L D Lᵀ is numeric only.  The signs of D are the inertia of A, which separates rigid
-from unstable configurations.  The solver depends on the size and on the installed packages
-(`critflow.sparse`).
+product, and each factorisation A = L D Lᵀ is numeric only.  Solvers eliminate along the diagonal, so that the signs of
+D are the inertia of A, which separates rigid from unstable configurations.
 
-A `Factor` owns its numbers.  Solvers overwrite their L and D in place, so the pattern gives its first solver to the
-newest factor; an older factor in use again eliminates its own matrix once more, in a second solver that stays with it.
-One factor at a time thus needs one analysis and the memory of one L, and any number of factors are valid together.
-Threads may share a pattern: they wait for each other.
+A `Factor` owns its numbers: a solver serves one factor, and another one when that factor is gone.  Threads may share a
+pattern.
 """
 
 from __future__ import annotations
 
-import weakref
 from collections.abc import Callable, Iterable, Iterator
 from copy import copy
 from functools import cache
 from itertools import combinations_with_replacement
-from threading import RLock
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple
 
 import numpy as np
 import qdldl
@@ -30,20 +25,16 @@ from scipy.sparse.linalg import SuperLU, splu
 
 from critflow.extensions import extras
 from critflow.networks import Array, IntArray, Network
-from critflow.numerics import EPS, product
+from critflow.numerics import EPS, product, symmetric_product
 from critflow.result import InputError
 
-# The sparse solvers of symmetric matrices behind one interface, and the choice between them by size.
-#
-# All eliminate along the diagonal only, so that A = L D Lᵀ and the signs of D are the inertia:
+# The sparse solvers by name, and the choice between them by size:
 #
 # qdldl    row by row on a minimum-degree ordering; always installed, and the fastest for small matrices
 # superlu  SciPy's SuperLU on a minimum-degree ordering; always installed
 #
 # Extras bring others for large networks (`backends` of their `extra.toml`, with the sizes from which they are faster):
 # eliminating ones, and iterative ones for Laplacians of positive stresses, without inertia, as a kind of `Factor`.
-
-Indices = NDArray[np.int32]
 
 # Entries of the upper triangle up to which qdldl is faster, of networks in the plane and in space.  Measured for one
 # numeric factorisation and four solves: on Voronoi networks of 300 to 10⁵ vertices the crossovers of the Laplacian, the
@@ -53,26 +44,14 @@ Indices = NDArray[np.int32]
 CROSSOVERS = {"superlu": (150_000, 9_000)}
 
 
-class Backend(Protocol):
-    """Factorisations of matrices of one pattern, each given by its upper triangle in columns, diagonal included.
-
-    The analysis is made from a model, any positive definite matrix of that pattern.  A vanishing pivot is no error: it
-    is a zero of `pivots`.
-    """
-
-    def __init__(self, model: sp.csc_matrix): ...
-
-    def another(self, model: sp.csc_matrix) -> Backend:
-        """A second solver for the same pattern, with the same analysis, so that it gives the same bits."""
-
-    def update(self, matrix: sp.csc_matrix) -> None:
-        """Factorise a matrix; the numbers of the last one are overwritten."""
-
-    def solve(self, right: Array) -> Array:
-        """x of A x = r, both (n,)."""
-
-    def pivots(self) -> Array:
-        """D in the order of elimination, (n,)."""
+# A solver factorises matrices of one pattern, each given by its upper triangle in columns, diagonal included:
+#
+# Solver(model)     analyses a model, any positive definite matrix of the pattern
+# another(model)    a second solver with the same analysis, so that it gives the same bits
+# update(matrix)    factorises a matrix; the numbers of the last one are overwritten
+# solve(right)      x of A x = r, both (n,)
+# pivots()          D in the order of elimination, (n,); a vanishing pivot is no error, but a zero here
+Backend = Any
 
 
 class QDLDL:
@@ -97,10 +76,23 @@ class MinimumDegree:
     """SuperLU in its symmetric mode, on an ordering that is found once."""
 
     def __init__(self, model: sp.csc_matrix):
-        # The matrix in full and in its order, with the place of each entry in the upper triangle, from 1.
+        # The matrix in full, with the place of each entry in the upper triangle, from 1.
         place = sp.csc_matrix((np.arange(1, model.nnz + 1, dtype=np.int32), model.indices, model.indptr), model.shape)
         full = place + sp.triu(place, 1, format="csc").T
-        self._order = self._ordering(sp.csc_matrix((model.data[full.data - 1], full.indices, full.indptr), full.shape))
+        factor = _eliminate(
+            sp.csc_matrix((model.data[full.data - 1], full.indices, full.indptr), full.shape), "MMD_AT_PLUS_A"
+        )
+        # The elimination tree leads from each column to its first row below the diagonal.  In postorder the columns
+        # of a subtree are adjacent, which makes wide blocks.
+        order, L = np.argsort(factor.perm_c), factor.L
+        L.sort_indices()
+        n = len(order)
+        inner = np.diff(L.indptr) > 1
+        parent = np.full(n, n)
+        parent[inner] = L.indices[L.indptr[:-1][inner] + 1]
+        tree = sp.csr_array((np.ones(n), (parent, np.arange(n))), shape=(n + 1, n + 1))
+        self._order = order[depth_first_order(tree, n, return_predecessors=False)[:0:-1]]
+        # The same in that order.
         full = full[self._order][:, self._order].tocsc()
         full.sort_indices()
         self._place = full.data - 1
@@ -108,30 +100,17 @@ class MinimumDegree:
         self._factor: SuperLU | None = None
 
     def another(self, model: sp.csc_matrix) -> MinimumDegree:
-        # The ordering is shared, and so is the matrix, which SuperLU reads only while it eliminates.
         solver = copy(self)
         solver._factor = None
         return solver
 
-    def _ordering(self, full: sp.csc_matrix) -> Indices:
-        factor = _eliminate(full, "MMD_AT_PLUS_A")
-        order, L = np.argsort(factor.perm_c), factor.L
-        # The elimination tree leads from each column to its first row below the diagonal.  In postorder the columns
-        # of a subtree are adjacent, which makes wide blocks.
-        L.sort_indices()
-        n = len(order)
-        inner = np.diff(L.indptr) > 1
-        parent = np.full(n, n)
-        parent[inner] = L.indices[L.indptr[:-1][inner] + 1]
-        tree = sp.csr_array((np.ones(n), (parent, np.arange(n))), shape=(n + 1, n + 1))
-        return order[depth_first_order(tree, n, return_predecessors=False)[:0:-1]]
-
     def update(self, matrix: sp.csc_matrix) -> None:
-        np.take(matrix.data, self._place, out=self._matrix.data)
+        full = copy(self._matrix)
+        full.data = matrix.data[self._place]
         self._factor = None
-        if np.isfinite(self._matrix.data).all():
+        if np.isfinite(full.data).all():
             try:
-                self._factor = _eliminate(self._matrix, "NATURAL")
+                self._factor = _eliminate(full, "NATURAL")
             except RuntimeError:
                 # A column without any pivot.
                 self._factor = None
@@ -153,14 +132,8 @@ def _eliminate(matrix: sp.csc_matrix, ordering: str) -> SuperLU:
     return splu(matrix, permc_spec=ordering, diag_pivot_thresh=0.0, options={"SymmetricMode": True})
 
 
-def multiply(upper: sp.csc_matrix, lower: sp.csr_matrix, x: Array) -> Array:
-    """A x of the symmetric matrix with this upper triangle and its transpose, x (n,) or (n, d)."""
-    diagonal = upper.data[upper.indptr[1:] - 1]
-    return product(upper, x) + product(lower, x) - (diagonal * x.T).T
-
-
 # The solvers of the scene by name.
-BACKENDS: dict[str, type[Backend]] = {"qdldl": QDLDL, "superlu": MinimumDegree}
+BACKENDS: dict[str, Any] = {"qdldl": QDLDL, "superlu": MinimumDegree}
 
 
 @cache
@@ -176,19 +149,9 @@ def _crossovers(table: str) -> dict[str, Any]:
     return {name: entry["crossovers"] for extra in extras().values() for name, entry in getattr(extra, table).items()}
 
 
-def eliminating_backends() -> dict[str, type[Backend]]:
+def eliminating_backends() -> dict[str, Any]:
     """The installed sparse solvers that have an inertia, by name."""
     return BACKENDS | _brought("backends")
-
-
-def backend_named(name: str) -> type[Backend]:
-    """The eliminating solver of a name; an extra is imported for its own alone."""
-    return BACKENDS[name] if name in BACKENDS else _brought("backends")[name]
-
-
-def iterative_factor(name: str) -> Any:
-    """The kind of `Factor` of an iterative solver; None for an eliminating one."""
-    return None if name in BACKENDS else _brought("iterations").get(name)
 
 
 def available_backends() -> tuple[str, ...]:
@@ -263,64 +226,59 @@ class FixedPattern:
         in_space: bool = False,
         laplacian: bool = False,
     ):
-        parts = [_upper(*np.broadcast_arrays(*part)) for part in entries]
+        self.size, self.n_sources = size, n_sources
+        # The entries of the upper triangle, with short integers: at 10⁶ vertices memory counts.
+        parts = []
+        for part in entries:
+            arrays = np.broadcast_arrays(*part)
+            upper = (arrays[0] <= arrays[1]) & (arrays[0] >= 0)
+            kinds = (np.int32, np.int32, np.int32, float)
+            parts.append([array[upper].astype(kind) for array, kind in zip(arrays, kinds, strict=True)])
         rows, cols, sources, coefficients = (np.concatenate(part) for part in zip(*parts, strict=True))
         # Every diagonal entry is part of the pattern, so that shifts and zero blocks fit.
         diagonal = np.arange(size, dtype=np.int32)
         keys = np.concatenate([cols, diagonal]).astype(np.int64) * size + np.concatenate([rows, diagonal])
         places, slot = np.unique(keys, return_inverse=True)
         slot = slot[: len(rows)].astype(np.int32)
-        gather = sp.coo_array((coefficients, (slot, sources)), shape=(len(places), n_sources))
-        self._gather = sp.csr_array(gather)
-        self.size, self.n_sources = size, n_sources
-        # One matrix and its transpose take the data of each factor in turn; making them takes longer than a product.
+        self._gather = sp.csr_array(sp.coo_array((coefficients, (slot, sources)), shape=(len(places), n_sources)))
         cols, rows = np.divmod(places, size)
         starts = np.searchsorted(cols, np.arange(size + 1)).astype(np.int32)
         self._matrix = sp.csc_matrix((np.zeros(len(rows)), rows.astype(np.int32), starts), shape=(size, size))
-        self._transposed = self._matrix.T
         # The diagonal ends each column of an upper triangle.
-        self._diagonal = self._matrix.indptr[1:] - 1
+        self._diagonal = starts[1:] - 1
         self.backend = choose_backend(backend, len(places), in_space)
         if backend == "auto" and in_space and laplacian:
             self.backend = choose_iteration(self.backend, len(places)) or self.backend
-        kind = iterative_factor(self.backend)
+        kind = None if self.backend in BACKENDS else _brought("iterations").get(self.backend)
         self._kind: type[Factor] = kind or Factor
         # An iterative solver of "auto" leaves what it cannot serve to this one.
         self.elimination = choose_backend("auto", len(places), in_space) if kind else self.backend
         self.may_eliminate = not kind or backend == "auto"
-        # Solvers and the factors whose numbers they contain; the first one belongs to the newest factor.
-        self._solvers: list[Backend] = []
-        self._owners: list[Callable[[], Factor | None]] = []
-        # Solvers and the matrix are overwritten, and solvers release Python's own lock.
-        self._lock = RLock()
+        # The first solver has the analysis for all; factors that are gone leave theirs.
+        self._first: Backend = None
+        self._spare: list[Backend] = []
 
     def __getstate__(self) -> dict[str, Any]:
-        """Without solvers, which a copy makes at its first use, and without the lock."""
-        return self.__dict__ | {"_solvers": [], "_owners": [], "_lock": None}
+        """Without solvers, which a copy makes at its first use."""
+        return self.__dict__ | {"_first": None, "_spare": []}
 
-    def __setstate__(self, state: dict[str, Any]) -> None:
-        self.__dict__.update(state, _lock=RLock())
-
-    def analyse(self) -> None:
-        """Order and analyse the pattern for elimination, as the first elimination does otherwise."""
-        with self._lock:
-            if not self._solvers:
-                self._add(backend_named(self.elimination)(self._model()))
+    def analyse(self) -> Backend:
+        """Order and analyse the pattern for elimination, as the first elimination does otherwise; its solver."""
+        if self._first is None:
+            kind = BACKENDS.get(self.elimination) or _brought("backends")[self.elimination]
+            self._first = kind(self._model())
+            self._spare.append(self._first)
+        return self._first
 
     def factorize(self, values: Array, shift: float | Array = 0.0) -> Factor:
         """L D Lᵀ of A + shift·1, with values (n_sources,) and a shift for all or for each of the rows (n,)."""
-        data = product(self._gather, values)
+        matrix = copy(self._matrix)
+        matrix.data = product(self._gather, values)
         if isinstance(shift, np.ndarray) or shift:
-            data[self._diagonal] += shift
-        factor = self._kind(self, data)
-        with self._lock:
-            factor.prepare()
+            matrix.data[self._diagonal] += shift
+        factor = self._kind(self, matrix)
+        factor.prepare()
         return factor
-
-    def filled(self, data: Array) -> sp.csc_matrix:
-        """The upper triangle with other data; valid until the next call."""
-        self._matrix.data = data
-        return self._matrix
 
     def factorize_shifted(self, values: Array) -> tuple[Factor, bool, int]:
         """L D Lᵀ of A + δ, whether its inertia is that of A, and the number of negative pivots of A − δ.
@@ -343,7 +301,7 @@ class FixedPattern:
         factor = self.factorize(values)
         if factor.singular:
             factor, regular, _ = self.factorize_shifted(values)
-            factor._refine(INERTIA_SHIFT * float(np.mean(np.abs(values))), regular)
+            factor._shift, factor._singular = INERTIA_SHIFT * float(np.mean(np.abs(values))), not regular
         return factor
 
     def _model(self) -> sp.csc_matrix:
@@ -353,66 +311,44 @@ class FixedPattern:
         data[self._diagonal] = np.diff(indptr) + np.bincount(indices, minlength=self.size) - 2 + 0.01
         return sp.csc_matrix((data, indices, indptr), shape=self._matrix.shape)
 
-    def _multiply(self, factor: Factor, x: Array) -> Array:
-        with self._lock:
-            self._matrix.data = self._transposed.data = factor._data
-            return multiply(self._matrix, self._transposed, x)
-
-    def _solver_of(self, factor: Factor) -> Backend:
-        """The solver that contains the numbers of a factor, after another elimination if they are overwritten."""
-        if self._owners and self._owners[0]() is factor:
-            return self._solvers[0]
-        for solver, owner in zip(self._solvers, self._owners, strict=True):
-            if owner() is factor:
-                return solver
-        # The first solver stays with the newest factor, or two factors in use would overwrite each other in turn.
-        unused = (place for place, owner in enumerate(self._owners) if place and owner() is None)
-        place = next(unused, len(self._solvers))
-        self.analyse()
-        if place == len(self._solvers):
-            self._add(self._solvers[0].another(self._model()))
-        self.eliminate(factor, place)
-        return self._solvers[place]
-
-    def _add(self, solver: Backend) -> None:
-        self._solvers.append(solver)
-        self._owners.append(_nobody)
-
-    def eliminate(self, factor: Factor, place: int = 0) -> None:
-        """Let a solver eliminate the matrix of a factor; the first one serves the newest."""
-        if not self._solvers:
-            self.analyse()
-        self._owners[place] = _nobody
-        self._matrix.data = factor._data
-        self._solvers[place].update(self._matrix)
-        self._owners[place] = weakref.ref(factor)
-
-
-def _nobody() -> None:
-    """The owner of a solver without numbers."""
+    def _solver(self) -> Backend:
+        """A solver that serves no factor."""
+        first = self.analyse()
+        try:
+            return self._spare.pop()
+        except IndexError:
+            return first.another(self._model())
 
 
 class Factor:
-    """L D Lᵀ of one matrix A, for any number of right-hand sides; no other factorisation changes its answers.
+    """L D Lᵀ of one matrix A, for any number of right-hand sides; no other factorisation changes its answers."""
 
-    A factor that another one of the same pattern has displaced repeats its elimination at its next use.
-    """
+    _solver: Backend = None
 
-    __slots__ = ("__weakref__", "_data", "_pattern", "_pivots", "_shift", "_singular")
-
-    def __init__(self, pattern: FixedPattern, data: Array):
+    def __init__(self, pattern: FixedPattern, matrix: sp.csc_matrix):
         # The upper triangle of A + shift, which stands in for A where the shift is not zero.
-        self._pattern, self._data, self._shift = pattern, data, 0.0
+        self._pattern, self._matrix, self._shift = pattern, matrix, 0.0
         self._pivots: Array | None = None
         self._singular = False
 
+    def __del__(self) -> None:
+        if self._solver is not None:
+            self._pattern._spare.append(self._solver)
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Without the solver."""
+        return self.__dict__ | {"_solver": None}
+
     def prepare(self) -> None:
         """Eliminate."""
-        self._pattern.eliminate(self)
+        self._eliminated()
 
-    def _refine(self, shift: float, regular: bool) -> None:
-        """Serve A in place of A + shift; `regular` as the inertias on both sides of A have it."""
-        self._shift, self._singular = shift, not regular
+    def _eliminated(self) -> Backend:
+        """The solver with the numbers, which a copy lacks before its first use."""
+        if self._solver is None:
+            self._solver = self._pattern._solver()
+            self._solver.update(self._matrix)
+        return self._solver
 
     @property
     def backend(self) -> str:
@@ -426,7 +362,18 @@ class Factor:
 
     def solve(self, right_side: Array) -> Array:
         """x of A x = r, for r of shape (n,) or (n, d)."""
-        return self._refined(right_side) if self._shift else self._solved(right_side)
+        solve = self._eliminated().solve
+        x = by_columns(solve, right_side)
+        if self._shift:
+            # Iterative refinement removes the shift.
+            best = np.inf
+            for _ in range(REFINED_SOLVES):
+                residual = right_side - self.multiply(x)
+                size = float(np.abs(residual).max(initial=0.0))
+                if not size < 0.5 * best:
+                    break
+                x, best = x + by_columns(solve, residual), size
+        return x
 
     def solve_roughly(self, right_side: Array, reduction: float) -> Array:
         """As `solve`, with the residual reduced by this factor only, where the solver iterates."""
@@ -436,33 +383,16 @@ class Factor:
         """Leave an iterative solver for elimination where it may; whether anything changed."""
         return False
 
-    def _solved(self, right_side: Array) -> Array:
-        pattern = self._pattern
-        with pattern._lock:
-            return by_columns(pattern._solver_of(self).solve, right_side)
-
-    def _refined(self, right_side: Array) -> Array:
-        """Iterative refinement, which removes the shift."""
-        x, best = self._solved(right_side), np.inf
-        for _ in range(REFINED_SOLVES):
-            residual = right_side - self.multiply(x)
-            size = float(np.abs(residual).max(initial=0.0))
-            if not size < 0.5 * best:
-                break
-            x, best = x + self._solved(residual), size
-        return x
-
     def multiply(self, x: Array) -> Array:
         """A x, for x of shape (n,) or (n, d)."""
-        product = self._pattern._multiply(self, x)
-        return product - self._shift * x if self._shift else product
+        Ax = symmetric_product(self._matrix, x)
+        return Ax - self._shift * x if self._shift else Ax
 
     @property
     def pivots(self) -> Array:
         """The diagonal D in the order of elimination, (n,); zero where a pivot vanished."""
         if self._pivots is None:
-            with self._pattern._lock:
-                self._pivots = self._pattern._solver_of(self).pivots()
+            self._pivots = self._eliminated().pivots()
         return self._pivots
 
     @property
@@ -497,13 +427,6 @@ def by_columns(solve: Callable[[Array], Array], right_side: Array) -> Array:
     for column in range(right_side.shape[1]):
         x[:, column] = solve(right_side[:, column])
     return x
-
-
-def _upper(rows: Any, cols: Any, sources: Any, coefficients: Any) -> tuple[Indices, Indices, Indices, Array]:
-    """The entries of the upper triangle, flat, with short integers: at 10⁶ vertices memory counts."""
-    upper = (rows <= cols) & (rows >= 0)
-    short = (part[upper].astype(np.int32) for part in (rows, cols, sources))
-    return *short, coefficients[upper].astype(float)
 
 
 # Patterns of the matrices of a network: stress-weighted Laplacian and elastic Hessian.

@@ -1,4 +1,8 @@
-"""Springs past the transition: their energy, forces and Hessian in a configuration.
+"""Springs past the transition: their laws, and their energy, forces and Hessian in a configuration.
+
+Every law has zero tension and E'' = k at |L| = ℓ, so that all laws share the critical configurations and the moduli at
+the transition; they differ past it, from C_B and C_G on.  Near the transition the extension e is tiny, so laws are
+functions of e itself, without cancellation.
 
 Any energy E of the lengths has σ = ∂E/∂h, K = ∂²E/∂h² with h = |L|²/2, and the Hessian R^hᵀ K R^h + P(σ) ⊗ 1
 (`GenericHessian`).  Springs of one law on the edges have a diagonal K: σ_α = E'/|L| and K_α = (E'' − σ_α)/|L_α|²
@@ -29,11 +33,7 @@ from critflow.refinement import Displacement, exact_displacement
 from critflow.result import InputError, Record
 from critflow.sparse import Factor, FixedPattern, block_laplacian, edge_blocks
 
-# Spring laws: the energy of one spring as a function of its extension e = |L| − ℓ.
-#
-# Every law has zero tension and E'' = k at |L| = ℓ, so that all laws share the critical configurations and the moduli
-# at the transition; they differ past it, from C_B and C_G on (`ForceDensity`, `ModifiedStiffness`).  Near the
-# transition e is tiny, so laws are functions of e itself, without cancellation.
+# Spring laws: the energy of one spring as a function of its extension e = |L| − ℓ
 
 LAW_AT_REST = 1e-12  # energy and tension that a law may have at rest: rounding of its formula
 LAW_STIFFNESS_AT_REST = 1e-9  # relative deviation of E'' from k at rest
@@ -171,9 +171,6 @@ def _difference(function: Callable[[Array, Array, Array], Array], e: Array, rest
     return (8 * (ends[2] - ends[1]) - (ends[3] - ends[0])) / (12 * h)
 
 
-# Laws of springs that stiffen with extension, and that extend by a limited length.
-
-
 @dataclass(frozen=True)
 class PowerLaw(SpringLaw):
     """E'' = k (|L|/ℓ)^{n−2} with the exponent n ≥ 2 of the length in the energy; n = 2 is Hookean."""
@@ -242,11 +239,6 @@ TAUT = 1e-7
 
 EdgeMatrix: TypeAlias = Array | sp.coo_array
 """A symmetric matrix over edges: its diagonal (N_b,), or all of it (N_b, N_b) sparse."""
-
-
-def times(matrix: EdgeMatrix, values: Array) -> Array:
-    """The product of a matrix over edges with values (..., N_b)."""
-    return matrix * values if isinstance(matrix, np.ndarray) else np.asarray((matrix @ values.T).T)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -324,28 +316,19 @@ class SpringState(Record):
         """Stiffnesses (N_b,) that limit the resistance of the edges to a change of |L|: E''."""
         return self.spring_stiffness
 
-    @property
+    @cached_property
     def modified_stiffness(self) -> EdgeMatrix:
         """K = ∂²E/∂h∂h, (E'' − σ)/|L|²."""
-        return self.couplings(self.edge_stiffness, self.sigma)
+        return read_only((self.edge_stiffness - self.sigma) / self.lengths**2)
 
     def convex_parts(self) -> tuple[EdgeMatrix, Array]:
         """K and σ without the geometric softening of compressed edges, σ < 0, and without negative E''."""
         tension = np.maximum(self.sigma, 0.0)
-        return self.couplings(np.maximum(self.edge_stiffness, 0.0), tension), tension
-
-    def couplings(self, stiffness: Array, sigma: Array) -> EdgeMatrix:
-        """K of E'' (N_b,) and stresses σ (N_b,)."""
-        return (stiffness - sigma) / self.lengths**2
-
-    @property
-    def axial_stiffness(self) -> EdgeMatrix:
-        """∂²E/∂|L|∂|L| = K|L|² + σ, the stiffness of any law."""
-        return self.modified_stiffness * self.lengths**2 + self.sigma
+        return (np.maximum(self.edge_stiffness, 0.0) - tension) / self.lengths**2, tension
 
     def resistance(self, hdot: Array) -> Array:
         """K ḣ for changes ḣ of h, both (m, N_b)."""
-        return times(self.modified_stiffness, hdot)
+        return np.asarray(self.modified_stiffness * hdot)
 
     def pattern(self) -> FixedPattern:
         """The pattern of the Hessian, of this state and all others of the same graph."""

@@ -1,7 +1,7 @@
-"""Newton's method for the onset of rigidity, restricted to a given set of taut edges; slack edges are ignored.
+"""Newton's method for the onset of rigidity on a set of taut edges, and the search for that set.
 
-The unknowns are coordinates x, stresses σ of the taut edges, the strain s and the determined free components q of the
-boundary.  With bond vectors L = F(s, q) b + g x they solve
+Slack edges are ignored.  The unknowns are coordinates x, stresses σ of the taut edges, the strain s and the determined
+free components q of the boundary.  With bond vectors L = F(s, q) b + g x they solve
 
     gᵀ(σ ∘ L) = 0,    |L|² = ℓ² on taut edges,    S_m = Σ σ L·E_m (1 + Σ q E)⁻¹ L = 0.
 
@@ -17,11 +17,11 @@ One step, from a state at which these equations leave forces f, elongations e an
    factor of an earlier state leaves the product of the errors of both states: it serves again where that is rounding.
 
 Lengths in given ratios are the same problem on the path F = (1 + s) 1, whose strain is a common factor of all lengths.
+`polish_taut` corrects the set of taut edges between attempts.
 """
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -36,14 +36,14 @@ from critflow.result import InputError, NetworkError
 from critflow.saddles import Saddle, SaddleFactor
 from critflow.taut_part import connected_parts
 
-# The boundary of a network that moves with the unknowns of Newton's method: b → F(s, q) b.
-#
-# The strain s is one unknown; an extra may add free components q of the cell.  Derivatives are by (q, s), the strain
-# last.  Lengths in given ratios need the strain alone, F = (1 + s) 1, a common factor of all lengths.
 
+@dataclass(frozen=True, eq=False)
+class Boundary:
+    """The boundary of one network that moves with the unknowns of Newton's method: b → F(s, q) b.
 
-class Boundary(ABC):
-    """F(s, q) of one network."""
+    The strain s is one unknown.  Here it is a common factor of all lengths, F = (1 + s) 1; other paths, and free
+    components q of the cell, override `gradient` and `rates`.  Derivatives are by (q, s), the strain last.
+    """
 
     manifold: CriticalManifold
 
@@ -56,13 +56,16 @@ class Boundary(ABC):
         """Indices of the components of q that the balance of forces determines."""
         return np.zeros(0, np.int64)
 
-    @abstractmethod
     def gradient(self, s: float, q: Array) -> Array:
         """F(s, q), (d, d); raises `InputError` where det F ≤ 0."""
+        F = (1 + s) * np.eye(self.network.dimension)
+        if not (np.isfinite(s) and np.linalg.det(F) > 0):
+            raise InputError(f"a strain of {s:g} inverts or flattens the cell")
+        return F
 
-    @abstractmethod
     def rates(self, s: float, q: Array) -> Array:
         """Derivatives of F(s, q) by (q, s), (n_q + 1, d, d)."""
+        return np.eye(self.network.dimension)[None]
 
     def velocities(self, s: float, q: Array) -> Array:
         """A_k = (∂F/∂y_k) F⁻¹ of the determined components of q, and of the strain last, (k, d, d)."""
@@ -82,22 +85,6 @@ class Boundary(ABC):
     def bond_vectors(self, s: float, q: Array, x: Array) -> Array:
         """L = F(s, q) b + g x, (N_b, d), for coordinates x (n_free, d)."""
         return self.boundary_vectors(self.gradient(s, q)) + self.network.free_incidence @ x
-
-
-@dataclass(frozen=True, eq=False)
-class Expansion(Boundary):
-    """F = (1 + s) 1, without free components."""
-
-    manifold: CriticalManifold
-
-    def gradient(self, s: float, q: Array) -> Array:
-        F = (1 + s) * np.eye(self.network.dimension)
-        if not (np.isfinite(s) and np.linalg.det(F) > 0):
-            raise InputError(f"a strain of {s:g} inverts or flattens the cell")
-        return F
-
-    def rates(self, s: float, q: Array) -> Array:
-        return np.eye(self.network.dimension)[None]
 
 
 FITTED = 1e-9  # relative error of the lengths of a solution of Newton's method; short edges limit it by rounding
@@ -142,25 +129,30 @@ def newton_taut(path: Boundary, lengths: Array, start: OnsetState, damping: floa
         part = taut_part(path, start.taut)
     if part is None:
         return None
-    misses = 0
-    best = state = replace(start, sigma=np.where(start.taut, start.sigma, 0.0), error=np.inf, part=part, factor=None)
+    factor, factor_error, misses = None, start.factor_error, 0
+    best = state = replace(start, sigma=np.where(start.taut, start.sigma, 0.0), error=np.inf, part=part)
     for _ in range(ONSET_STEPS):
         try:
-            residuals = part.residuals(path, lengths, state)
+            at = part.residuals(path, lengths, state)
         except InputError:
             break
-        misses = 0 if residuals.error < 0.5 * best.error else misses + 1
-        state = replace(state, error=residuals.error)
+        misses = 0 if at.error < 0.5 * best.error else misses + 1
+        state = replace(state, error=at.error)
         # Of two iterates whose residuals are rounding the later is closer.
-        if residuals.error < 2 * best.error:
+        if at.error < 2 * best.error:
             best = state
-        if misses > (best.error > FITTED) or not np.isfinite(residuals.error):
+        if misses > (best.error > FITTED) or not np.isfinite(at.error):
             break
         try:
-            state = part.step(path, state, residuals, damping)
+            # The factor of an earlier state leaves the product of the errors of both states.
+            if factor is None or damping or not factor_error * at.error < EPS:
+                factor_error = at.error
+                factor = part.saddle.factorize(state.sigma[part.taut], at.L, damping or REGULARISATION)
+            change = part.change(path, state, at, factor, at.elongation, 1 if damping else MOST_REFINEMENTS)
+            state = part.moved(path, state, change)
         except (InputError, np.linalg.LinAlgError):
             break
-    return replace(best, steps=state.steps, factor=state.factor, factor_error=state.factor_error)
+    return replace(best, steps=state.steps, factor=factor, factor_error=factor_error)
 
 
 @dataclass(frozen=True, eq=False)
@@ -202,14 +194,6 @@ class TautPart:
             )
         return Residuals(velocities, L, force, target - h, changes, error if np.isfinite(error) else np.inf)
 
-    def step(self, path: Boundary, state: OnsetState, at: Residuals, damping: float) -> OnsetState:
-        """One step of Newton's method."""
-        factor, error = state.factor, state.factor_error
-        if factor is None or damping or not error * at.error < EPS:
-            factor, error = self.saddle.factorize(state.sigma[self.taut], at.L, damping or REGULARISATION), at.error
-        change = self.change(path, state, at, factor, at.elongation, 1 if damping else MOST_REFINEMENTS)
-        return replace(self.moved(path, state, change), factor=factor, factor_error=error)
-
     def change(
         self,
         path: Boundary,
@@ -243,7 +227,7 @@ class TautPart:
 
 
 def taut_part(path: Boundary, taut: Mask) -> TautPart | None:
-    """The taut edges as a network; None where they cannot be in balance."""
+    """The taut edges as a network with a fixed vertex in each component; None where they cannot be in balance."""
     network = path.network
     components = [] if taut.all() else connected_parts(network, taut)
     try:
@@ -252,7 +236,17 @@ def taut_part(path: Boundary, taut: Mask) -> TautPart | None:
         elif len(components) == 1:
             part, vertices = network.part(taut)
         else:
-            part, vertices = _grounded(network, taut, components)
+            # Each component has a pin, whose position is not used.
+            edges, fixed = network.edges[taut], set(network.pins)
+            for component in components:
+                ends = network.edges[component]
+                if fixed.isdisjoint(ends.ravel().tolist()):
+                    fixed.add(int(ends.min()))
+            vertices = np.unique(edges)
+            pinned = np.flatnonzero(np.isin(vertices, list(fixed)))
+            pins = {int(i): np.zeros(network.dimension) for i in pinned}
+            index = np.searchsorted(vertices, edges)
+            part = Network(index, network.offsets[taut], network.cell, pins=pins, n_vertices=len(vertices))
     except NetworkError:
         return None
     row = np.full(network.n_vertices, -1)
@@ -261,36 +255,12 @@ def taut_part(path: Boundary, taut: Mask) -> TautPart | None:
     return TautPart(part, saddle, taut, vertices, row[vertices[part.free]], len(components) > 1)
 
 
-def _grounded(network: Network, taut: Mask, components: list[Mask]) -> tuple[Network, IntArray]:
-    """The taut edges as a network with a pin in each component, and its vertices; positions of pins are not used."""
-    edges, fixed = network.edges[taut], set(network.pins)
-    for component in components:
-        ends = network.edges[component]
-        if fixed.isdisjoint(ends.ravel().tolist()):
-            fixed.add(int(ends.min()))
-    vertices = np.unique(edges)
-    pinned = np.flatnonzero(np.isin(vertices, list(fixed)))
-    pins = {int(i): np.zeros(network.dimension) for i in pinned}
-    index = np.searchsorted(vertices, edges)
-    return Network(index, network.offsets[taut], network.cell, pins=pins, n_vertices=len(vertices)), vertices
-
-
 def unknown_configuration(network: Network) -> CriticalConfiguration:
     """A configuration of NaN, in place of one that was not found."""
     shape = (network.n_edges, network.dimension)
     coordinates = np.full((network.n_vertices, network.dimension), np.nan)
     return CriticalConfiguration(network, np.full(network.n_edges, np.nan), coordinates, np.full(shape, np.nan))
 
-
-# The set of taut edges at an onset of rigidity: an active set, corrected between attempts of Newton's method.
-#
-# A set is right where Newton's method converges on it with σ > 0 and no other edge is longer than ℓ.  From a cone
-# program, which tells taut from slack edges to about the root of its tolerance:
-#
-# 1. Leave out edges that end at a vertex without another one, since they cannot carry tension.
-# 2. Newton's method; if it fails, once more from the end of a damped attempt.
-# 3. If it failed, leave out the weakest edges, σ < w ⟨σ⟩ in the program; w grows from attempt to attempt.
-# 4. If it converged, release edges with σ ≤ 0 and add those with |L| > ℓ, each at most once; end where there are none.
 
 ONSET_ROUNDS = 16  # attempts to separate taut from slack edges; standard networks need one, diluted lattices up to four
 # σ below which the weakest edges are left out after Newton's method failed once, in units of ⟨σ⟩, and the factor by
@@ -307,14 +277,18 @@ VIOLATED = 1e-8  # excess of |L|/ℓ over 1 of a slack edge that becomes a candi
 def polish_taut(path: Boundary, lengths: Array, start: OnsetState) -> OnsetState:
     """The onset on the taut edges, to rounding, from a solution of the cone program with a guess of those edges.
 
-    The error is infinite where no attempt succeeds.
+    An active set, corrected between attempts of Newton's method.  A set is right where the method converges on it with
+    σ > 0 and no other edge is longer than ℓ.  The program tells taut from slack edges to about the root of its
+    tolerance.  The error is infinite where no attempt succeeds.
     """
     network, state, best, weak_below, least = path.network, start, start, WEAK_STRESS, np.inf
     released, steps = np.zeros(network.n_edges, bool), 0
     for _ in range(ONSET_ROUNDS):
+        # 1. Without edges that end at a vertex without another one, which cannot carry tension
         candidate = without_hanging(network, state.taut)
         if not candidate.any():
             break
+        # 2. Newton's method; if it fails, once more from the end of a damped attempt
         begin = replace(state, taut=candidate)
         end = newton_taut(path, lengths, begin)
         if end is not None and not end.error < FITTED:
@@ -322,11 +296,13 @@ def polish_taut(path: Boundary, lengths: Array, start: OnsetState) -> OnsetState
             end = damped and newton_taut(path, lengths, damped)
         steps = steps if end is None else end.steps
         if end is None or not end.error < FITTED:
+            # 3. It failed: without the weakest edges, σ < w ⟨σ⟩ in the program; w grows from attempt to attempt
             mean = float(start.sigma[candidate].mean())
             weak = candidate & (start.sigma < weak_below * mean)
             weak_below *= WEAK_GROWTH
             state = replace(start, taut=candidate & ~weak, steps=steps)
             continue
+        # 4. It converged: release edges with σ ≤ 0 and add those with |L| > ℓ, each at most once
         unstressed = candidate & ~stressed(end)
         released |= unstressed
         longer = _longer(path, lengths, end)

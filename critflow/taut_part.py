@@ -99,7 +99,7 @@ def backbone(critical: CriticalConfiguration) -> Backbone:
     return Backbone(critical, taut, tuple(components))
 
 
-def taut_edges(network: Network, taut: ArrayLike) -> Mask:
+def taut_mask(network: Network, taut: ArrayLike) -> Mask:
     """A mask of edges (N_b,) that is somewhere true, else an `InputError`."""
     mask = np.asarray(taut)
     if mask.dtype != bool or mask.shape != (network.n_edges,) or not mask.any():

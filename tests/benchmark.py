@@ -32,10 +32,9 @@ def median_ms(function, repeats=1, arguments=SEEDS):
     return statistics.median(times)
 
 
-def refactor_and_solve(pattern, right):
-    """One numeric refactorisation and four solves of the last matrix of a pattern, without the library around them."""
-    solver = pattern._solvers[0]
-    solver.update(pattern._matrix)
+def refactor_and_solve(solver, matrix, right):
+    """One numeric refactorisation and four solves of a matrix, without the library around them."""
+    solver.update(matrix)
     for _ in range(4):
         solver.solve(right)
 
@@ -46,13 +45,14 @@ def strain_steps(critical, measure, repeats=3):
     Processor time, since another load of the machine enters the time that passes.
     """
     strains, patterns = 1e-3 * np.arange(1, 11), [start.manifold.hessian for start in critical]
+    alone = [(pattern._solver(), pattern._model()) for pattern in patterns]
     paths, steps, units = [], [], []
     for _ in range(repeats + 1):
-        for start, pattern in zip(critical, patterns, strict=True):
+        for start, pattern, unit in zip(critical, patterns, alone, strict=True):
             right, begin = np.random.default_rng(1).standard_normal(pattern.size), time.process_time()
             paths.append(strain_path(start, strains, measure=measure))
             after = time.process_time()
-            refactor_and_solve(pattern, right)
+            refactor_and_solve(*unit, right)
             steps.append(1e3 * (after - begin) / len(strains))
             units.append(1e3 * (time.process_time() - after))
     # The first round makes the patterns.
@@ -86,11 +86,11 @@ def main():
         return manifold.balance(sigma).pull_back(*partials)
 
     _, partials = goal.evaluate(manifold.balance(sigma))
-    pattern = manifold.prestress
-    right = rng.standard_normal(pattern.size)
+    solver, matrix = manifold.prestress._solver(), manifold.prestress._model()
+    right = rng.standard_normal(manifold.prestress.size)
 
     def bare(_seed):
-        refactor_and_solve(pattern, right)
+        refactor_and_solve(solver, matrix, right)
 
     whole, least = [], []
     for _ in range(20):

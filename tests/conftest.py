@@ -50,7 +50,7 @@ def pytest_collection_modifyitems(items):
         if made_here or item.name.startswith("test_a_picture_of_the_gallery"):
             item.add_marker(pytest.mark.sweep)
     # Files that wait for other processes begin, so that no process is alone with them at the end.
-    items.sort(key=lambda item: item.path.parent.name != "workflow")
+    items.sort(key=lambda item: item.path.parent.name != "engine")
 
 
 @pytest.fixture(params=[PLAIN, SCALED, INVERSE], ids=str)

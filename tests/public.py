@@ -18,6 +18,7 @@ IN_MODULES = {
     "extras.cables.rigidity_surface": ("strain_plane",),
     "extras.certificates.spaces": ("zero_modes",),
     "extras.design_stiffness.stiffnesses": ("isotropic_targets",),
+    "extras.hessian.splits": ("geometric_split", "hookean_split", "bond_operator"),
     "extras.local.diagonals": ("face_diagonals", "response_name"),
     "extras.local.drawing": ("draw_response",),
     "extras.tensegrity.second_order": ("second_order_rigidity",),
@@ -27,7 +28,6 @@ IN_MODULES = {
     "points": ("random_sequential_addition",),
     "deformation": ("deformation_of",),
     "faces": ("planar_faces",),
-    "equilibria": ("geometric_split", "hookean_split", "bond_operator"),
 }
 """Further functions whose arguments are checked, by module."""
 

@@ -14,11 +14,11 @@ from distributed import Client
 from extras_there import absent
 
 from critflow import extensions
-from critflow.command import subcommands
+from critflow.command import main as command_module
 from critflow.command.main import main
-from critflow.workflow import distribution
+from critflow.engine import dask_workers
 
-TINY = str(Path(__file__).parent / "workflow" / "tiny_study.py")
+TINY = str(Path(__file__).parent / "engine" / "tiny_study.py")
 
 
 @pytest.fixture(scope="module")
@@ -85,12 +85,8 @@ MISTAKES = {  # words of the command, exit code, a word of the message
     "--workers as a word": (["run", TINY, "--workers", "many"], 2, "--workers"),
     "--workers negative": (["run", TINY, "--workers", "-1"], 2, "--workers"),
     "--workers of a study that measures time": (["run", "alone.py", "--workers", "2"], 2, "at most 1"),
-    "--workers with a cluster": (["run", TINY, "--cluster", "slurm", "--workers", "2"], 2, "--workers"),
     "--workers with a scheduler": (["run", TINY, "--scheduler", "tls://a:1", "--workers", "2"], 2, "--workers"),
-    "--cluster unknown": (["run", TINY, "--cluster", "slrum"], 2, "'slurm'"),
-    "--cluster of a study that measures time": (["run", "alone.py", "--cluster", "slurm"], 2, "measures"),
-    "--cluster and --scheduler": (["run", TINY, "--cluster", "slurm", "--scheduler", "tls://a:1"], 2, "exclude"),
-    "--jobs none": (["run", TINY, "--cluster", "slurm", "--jobs", "0"], 2, "--jobs"),
+    "--scheduler of a study that measures time": (["run", "alone.py", "--scheduler", "tls://a:1"], 2, "measures"),
     "--scheduler plain": (["run", TINY, "--scheduler", "tcp://127.0.0.1:9"], 2, "--insecure"),
     "--scheduler without certificates": (["run", TINY, "--scheduler", "tls://127.0.0.1:9"], 2, "certificates"),
     "--scheduler that does not answer": (["run", TINY, "--scheduler", "tcp://127.0.0.1:9", "--insecure"], 6, "answers"),
@@ -98,9 +94,11 @@ MISTAKES = {  # words of the command, exit code, a word of the message
     "--time-limit NaN": (["run", TINY, "--workers=1", "--time-limit", "nan"], 2, "--time-limit"),
     "--time-limit without workers": (["run", TINY, "--workers=0", "--time-limit", "5"], 2, "--workers"),
     "--memory-limit negative": (["run", TINY, "--workers=1", "--memory-limit=-1"], 2, "--memory-limit"),
-    "--memory-limit with a cluster": (["run", TINY, "--memory-limit=5", "--cluster", "slurm"], 2, "--memory-limit"),
-    "--part of none": (["run", TINY, "--part", "3/2"], 2, "--part"),
-    "--part of words": (["run", TINY, "--part", "a/b"], 2, "--part"),
+    "--memory-limit with a scheduler": (["run", TINY, "--memory-limit=5", "--scheduler=tls://h"], 2, "--memory-limit"),
+    "--part": (["run", TINY, "--part", "1/4"], 2, "--scheduler ADDRESS"),
+    "--cluster": (["run", TINY, "--cluster=slurm"], 2, "--scheduler ADDRESS"),
+    "--jobs": (["run", TINY, "--jobs", "4"], 2, "--scheduler ADDRESS"),
+    "--cluster with --jobs": (["run", TINY, "--cluster", "slurm", "--jobs=4"], 2, "dask-jobqueue"),
     "--set unknown": (["run", TINY, "--set", "sedes=3"], 2, "'seeds'"),
     "--set as an option of nothing": (["run", "--set", "seeds=1"], 2, "Missing"),
     "list an unknown study": (["list", "plane"], 2, "no study"),
@@ -133,7 +131,7 @@ def digest(folder):
 def test_a_mistake_gives_its_exit_code_and_one_sentence_and_writes_nothing(here, results, capsys, monkeypatch, mistake):
     words, code, word = MISTAKES[mistake]
     soon = {"timeout": 0.3}
-    monkeypatch.setattr(distribution, "Client", lambda *where, **options: Client(*where, **(options | soon)))
+    monkeypatch.setattr(dask_workers, "Client", lambda *where, **options: Client(*where, **(options | soon)))
     before = digest(here)
     assert main([text.replace("RESULTS", str(results)) for text in words]) == code
     out, err = capsys.readouterr()
@@ -157,7 +155,7 @@ def test_an_unexpected_error_is_one_line_and_its_traceback_on_request(results, c
     def surprise(*_):
         raise ZeroDivisionError("by zero")
 
-    monkeypatch.setattr("critflow.workflow.verify.verify_folder", surprise)
+    monkeypatch.setattr("critflow.engine.verify.verify_folder", surprise)
     assert main(["verify", str(results)]) == 1
     (line,) = capsys.readouterr().err.splitlines()
     assert "ZeroDivisionError: by zero" in line
@@ -242,8 +240,8 @@ def test_version_and_help(capsys):
 @pytest.fixture
 def without_files(monkeypatch):
     """The command of an installation without one extra, which has a subcommand."""
-    rest = {name: extra for name, extra in subcommands.extras().items() if name != "files"}
-    monkeypatch.setattr(subcommands, "extras", lambda: rest)
+    rest = {name: extra for name, extra in command_module.extras().items() if name != "files"}
+    monkeypatch.setattr(command_module, "extras", lambda: rest)
     monkeypatch.setattr(extensions, "extras", lambda: rest)
 
 
@@ -264,7 +262,7 @@ def test_help_imports_no_extra_and_prints_what_the_commands_print(capsys):
     assert done.stdout.endswith("\n[]\n"), done.stdout
     there = [extra for name, extra in extensions.extras().items() if not absent([name])]
     declared = [(name, one, extra.named) for extra in there for name, one in extra.commands.items()]
-    declared += [(name, one, extensions.named) for name, one in subcommands.COMMANDS.items()]
+    declared += [(name, one, extensions.named) for name, one in command_module.COMMANDS.items()]
     for name, command, imported in declared:
         assert name in done.stdout
         assert (imported(command.place).help or "").splitlines()[0] == command.help

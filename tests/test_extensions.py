@@ -58,6 +58,18 @@ def test_a_quantity_of_an_extra_that_is_not_installed(without):
     assert "onset" not in str(error.value)
 
 
+def test_components_of_an_extra_that_is_not_installed(without):
+    """The list of an extra has them by their axes, S_AXES and C_AXES."""
+    without("design_names")
+    network = lattice("honeycomb", 2, 2)
+    for name in ("S_xy", "C_xxyy"):
+        with pytest.raises(InputError, match=f"'{name}' is of the extra 'design_names' of critflow, which is not"):
+            quantity(network, name)
+    with pytest.raises(InputError, match="C_B, C_G") as error:
+        quantity(network, "nonsense")
+    assert "S_xx" not in str(error.value)
+
+
 def test_a_service_of_an_extra_that_needs_one_that_is_not_installed():
     extra = next(one for one in extensions.extras().values() if one.functions)
     with pytest.raises(InputError, match=f"'{extra.name}' of critflow needs the extra 'nonsense', which is not"):

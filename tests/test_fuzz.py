@@ -33,7 +33,6 @@ from random_problems import a_problem, numbers
 
 import critflow
 from critflow import CritflowError, CriticalManifold, PowerLaw, WormLike
-from critflow.equilibria import bond_operator, geometric_split, hookean_split
 from critflow.isogonal import face_modes
 from critflow.quantities import transition_modulus
 from critflow.quantity_names import flat_directions, stress_hessian
@@ -78,9 +77,6 @@ CALLS = {
     "equilibrium": lambda p, r: critflow.equilibrium(springs(p, r)),
     "equilibrium compressed": lambda p, r: critflow.equilibrium(springs(p, r, -1e-3)),
     "equilibrium fire": lambda p, r: critflow.equilibrium(springs(p, r), "fire", max_steps=200),
-    "bond_operator": lambda p, r: bond_operator(relaxed(p, r).value),
-    "geometric_split": lambda p, r: geometric_split(relaxed(p, r).value),
-    "hookean_split": lambda p, r: hookean_split(relaxed(p, r).value),
     "backbone": lambda p, r: backbone(critical_of(p)),
     "backbone of slack": lambda p, r: backbone(slack_of(p, r)),
     "elasticity at the transition": lambda p, r: critflow.elasticity(critical_of(p)),

@@ -18,9 +18,9 @@ SOURCES = {
     ".".join(["critflow", *path.relative_to(ROOT).with_suffix("").parts]): path for path in sorted(ROOT.rglob("*.py"))
 }
 # Layers without xarray, files, figures and processes.
-PHYSICS = LAYERS[: LAYERS.index("workflow")]
+PHYSICS = LAYERS[: LAYERS.index("engine")]
 # The engine computes cases of any kind.
-WITHOUT = {"workflow": {*PHYSICS, "pictures"} - {"result", "extensions", "calls"}}
+WITHOUT = {"engine": {*PHYSICS, "pictures"} - {"result", "extensions", "calls"}}
 # Modules of the scene that still import an extra.  This list may only become shorter.
 ARROWS: set[str] = set()
 # Modules that still import a later layer.
@@ -33,7 +33,7 @@ ALLOWED = {
 # Modules that may import a solver package, guard it from other threads or, for the C library MKL, search the disk.
 SOLVERS = {
     "critflow.calls": {"contextlib", "sys", "threading", "threadpoolctl", "time"},
-    "critflow.sparse": {"qdldl", "threading"},
+    "critflow.sparse": {"qdldl"},
     "critflow.extensions": {"importlib", "pathlib", "tomllib"},
     "critflow.cones": {"clarabel"},
 }
@@ -114,7 +114,7 @@ def test_solvers_are_behind_their_doors():
 def test_figures_and_files_have_one_layer_each():
     for name, modules in IMPORTS.items():
         roots = {module.split(".")[0] for module in modules}
-        if layer(name) in ("workflow", "command", "extras"):
+        if layer(name) in ("engine", "command", "extras"):
             continue
         assert not roots & HEAVY, name
         if layer(name) != "pictures":
@@ -152,7 +152,7 @@ def test_nothing_global_and_nothing_unsafe(name):
     for node in ast.walk(TREES[name]):
         if isinstance(node, ast.Call) and isinstance(node.func, ast.Name):
             # A study is a Python file of the user's own, which one module runs.
-            unsafe = {"eval", "__import__"} | ({"exec"} if name != "critflow.workflow.load" else set())
+            unsafe = {"eval", "__import__"} | ({"exec"} if name != "critflow.engine.code_digest" else set())
             assert node.func.id not in unsafe, f"{name}: {node.lineno}"
         if isinstance(node, ast.Attribute) and isinstance(node.value, ast.Attribute) and node.value.attr == "random":
             # Generators are made and passed on; the global one is never touched.
@@ -172,7 +172,7 @@ def test_the_command_starts_without_slow_libraries():
         reached |= top - SOURCES.keys()
         waiting |= (top & SOURCES.keys()) - reached
     roots = {module.split(".")[0] for module in reached}
-    assert {"critflow.workflow.tasks", "click"} <= reached
+    assert {"critflow.engine.store", "click"} <= reached
     assert not roots & {"scipy", "xarray", "dask", "distributed", "matplotlib", "mpmath"}
 
 

@@ -16,7 +16,7 @@ import critflow as cf
 from critflow import CritflowError, InputError, SolveError
 from critflow.command.main import main
 
-TINY = str(Path(__file__).parent / "workflow" / "tiny_study.py")
+TINY = str(Path(__file__).parent / "engine" / "tiny_study.py")
 
 NETWORK = cf.voronoi_network(n_vertices=60, seed=1)
 MANIFOLD = cf.CriticalManifold(NETWORK)
@@ -438,14 +438,6 @@ COMMANDS = {
             ["run", "ensemble", "--set", "populations=random_stres"],
             *(2, "populations has no 'random_stres'", "did you mean 'random_stress'?"),
         ),
-        "population of schema 3": (
-            ["run", "ensemble", "--set", "populations=bulk_modulus"],
-            *(2, "populations has no 'bulk_modulus'", "it is called 'max_B_0' now"),
-        ),
-        "variable of schema 3": (
-            ["run", "ensemble", "--set", "variables=bulk_modulus_0"],
-            *(2, "no variable 'bulk_modulus_0'", "it is called 'B_0' now"),
-        ),
         "variable misspelt": (
             ["run", TINY, "--set", "variables=colour"],
             *(2, "study 'tiny' has no variable 'colour'", "the choices are all, scalars"),
@@ -488,16 +480,14 @@ COMMANDS = {
             ["run", "alone.py", "--workers", "2"],
             *(2, "--workers 2 disturbs the times", "give at most 1"),
         ),
-        "--workers with a cluster": (
-            ["run", TINY, "--cluster", "slurm", "--workers", "2"],
-            *(2, "--workers counts local processes", "leave it out with --scheduler or --cluster"),
+        "--workers with a scheduler": (
+            ["run", TINY, "--scheduler", "tls://a:1", "--workers", "2"],
+            *(2, "--workers counts local processes", "leave it out with --scheduler"),
         ),
-        "--cluster misspelt": (["run", TINY, "--cluster", "slrum"], 2, "cluster 'slrum'", "did you mean 'slurm'?"),
-        "--cluster and --scheduler": (
-            ["run", TINY, "--cluster", "slurm", "--scheduler", "tls://a:1"],
-            *(2, "--scheduler and --cluster exclude each other", "give one of them"),
+        "a batch system": (
+            ["run", TINY, "--cluster", "slurm"],
+            *(2, "--cluster, --jobs and --part are gone", "dask-jobqueue", "--scheduler ADDRESS", "docs/command.md"),
         ),
-        "--jobs none": (["run", TINY, "--cluster", "slurm", "--jobs", "0"], 2, "--jobs must be positive"),
         "--scheduler plain": (
             ["run", TINY, "--scheduler", "tcp://127.0.0.1:9"],
             *(2, "'tcp://127.0.0.1:9' is not encrypted", "use tls://, or add --insecure"),
@@ -514,7 +504,6 @@ COMMANDS = {
             ["run", TINY, "--workers=1", "--memory-limit=-1"],
             *(2, "--memory-limit -1 must be a number above zero"),
         ),
-        "--part of none": (["run", TINY, "--part", "3/2"], 2, "--part 3/2 must be i/n", "i from 1 to n", "1/4"),
         "status of no folder": (
             ["status", "nowhere"],
             *(2, "nowhere is not a results folder", "no study.json", "critflow run"),

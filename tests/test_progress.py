@@ -67,7 +67,7 @@ calls.say("done")
 
 
 def test_a_run_counts_its_cases_on_a_terminal():
-    study = Path(__file__).parent / "workflow" / "plain_study.py"
+    study = Path(__file__).parent / "engine" / "plain_study.py"
     code = f"""
 import os, tempfile
 from critflow.command.main import main

@@ -11,8 +11,8 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Polygon
 
 from critflow import CriticalManifold, Status, voronoi_network
+from critflow.engine import Claim, Coordinate, Study, decimals, stable_rng
 from critflow.pictures import COLOURS
-from critflow.workflow import Claim, Coordinate, Study, decimals, stable_rng
 
 from .shared.checks import voronoi_check
 from .shared.reports import PAPER

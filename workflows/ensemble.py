@@ -14,11 +14,11 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from critflow import Status, voronoi_network
+from critflow.engine import Axis, Coordinate, Study, decimals
+from critflow.engine.study import plural
 from critflow.paths import check_strains
 from critflow.pictures import draw_network, unit_pressure_tensions
 from critflow.points import check_voronoi
-from critflow.workflow import Axis, Coordinate, Study, decimals
-from critflow.workflow.study import plural
 
 from .paper.committed import committed_run
 from .paper.verdicts import claims_of

@@ -18,10 +18,10 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from critflow import CriticalManifold, Status, critical_from_lengths, upper_bound, voronoi_network
+from critflow.engine import Axis, Claim, Coordinate, Study, Variable, stable_rng
+from critflow.engine.study import plural
 from critflow.points import check_voronoi
 from critflow.result import StudyError
-from critflow.workflow import Axis, Claim, Coordinate, Study, Variable, stable_rng
-from critflow.workflow.study import plural
 
 from .shared.checks import check_network
 from .shared.figures import legend_below, lettered

@@ -7,7 +7,7 @@ part ε of the mean length give them back (`nearest_critical`).  "pressures igno
 import numpy as np
 
 import critflow as cf
-from critflow.workflow import Claim, Coordinate
+from critflow.engine import Claim, Coordinate
 
 from .shared.checks import voronoi_check
 from .shared.figures import counted, panels

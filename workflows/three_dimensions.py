@@ -11,11 +11,11 @@ Random rest lengths (`random_lengths`) have s = 0.1, not the 0.3 of the plane, s
 import numpy as np
 
 from critflow import foam_network
+from critflow.engine import Axis, Claim, Coordinate, Study, decimals
+from critflow.engine.study import plural
 from critflow.paths import check_strains
 from critflow.pictures import COLOURS
 from critflow.points import FOAM_HARD_CORE, check_foam
-from critflow.workflow import Axis, Claim, Coordinate, Study, decimals
-from critflow.workflow.study import plural
 
 from .shared.checks import check_fit, check_network, check_positive
 from .shared.figures import counted, lettered, page

@@ -11,13 +11,13 @@ Random rest lengths (`random_lengths`) have s = 0.1, not the 0.3 of the paper, s
 import numpy as np
 
 import critflow as cf
-from critflow.equilibria import geometric_split
+from critflow.engine import Claim, Coordinate, Study
+from critflow.engine.study import plural
+from critflow.extras.hessian.splits import geometric_split
 from critflow.extras.weak.soft_spectrum import soft_spectrum
 from critflow.extras.weak.weak_equilibrium import weak_equilibrium
 from critflow.extras.weak.weak_modulus import WeakModulus
 from critflow.quantities import transition_modulus
-from critflow.workflow import Claim, Coordinate, Study
-from critflow.workflow.study import plural
 
 from .paper.committed import committed_run
 from .paper.statements import Measurement

@@ -1,23 +1,25 @@
-"""The `critflow` command: its subcommands, and the exit code of each error.
+"""The `critflow` command: its subcommands, each imported when it is used, and the exit code of each error.
 
-Modules that compute are imported when a subcommand is used: they take most of the start-up time, and worker processes
+Modules that compute, and those that need xarray, dask or matplotlib, are imported inside the functions of the
+subcommands: they take most of the start-up time, a mistake in the arguments needs none of them, and worker processes
 import this module again.
 """
 
 from __future__ import annotations
 
+import os
 import sys
-from collections.abc import Sequence
+import traceback
+from collections.abc import Callable, Sequence
+from typing import Any
 
 import click
 
-from critflow.command.messages import INTEGRITY, fail
-from critflow.command.subcommands import Subcommands
+from critflow.engine.store import Interrupted, LockedError
+from critflow.extensions import Command, extras, missing, named
 from critflow.result import CritflowError, EnvironmentFailure, InputError, IntegrityError
-from critflow.workflow.folder import LockedError
-from critflow.workflow.tasks import Interrupted
 
-INTERRUPTED = 130
+INTERRUPTED, INTEGRITY = 130, 4
 EXIT_CODES = (
     (Interrupted, INTERRUPTED),
     (InputError, 2),
@@ -25,6 +27,17 @@ EXIT_CODES = (
     (LockedError, 5),
     (EnvironmentFailure, 6),
 )
+# The subcommands of critflow itself; the files of extras declare theirs.
+COMMANDS = {
+    "run": Command("critflow.command.run:run", "Compute a study, and write its dataset, figures and claims."),
+    "list": Command(
+        "critflow.command.read:list_studies", "Name the studies that can be run, or print the settings of one."
+    ),
+    "status": Command("critflow.command.read:status", "Count the cases of a folder that are done, failed and missing."),
+    "verify": Command("critflow.command.read:verify", "Read every byte of a folder, and recompute its physics."),
+    "figures": Command("critflow.command.read:figures", "Draw the figures and write the claims of a folder again."),
+    "show": Command("critflow.command.read:show", "Print what a dataset is, or draw one configuration of it."),
+}
 
 
 def main(words: Sequence[str] | None = None) -> int:
@@ -44,6 +57,50 @@ def main(words: Sequence[str] | None = None) -> int:
         return fail(f"the operating system refused: {str(error) or 'out of memory'}", 6)
     except Exception as error:
         return fail(f"unexpected {type(error).__name__}: {error}: set CRITFLOW_TRACEBACK=1 for the traceback", 1)
+
+
+def fail(sentence: str, code: int) -> int:
+    if os.environ.get("CRITFLOW_TRACEBACK"):
+        traceback.print_exc()
+    warn(sentence)
+    return code
+
+
+def warn(sentence: str) -> None:
+    print("critflow:", " ".join(sentence.split()), file=sys.stderr)
+
+
+class Subcommands(click.Group):
+    """The subcommands of critflow and of all extras that are installed, in the order of their use."""
+
+    def make_context(self, info_name: str | None, args: list[str], parent: Any = None, **more: Any) -> click.Context:
+        self.commands = {name: Declared(name, one, named) for name, one in COMMANDS.items()}
+        for extra in extras().values():
+            self.commands |= {name: Declared(name, one, extra.named) for name, one in extra.commands.items()}
+        return super().make_context(info_name, args, parent, **more)
+
+    def list_commands(self, ctx: click.Context) -> list[str]:
+        return list(self.commands)
+
+    def resolve_command(self, ctx: click.Context, args: list[str]) -> Any:
+        """The subcommand of the first word; `InputError` for one of an extra that is not installed."""
+        if args[0] not in self.commands and (extra := missing(args[0])):
+            raise InputError(
+                f"{args[0]} belongs to the extra {extra!r} of critflow, which is not installed: install critflow again"
+            )
+        return super().resolve_command(ctx, args)
+
+
+class Declared(click.Command):
+    """A subcommand known by its declaration until it is used; `imported` gives the object of its place."""
+
+    def __init__(self, name: str, command: Command, imported: Callable[[str], Any]):
+        super().__init__(name, help=command.help)
+        self._place, self._imported = command.place, imported
+
+    def make_context(self, info_name: str | None, args: list[str], parent: Any = None, **more: Any) -> Any:
+        """The context of the command itself, with its options."""
+        return self._imported(self._place).make_context(info_name, args, parent, **more)
 
 
 @click.group(cls=Subcommands, no_args_is_help=False, epilog="critflow COMMAND --help prints the options of a command.")

@@ -1,23 +1,25 @@
-"""The commands that read studies and their results: `list`, `status`, `verify`, `figures` and `show`.
-
-They import inside a function the modules that compute, and those that need xarray or matplotlib, as `run` does.
-"""
+"""The commands that read studies and their results: `list`, `status`, `verify`, `figures` and `show`."""
 
 from __future__ import annotations
 
 import json
 from collections.abc import Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import click
+import numpy as np
 
-from critflow.command.messages import INTEGRITY, fail, print_report, print_verdicts, warn
-from critflow.result import CritflowError, InputError
-from critflow.workflow.code import code_version
-from critflow.workflow.folder import CHANGED, DAMAGED, DONE, FAILED, MISSING, OTHER, Folder, reason_lines
-from critflow.workflow.load import load_study, named_studies
-from critflow.workflow.plan import spelled
-from critflow.workflow.study import plural
+from critflow.command.main import INTEGRITY, fail, warn
+from critflow.command.run import print_report, print_verdicts
+from critflow.engine.code_digest import code_version, load_study, named_studies
+from critflow.engine.settings import case_title, choose_case, spelled, stored_configuration
+from critflow.engine.store import CHANGED, DAMAGED, DONE, FAILED, MISSING, OTHER, Folder, reason_lines
+from critflow.engine.study import plural
+from critflow.result import CritflowError, InputError, Status
+
+if TYPE_CHECKING:
+    import xarray as xr
 
 folder_argument = click.argument("folder", metavar="DIR", type=Path, help="A results folder.")
 
@@ -66,9 +68,9 @@ def status(folder: Path, as_json: bool) -> None:
     counts = {name: sum(one.state == name for one in states) for name in (DONE, FAILED, MISSING)}
     counts |= {name: n for name in (OTHER, CHANGED, DAMAGED) if (n := sum(one.state == name for one in states))}
     messages = []
-    if note.code != code:
-        messages.append(f"the last run used other code: {note.code}, now {code}: --recompute or --keep its cases")
-    if note.table != selection.study.table_digest:
+    if note["code"] != code:
+        messages.append(f"the last run used other code: {note['code']}, now {code}: --recompute or --keep its cases")
+    if note["table"] != selection.study.table_digest:
         messages.append("the table of variables has changed: the next run computes all cases again")
     if as_json:
         record = {
@@ -107,19 +109,19 @@ def verify(folder: Path, sample: int) -> int:
     """Read every byte of a folder, and recompute its physics.
 
     The physics of the stored arrays, and a sample of the cases."""
-    from critflow.workflow.verify import verify_folder
+    from critflow.engine.verify import verify_folder
 
     results = Folder(folder)
-    found = verify_folder(results, sample)
-    for problem in found.problems:
+    problems, stored, physics, computed = verify_folder(results, sample)
+    for problem in problems:
         warn(problem)
-    if found.problems:
-        count = plural(len(found.problems), "problem")
+    if problems:
+        count = plural(len(problems), "problem")
         return fail(f"{count} in {results.path}: run the study again to correct them", INTEGRITY)
-    physics = ", and the physics in it was recomputed" if found.physics else "; the study recomputes no physics in it"
-    print(f"{results.path}: {found.stored} stored cases agree with the dataset to the last byte{physics}")
-    which = "; ".join(", ".join(f"{k} {v}" for k, v in case.values.items()) for case in found.sample)
-    print(f"{results.path}: {plural(len(found.sample), 'case')} computed again with the same result: {which or '-'}")
+    end = ", and the physics in it was recomputed" if physics else "; the study recomputes no physics in it"
+    print(f"{results.path}: {stored} stored cases agree with the dataset to the last byte{end}")
+    which = "; ".join(", ".join(f"{k} {v}" for k, v in case.values.items()) for case in computed)
+    print(f"{results.path}: {plural(len(computed), 'case')} computed again with the same result: {which or '-'}")
     return 0
 
 
@@ -130,8 +132,8 @@ def figures(folder: Path, format: str) -> None:
     """Draw the figures and write the claims of a folder again.
 
     From its dataset, or from what a stopped run stored."""
-    from critflow.workflow.report import write_report
-    from critflow.workflow.run import write_partial_dataset
+    from critflow.engine.report import write_report
+    from critflow.engine.run import write_partial_dataset
 
     results = Folder(folder)
     _, selection = results.selection()
@@ -150,10 +152,8 @@ def show(file: Path, settings: Sequence[str], out: Path | None) -> None:
     """Print what a dataset is, or draw one configuration of it.
 
     The configuration that --set chooses, with its certificate."""
-    from critflow.command.show import show_configuration
+    from critflow.engine.dataset import opened_dataset
     from critflow.pictures import require_picture
-    from critflow.workflow.dataset import opened_dataset
-    from critflow.workflow.selected import case_title, choose_case
 
     if file.is_dir():
         raise InputError(f"{file} is a folder: give the dataset NAME.nc in it")
@@ -165,3 +165,32 @@ def show(file: Path, settings: Sequence[str], out: Path | None) -> None:
             return
         case = choose_case(dataset, settings)
         print(show_configuration(case, out or file.parent / f"{case_title(case)}.png"))
+
+
+def show_configuration(case: xr.Dataset, path: Path) -> str:
+    """Draw one case of a dataset to `path` and return its certificate as text.
+
+    Raises `InputError` for a dataset without the arrays of a configuration, or a case without result.
+    """
+    import matplotlib.pyplot as plt
+
+    from critflow.extensions import provided
+    from critflow.manifold import CriticalConfiguration
+    from critflow.networks import Network
+    from critflow.pictures import network_figure
+
+    outcome = Status(int(case["status"]))
+    if outcome in (Status.failed, Status.missing):
+        raise InputError(f"{case_title(case)} has no configuration: {outcome.message}")
+    arrays: dict[str, Any] = stored_configuration(case)
+    sigma, x = arrays["sigma"], arrays["position"]
+    if sigma is None or not np.isfinite(sigma).all():
+        raise InputError("this case has no stresses: choose another, or see its status")
+    network = Network(arrays["edges"], arrays["offsets"], arrays["cell"])
+    critical = CriticalConfiguration(network, sigma, x, network.bond_vectors(x))
+    title = ", ".join(f"{axis} {case[axis].item()}" for axis in case.attrs["axes"].split())
+    text = provided("certificate_text", "certificates")(critical, title, outcome)
+    figure = network_figure(network.edges, network.offsets, arrays["cell"], x, sigma, critical.lengths, title)
+    figure.savefig(path, dpi=200)
+    plt.close(figure)
+    return f"{text}\ndrawn in {path}"

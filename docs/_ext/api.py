@@ -1,11 +1,11 @@
 """The API reference: a page for each function and class, and lists of them.
 
-The directive `layer` lists the names of one folder of the scene, or of one extra, with a line each; `names` lists all
+The directive `layer` lists the names of one module of the scene, or of one extra, with a line each; `names` lists all
 public names by the headings of the reference.  `entries.py` writes the page of each name.
 
 Docstrings are plain text.  Tables of two columns become definition lists, indented lines displayed equations, lines
 after `>>>` code, and `names` links: to a public name, or to the page that explains the equation of the paper with this
-label.  In the pages of the theory `folder: NAME` links to its entry; a folder is one of critflow or critflow/extras.
+label.  In the pages of the theory `LAYER: NAME` links to its entry; a layer is a module of critflow, or an extra.
 """
 
 import inspect
@@ -41,12 +41,14 @@ PACKAGE = Path(critflow.__file__).parent
 
 
 def package_of(layer: str) -> str:
-    """The package of a folder of the scene, a module at the top of it, or an extra."""
+    """The module of the scene, or the package of the extra."""
     return f"critflow.extras.{layer}" if (PACKAGE / "extras" / layer).is_dir() else f"critflow.{layer}"
 
 
-def folder_of(layer: str) -> Path:
-    return PACKAGE.parent.joinpath(*package_of(layer).split("."))
+def files_of(layer: str) -> list[Path]:
+    """The file of a module of the scene, or those of an extra; none where neither is there."""
+    folder = PACKAGE / "extras" / layer
+    return sorted(folder.glob("*.py")) if folder.is_dir() else sorted(PACKAGE.glob(f"{layer}.py"))
 
 
 def within(module: str, layer: str) -> bool:
@@ -84,11 +86,10 @@ def path_of(layer: str, name: str) -> str:
         owner_path = f"critflow.{head}"
     else:
         defined = re.compile(rf"^(?:def|class) {head}\b", flags=re.M)
-        files = sorted(folder_of(layer).glob("*.py"))
-        module = next((file for file in files if defined.search(file.read_text(encoding="utf-8"))), None)
-        if module is None:  # MODULE.NAME
+        file = next((file for file in files_of(layer) if defined.search(file.read_text(encoding="utf-8"))), None)
+        if file is None:  # MODULE.NAME
             return f"{package_of(layer)}.{name}"
-        owner_path = f"{package_of(layer)}.{module.stem}.{head}"
+        owner_path = ".".join([*file.relative_to(PACKAGE.parent).with_suffix("").parts, head])
     owners = getattr(thing_at(owner_path), "__mro__", ())
     owner = next((kind for kind in owners if member and member in vars(kind)), None)
     if owner is None or owner is owners[0]:
@@ -101,7 +102,7 @@ def in_theory(layer: str) -> list[str]:
     text = "".join(page.read_text(encoding="utf-8") for page in sorted(THEORY.glob("*.md")))
     found = re.findall(rf"`{layer}: (\w+(?:\.[a-z]\w*)*)", text)
     paths = [path_of(layer, name).split(".") for name in found]
-    depth = package_of(layer).count(".") + 3  # the module, and the name in it
+    depth = 5 if package_of(layer).startswith("critflow.extras.") else 3  # of the name in its module
     return [".".join(path[:depth]) for path in paths if within(".".join(path[:-1]), layer) and len(path) >= depth]
 
 
@@ -170,7 +171,7 @@ def entry_of(path: str) -> str:
 
 
 class Layer(Directive):
-    """`layer NAME`: a table of the names of a folder, with a line of each, which lead to their pages."""
+    """`layer NAME`: a table of the names of a module or an extra, with a line of each, which lead to their pages."""
 
     required_arguments = 1
     has_content = True
@@ -201,7 +202,7 @@ def parsed(directive: Directive, text: str) -> list[nodes.Node]:
 
 
 class FunctionLinks(SphinxTransform):
-    """In the theory `folder: NAME` links to the entry of the reference."""
+    """In the theory `LAYER: NAME` links to the entry of the reference."""
 
     default_priority = 850
 
@@ -210,7 +211,7 @@ class FunctionLinks(SphinxTransform):
             return
         for literal in list(self.document.findall(nodes.literal)):
             found = FUNCTION.fullmatch(literal.astext())
-            if found and folder_of(found[1]).is_dir():
+            if found and files_of(found[1]):
                 target = path_of(*found.groups())
                 link = addnodes.pending_xref("", refdomain="py", reftype="obj", reftarget=target, refwarn=True)
                 link += nodes.literal("", found[2])

@@ -10,7 +10,7 @@ import xarray as xr
 
 from critflow import InputError, Status
 from critflow.command.main import main
-from critflow.workflow.load import load_study
+from critflow.engine.code_digest import load_study
 from workflows.benchmarks.failure_map import problems, quantities, report
 from workflows.benchmarks.failure_map.outcomes import Answer, Outcome, Violation, assessed, compared
 from workflows.benchmarks.reference import Unknown

@@ -12,9 +12,9 @@ import pytest
 import xarray as xr
 
 from critflow.command.main import main
+from critflow.engine.code_digest import load_study
 from critflow.result import Status
 from critflow.sparse import FixedPattern
-from critflow.workflow.load import load_study
 from workflows.benchmarks.speed import curves, report, sizes, stages
 from workflows.benchmarks.speed.stages import STAGES
 from workflows.benchmarks.speed.tasks import TASKS

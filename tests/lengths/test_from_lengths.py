@@ -10,7 +10,7 @@ from problems import NETWORKS, dense_free, voronoi_3d
 
 from critflow import CriticalManifold, Network, SolveError, Status, critical_from_lengths, voronoi_network
 from critflow.cones import fit_lengths
-from critflow.workflow import stable_rng
+from critflow.engine import stable_rng
 
 NETWORK = voronoi_network(100, seed=1)
 

@@ -13,7 +13,7 @@ from critflow.lengths import newton_error
 from critflow.numerics import norms
 from critflow.saddles import Saddle
 from critflow.sparse import balanced_part
-from critflow.taut_edges import Expansion, OnsetState, _shortening, newton_taut, placed, polish_taut, taut_part
+from critflow.taut_edges import Boundary, OnsetState, _shortening, newton_taut, placed, polish_taut, taut_part
 
 NETWORK = voronoi_network(40, seed=1)
 CRITICAL = CriticalManifold(NETWORK).configuration(random_stress(60, 1))
@@ -21,7 +21,7 @@ CRITICAL = CriticalManifold(NETWORK).configuration(random_stress(60, 1))
 
 def scaling(network):
     """The path of a common factor of all lengths."""
-    return Expansion(CriticalManifold(network))
+    return Boundary(CriticalManifold(network))
 
 
 def all_taut(network, coordinates, sigma):

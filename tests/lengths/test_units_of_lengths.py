@@ -10,7 +10,7 @@ from units import Units, same_in_units
 from critflow import CriticalManifold, critical_from_lengths, voronoi_network
 from critflow.cones import fit_lengths
 from critflow.lengths import iterate_lengths
-from critflow.taut_edges import Expansion, OnsetState, newton_taut
+from critflow.taut_edges import Boundary, OnsetState, newton_taut
 
 
 def lengths(network, spread, seed=1):
@@ -42,7 +42,7 @@ def by_newton(network, units):
     critical = CriticalManifold(network).configuration(random_stress(network.n_edges, 1))
     x, taut = critical.coordinates[network.free], np.ones(network.n_edges, bool)
     target = critical.lengths * lengths(network, 1e-3)
-    path = Expansion(CriticalManifold(network))
+    path = Boundary(CriticalManifold(network))
     end = newton_taut(path, target, OnsetState(0.0, np.zeros(0), x, critical.sigma, taut))
     return {"number": (end.strain, end.error, end.steps, end.sigma), "length": (end.coordinates,)}
 

@@ -28,7 +28,7 @@ def test_every_live_factor_keeps_its_numbers(backend):
     factors = [pattern.factorize(sigma) for sigma in sigmas[:2]]
     answers = [factor.solve(RIGHT) for factor in factors]
     factors += [pattern.factorize(sigma) for sigma in sigmas[2:]]
-    # In turn, so that each is displaced by the others.
+    # In turn, so that no factor is the last one.
     for _ in range(2):
         for sigma, factor in zip(sigmas, factors, strict=True):
             alone = laplacian(NETWORK, backend).factorize(sigma)

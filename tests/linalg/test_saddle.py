@@ -1,11 +1,11 @@
-"""Systems of stresses and displacements: both strategies against the equations themselves."""
+"""Systems of stresses and displacements: against the equations themselves."""
 
 import numpy as np
 import pytest
 from problems import NETWORKS, dense_bond_vectors, grounded, random_stress
 
 from critflow import CriticalManifold, voronoi_network
-from critflow.saddles import CondensedSaddle, Saddle
+from critflow.saddles import Saddle
 from critflow.sparse import eliminating_backends
 
 
@@ -63,19 +63,13 @@ def test_a_compliance_stays_in_the_equations(corner, sums):
 
 @pytest.mark.parametrize("n_vertices", [40, 1000])
 @pytest.mark.parametrize("spread", [0.0, 0.9])
-def test_the_condensed_saddle_solves_the_saddle(n_vertices, spread):
+def test_the_residual_is_rounding_for_positive_stresses(n_vertices, spread):
     network = voronoi_network(n_vertices, seed=3)
     rng = np.random.default_rng(5)
     sigma = rng.uniform(1 - spread, 1 + spread, network.n_edges)
     L = CriticalManifold(network).configuration(sigma).bond_vectors
     forces = rng.standard_normal((n_vertices - 1, 2))
     given = rng.standard_normal(network.n_edges)
-    u, multipliers, error = CondensedSaddle(network).factorize(sigma, L).solve(forces, given)
-    assert error < 1e-13
-    assert_solved(network, sigma, L, u, multipliers, forces, given, atol=1e-11)
-    other, lagrange, _ = Saddle(network).factorize(sigma, L).solve(forces, given)
-    np.testing.assert_allclose(u, other, rtol=0, atol=1e-9 * np.abs(other).max())
-    # The multipliers are free by a multiple of the self-stress.
-    apart = multipliers - lagrange
-    apart -= (sigma @ apart) / (sigma @ sigma) * sigma
-    np.testing.assert_allclose(apart, 0, rtol=0, atol=1e-9 * np.abs(multipliers).max())
+    u, multipliers, error = Saddle(network).factorize(sigma, L).solve(forces, given)
+    assert error < 1e-11
+    assert_solved(network, sigma, L, u, multipliers, forces, given, atol=1e-9)

@@ -6,7 +6,7 @@ import numpy as np
 from problems import NETWORKS, dense_bond_vectors, random_stress
 from units import same_in_units
 
-from critflow.saddles import CondensedSaddle, Saddle
+from critflow.saddles import Saddle
 from critflow.sparse import laplacian
 
 
@@ -47,6 +47,5 @@ test_factors_in_other_units = same_in_units(
         "saddle": (partial(saddle, kind=Saddle), NETWORK),
         "signed saddle": (partial(saddle, kind=Saddle, signed=True), NETWORK),
         "saddle in space": (partial(saddle, kind=Saddle), NETWORKS["voronoi 3D"]),
-        "condensed": (partial(saddle, kind=CondensedSaddle), NETWORK),
     },
 )

@@ -66,13 +66,14 @@ def test_points_of_a_cell_are_frozen(dimension, hard_core, total):
     assert points @ np.arange(1.0, 1 + dimension) @ np.arange(60.0) == pytest.approx(total, rel=1e-12)
 
 
-@pytest.mark.parametrize("dimension", [2, 3])
-def test_trials_in_parts_give_the_same_points(dimension, monkeypatch):
+@pytest.mark.parametrize("cell", [np.eye(2), np.eye(3), np.array([[1.0, 0.1], [0.7, 1.0]])], ids=len)
+def test_trials_in_parts_give_the_same_points(cell, monkeypatch):
     def points():
-        return random_sequential_addition(400, 0.8 / 400 ** (1 / dimension), np.random.default_rng(3), dimension)
+        return points_in_cell(400, 0.8, np.random.default_rng(3), cell)
 
     at_once = points()
     monkeypatch.setattr(random_points, "_BLOCK", 100)
+    monkeypatch.setattr(random_points, "_MANY_TRIALS", 100)
     np.testing.assert_array_equal(points(), at_once)
 
 

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from critflow.workflow.load import load_study
+from critflow.engine.code_digest import load_study
 from workflows.pages.tables import COMMITTED, MODULI, REFERENCE, filled, pages
 from workflows.pages.verdicts import differences, found, of_committed_run, of_the_paper, statement_counts, statements
 from workflows.paper.committed import committed_run

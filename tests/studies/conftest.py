@@ -8,7 +8,7 @@ from extras_there import skip_without, used_by_file
 from small_studies import SETTINGS
 
 from critflow.command.main import main
-from critflow.workflow.load import named_studies
+from critflow.engine.code_digest import named_studies
 
 
 def words(study, *settings):

@@ -6,7 +6,7 @@ import re
 import pytest
 
 from critflow import Status
-from critflow.workflow.load import load_study, named_studies
+from critflow.engine.code_digest import load_study, named_studies
 
 STUDIES = sorted(name for name, path in named_studies().items() if "benchmarks" not in path.parts)
 # Studies in which some cases have another status than ok.

@@ -4,8 +4,8 @@ import numpy as np
 
 from critflow import CriticalManifold, Status, voronoi_network
 from critflow.command.main import main
-from critflow.workflow import stable_rng
-from critflow.workflow.load import load_study
+from critflow.engine import stable_rng
+from critflow.engine.code_digest import load_study
 from workflows.benchmarks import reference
 from workflows.paper.statements import STATEMENTS
 from workflows.shared.measurements import BOUNDED
@@ -128,3 +128,11 @@ def test_stored_numbers_are_within_their_error_bounds(run_study, tmp_path):
     one, exact = dataset.sel(population="random_stress", seed=0), reference.configuration(network, raw)
     error = reference.largest_error(one.position.values, exact.coordinates, moved=True)
     assert error <= float(one.position_error_bound) < 1e-14
+
+
+def test_the_selection_of_the_documents_keeps_integers_and_sound_cases(dataset):
+    masked = dataset[["B_0", "C_B"]].where(dataset.valid)
+    assert np.isfinite(masked.B_0).all() and set(masked.dims) == {"population", "seed"}
+    wrong = dataset.copy()
+    wrong["valid"] = dataset.valid.where(dataset.seed != 1, 0)
+    assert np.isnan(dataset[["B_0"]].where(wrong.valid).B_0.sel(seed=1)).all()

@@ -5,7 +5,7 @@ import numpy as np
 
 from critflow import Network, Status
 from critflow.command.main import main
-from critflow.workflow.load import load_study
+from critflow.engine.code_digest import load_study
 
 matplotlib.use("Agg")
 

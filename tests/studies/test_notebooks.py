@@ -11,7 +11,7 @@ from extras_there import mentioned, skip_without
 from scipy.stats import spearmanr
 
 from critflow.command.example_data import ensemble_path
-from critflow.workflow.load import named_studies
+from critflow.engine.code_digest import named_studies
 from workflows.pages.notebooks import DOCS, FOLDER, PAGES, notebook_of
 
 sys.path.append(str(DOCS / "_ext"))

@@ -5,7 +5,7 @@ import pytest
 from problems import SQRT3
 
 from critflow import lattice, voronoi_network
-from critflow.workflow.load import load_study
+from critflow.engine.code_digest import load_study
 from workflows.reference_numbers import measures
 
 STUDY = "reference_numbers"

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from critflow.command.main import main
-from critflow.workflow.load import load_study
+from critflow.engine.code_digest import load_study
 
 SETTINGS = {
     "allostery": {"sizes=20": "at least 24", "loads=2.0": "between 0 and 1", "starts=0": "must be positive"},

@@ -6,11 +6,10 @@ import pytest
 from problems import Factorisations
 
 from critflow import Status, foam_network, voronoi_network
-from critflow.workflow.dataset import Assembly, opened_dataset, write_dataset
-from critflow.workflow.folder import Folder
-from critflow.workflow.load import load_study
-from critflow.workflow.plan import select
-from critflow.workflow.tasks import Job, run_cases
+from critflow.engine.code_digest import load_study
+from critflow.engine.dataset import Assembly, opened_dataset, write_dataset
+from critflow.engine.settings import select
+from critflow.engine.store import Folder, Job, compute_network
 
 NETWORKS = {"ensemble": voronoi_network, "three_dimensions": foam_network}
 
@@ -23,8 +22,8 @@ def stored(name, words, path):
     for part in (folder.shards, folder.failed):
         part.mkdir(parents=True, exist_ok=True)
     job = Job(str(loaded.path), loaded.digest, str(path), parameters, selection.study.selected, (name,), "this code")
-    for _, cases in groupby(selection.cases(), lambda case: case.values["seed"]):
-        run_cases(job, [case.values for case in cases])
+    for _, cases in groupby(selection.cases, lambda case: case.values["seed"]):
+        compute_network(job, [case.values for case in cases])
     write_dataset(Assembly(selection, folder.shards, folder.states(selection)), folder.dataset(name), {"history": name})
     with opened_dataset(folder.dataset(name)) as dataset:
         return dataset.load()

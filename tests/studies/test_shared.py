@@ -9,7 +9,7 @@ import pytest
 import xarray as xr
 
 from critflow import CriticalManifold, Status, voronoi_network
-from critflow.workflow.load import load_study, named_studies
+from critflow.engine.code_digest import load_study, named_studies
 from workflows.shared.populations import LABELS, PAPER_POPULATIONS, POPULATIONS
 from workflows.shared.reports import finite, spread, status_counts
 from workflows.shared.verification import balance_error, bond_vectors, contradictions, forces

@@ -5,7 +5,7 @@ import pytest
 from problems import random_stress
 
 from critflow import CriticalManifold, Status, critical_from_lengths, stiffening, voronoi_network
-from critflow.workflow import stable_rng
+from critflow.engine import stable_rng
 from workflows.shared import strain_protocol
 from workflows.shared.populations import STREAMS, random_lengths
 from workflows.shared.strain_protocol import critical_by_strain, critical_in_printed_box

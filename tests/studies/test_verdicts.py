@@ -4,8 +4,8 @@ import math
 
 import pytest
 
+from critflow.engine.code_digest import load_study, named_studies
 from critflow.result import StudyError
-from critflow.workflow.load import load_study, named_studies
 from workflows.paper.statements import STATEMENTS, Measurement, Statement, statement
 from workflows.paper.verdicts import claims_of, combined, verdict
 

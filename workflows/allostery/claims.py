@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from critflow.workflow import Claim
-from critflow.workflow.study import plural
+from critflow.engine import Claim
+from critflow.engine.study import plural
 
 from ..shared.populations import NAMES, PAPER_POPULATIONS
 from ..shared.reports import finite, parameters

@@ -3,8 +3,8 @@
 import numpy as np
 
 import critflow as cf
+from critflow.engine import stable_rng
 from critflow.extras.local.diagonals import face_diagonals, response_name
-from critflow.workflow import stable_rng
 
 from ..shared.populations import PAPER_POPULATIONS, configuration
 from ..shared.tables import stacked

@@ -11,8 +11,8 @@ can command has a sharp limit which grows more slowly than the number of vertice
 Random rest lengths (`random_lengths`) have s = 0.1, not the 0.3 of the paper, so that every edge carries tension.
 """
 
+from critflow.engine import Coordinate, Study
 from critflow.result import StudyError
-from critflow.workflow import Coordinate, Study
 
 from ..shared.checks import check_network, check_voronoi, voronoi_check
 from ..shared.reports import PAPER

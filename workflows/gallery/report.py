@@ -4,10 +4,10 @@ import numpy as np
 from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 
+from critflow.engine.study import plural
 from critflow.faces import planar_faces
 from critflow.pictures import draw_network, face_polygons, periodic_segments, shade_faces
 from critflow.result import Status
-from critflow.workflow.study import plural
 
 from ..paper.statements import Measurement
 from ..paper.verdicts import claims_of

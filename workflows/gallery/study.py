@@ -15,11 +15,11 @@ from functools import lru_cache
 import numpy as np
 
 import critflow as cf
+from critflow.engine import Axis, Study, stable_rng
 from critflow.isogonal import affine_bulk_modulus, face_modes
 from critflow.points import check_voronoi
 from critflow.quantity_names import flat_directions
 from critflow.result import StudyError
-from critflow.workflow import Axis, Study, stable_rng
 
 from ..paper.committed import committed_run
 from ..shared.checks import check_network, check_positive

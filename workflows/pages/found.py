@@ -3,7 +3,7 @@
 import json
 from pathlib import Path
 
-from critflow.workflow.claim import Claim
+from critflow.engine.study import Claim
 
 from .verdicts import committed
 

@@ -41,9 +41,11 @@ FIGURES = tuple(Figure(**row) for row in _TABLE["figure"])
 
 
 def named(function: str) -> str:
-    """A function of the table as the documents name it: `folder: NAME`, with a folder of critflow or of its extras."""
-    folder, _, name = function.removeprefix("extras.").split(".", 2)
-    return f"{folder}: {name}"
+    """A function of the table as the documents name it: `MODULE: NAME`, `EXTRA: NAME` or `workflows: MODULE.NAME`."""
+    module, _, name = function.partition(".")
+    if module in ("extras", "workflows"):
+        module, _, name = function.removeprefix("extras.").split(".", 2)
+    return f"{module}: {name}"
 
 
 def printed(key: str) -> str:

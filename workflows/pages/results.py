@@ -17,8 +17,8 @@ import numpy as np
 import xarray as xr
 from PIL import Image, ImageSequence
 
-from critflow.workflow.claim import Claim
-from critflow.workflow.load import load_study
+from critflow.engine.code_digest import load_study
+from critflow.engine.study import Claim
 
 from ..paper.statements import STATEMENTS
 from .paper import EQUATIONS, FIGURES, printed

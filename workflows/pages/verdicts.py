@@ -4,7 +4,8 @@ import json
 from collections import Counter
 from pathlib import Path
 
-from critflow.workflow.claim import DIFFERENCES, VERDICTS, Claim, counted, table
+from critflow.engine.report import counted, table
+from critflow.engine.study import DIFFERENCES, VERDICTS, Claim
 
 from ..paper.statements import STATEMENTS
 

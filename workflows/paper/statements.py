@@ -5,9 +5,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
+from critflow.engine.study import DIFFERENCES, nearest
 from critflow.result import StudyError
-from critflow.workflow.claim import DIFFERENCES
-from critflow.workflow.study import nearest
 
 RULES = ("share", "at_most", "at_least", "near", "exponent", "chance")
 ROWS = ("each", "readings", "one")

@@ -3,7 +3,7 @@
 import math
 from collections.abc import Iterable
 
-from critflow.workflow import Claim
+from critflow.engine import Claim
 
 from .statements import STATEMENTS, Measurement, Statement, statement
 

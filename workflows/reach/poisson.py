@@ -9,9 +9,9 @@ from matplotlib import colormaps
 
 import critflow as cf
 from critflow.deformation import strain_basis
+from critflow.engine import Claim
+from critflow.engine.study import plural
 from critflow.extras.design_stiffness.stiffnesses import isotropic_targets
-from critflow.workflow import Claim
-from critflow.workflow.study import plural
 
 from ..shared.figures import counted, panels, readable
 from ..shared.reports import finite, parameters

@@ -7,8 +7,8 @@ Random rest lengths (`random_lengths`) have s = 0.1, not the 0.3 of the paper, s
 """
 
 from critflow import Status, delaunay_network, voronoi_network
+from critflow.engine import Coordinate
 from critflow.result import StudyError
-from critflow.workflow import Coordinate
 
 from ..shared.checks import check_network, check_positive, voronoi_check
 from ..shared.tables import network_study
@@ -67,4 +67,5 @@ study = network_study(
     variables=(*support.table(), *poisson.table(), *surfaces.table()),
     figures={"reach": support.figure, "poisson": poisson.figure, "surfaces": surfaces.figure},
     claims=claims,
+    extras=("anisotropy",),
 )

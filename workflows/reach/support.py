@@ -10,9 +10,9 @@ A stretch along x with free sides has Poisson's ratio ν = S_xx/S_yy, which is p
 import numpy as np
 
 import critflow as cf
+from critflow.engine import Claim
+from critflow.engine.study import plural
 from critflow.quantities import PenalisedModulus, transition_modulus
-from critflow.workflow import Claim
-from critflow.workflow.study import plural
 
 from ..shared.figures import counted, legend_below, lettered, panels
 from ..shared.reports import finite, parameters, series

@@ -7,10 +7,10 @@ it is strained to a surface in the plane of pure shear and dilation.  Its normal
 import numpy as np
 
 import critflow as cf
+from critflow.engine import Claim
+from critflow.engine.study import plural
 from critflow.extras.cables.rigidity_surface import strain_plane
 from critflow.pictures import COLOURS
-from critflow.workflow import Claim
-from critflow.workflow.study import plural
 
 from ..shared.figures import counted, legend_below, lettered, panels
 from ..shared.populations import LABELS, NAMES, PAPER_POPULATIONS, configuration

@@ -6,10 +6,10 @@ import numpy as np
 from scipy.optimize import brentq
 
 import critflow as cf
+from critflow.engine import stable_rng
 from critflow.extras.anisotropy.tensors import voigt
 from critflow.extras.pruning.pruning import carrying_part
 from critflow.taut_part import backbone
-from critflow.workflow import stable_rng
 
 # Length of the stored curves.
 POINTS = 8

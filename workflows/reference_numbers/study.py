@@ -9,9 +9,9 @@ from typing import NamedTuple
 import numpy as np
 
 from critflow import voronoi_network
+from critflow.engine import Axis, Claim, Study, Variable
+from critflow.engine.study import plural
 from critflow.result import Status, StudyError
-from critflow.workflow import Axis, Claim, Study, Variable
-from critflow.workflow.study import plural
 
 from ..shared.checks import check_network, check_positive
 from ..shared.figures import TEXT, counted, lettered, panels

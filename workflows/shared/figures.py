@@ -8,9 +8,9 @@ from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 from matplotlib.patches import Polygon
 
+from critflow.engine.study import plural
 from critflow.networks import Array
 from critflow.pictures import COLOURS
-from critflow.workflow.study import plural
 
 # A figure is printed 17 cm wide, with text of 9 points.
 WIDTH, TEXT, RESOLUTION = 17 / 2.54, 9, 200

@@ -8,8 +8,8 @@ from itertools import permutations
 
 import numpy as np
 
+from critflow.engine.study import plural
 from critflow.result import Status
-from critflow.workflow.study import plural
 
 from ..paper.statements import Measurement
 from .populations import NAMES, PAPER_POPULATIONS, SPREADS

@@ -8,8 +8,8 @@ from functools import lru_cache
 import numpy as np
 
 from critflow import CriticalConfiguration, CriticalManifold, Solution, critical_from_lengths, optimize
+from critflow.engine import AxisLabel, stable_rng
 from critflow.pictures import COLOURS
-from critflow.workflow import AxisLabel, stable_rng
 
 from .strain_protocol import critical_in_printed_box
 

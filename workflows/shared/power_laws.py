@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from critflow.workflow import stable_rng
+from critflow.engine import stable_rng
 
 # Resampled ensembles behind a confidence interval.
 _RESAMPLED = 1000

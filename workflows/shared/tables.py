@@ -6,7 +6,7 @@ from enum import IntEnum
 import numpy as np
 
 from critflow import Status
-from critflow.workflow import Axis, Study, Variable
+from critflow.engine import Axis, Study, Variable
 
 from .reports import PAPER
 

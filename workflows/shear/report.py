@@ -2,9 +2,9 @@
 
 import numpy as np
 
+from critflow.engine import Claim
+from critflow.engine.study import plural
 from critflow.result import Status
-from critflow.workflow import Claim
-from critflow.workflow.study import plural
 
 from ..paper.statements import Measurement
 from ..paper.verdicts import claims_of

@@ -18,11 +18,11 @@ import numpy as np
 
 from critflow import CriticalManifold, Solution, optimize, upper_bound, voronoi_network
 from critflow.elastic import elasticity
+from critflow.engine import Axis, Coordinate, Study, Variable, stable_rng
 from critflow.optima import largest_modulus
 from critflow.points import check_voronoi
 from critflow.quantities import pure_shear, transition_modulus
 from critflow.result import Status, StudyError
-from critflow.workflow import Axis, Coordinate, Study, Variable, stable_rng
 
 from ..paper.committed import committed_run
 from ..shared.checks import check_network

@@ -6,7 +6,7 @@ Each function takes a `Sample` and returns a number and whether the statement ho
 import numpy as np
 
 import critflow as cf
-from critflow.equilibria import geometric_split
+from critflow.extras.hessian.splits import geometric_split
 from critflow.extras.weak.weak_equilibrium import weak_equilibrium
 
 from .sample import rank

@@ -6,7 +6,7 @@ from functools import cached_property
 import numpy as np
 
 import critflow as cf
-from critflow.workflow import stable_rng
+from critflow.engine import stable_rng
 
 # Singular values below this part of the largest count as zero: rounding leaves 1e-13 of them.
 ZERO = 1e-9

@@ -7,9 +7,9 @@ whether the statement holds in this network.  The statements themselves are in `
 import numpy as np
 
 import critflow as cf
+from critflow.engine import Coordinate, Study, Variable
+from critflow.engine.study import nearest, plural
 from critflow.result import StudyError
-from critflow.workflow import Coordinate, Study, Variable
-from critflow.workflow.study import nearest, plural
 
 from ..paper.committed import committed_run
 from ..paper.statements import Measurement, statement

@@ -6,8 +6,8 @@ C_B is prescribed to âˆ’0.05, 0 and 0.3 at B_0 = 0.25, and each is strained to Î
 import numpy as np
 
 import critflow as cf
-from critflow.workflow import Claim
-from critflow.workflow.study import plural
+from critflow.engine import Claim
+from critflow.engine.study import plural
 
 from ..shared.figures import counted, lettered, panels, signed
 from ..shared.reports import MISSED, parameters, series

@@ -7,8 +7,8 @@ Random rest lengths (`random_lengths`) have s = 0.1, not the 0.3 of the paper, s
 """
 
 from critflow import Status, voronoi_network
+from critflow.engine import Coordinate
 from critflow.result import StudyError
-from critflow.workflow import Coordinate
 
 from ..shared.checks import check_network, voronoi_check
 from ..shared.tables import network_study

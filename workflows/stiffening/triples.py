@@ -9,8 +9,8 @@ fitted.
 import numpy as np
 
 import critflow as cf
-from critflow.workflow import Claim, stable_rng
-from critflow.workflow.study import plural
+from critflow.engine import Claim, stable_rng
+from critflow.engine.study import plural
 
 from ..shared.figures import counted, legend_below, lettered, panels
 from ..shared.measurements import coefficients

@@ -3,8 +3,8 @@
 import numpy as np
 from scipy.ndimage import binary_dilation, label
 
+from critflow.engine.study import plural
 from critflow.result import Status
-from critflow.workflow.study import plural
 
 from ..paper.statements import Measurement
 from ..paper.verdicts import claims_of

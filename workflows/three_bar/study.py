@@ -7,10 +7,10 @@ other grids follow one sheet each in signed lengths r_α ∝ 1/σ_α, which add 
 import numpy as np
 
 from critflow import CriticalManifold, Status, three_bar_linkage
+from critflow.engine import Axis, Coordinate, Study, decimals, stable_rng
 from critflow.manifold import COLLAPSED
 from critflow.result import StudyError
 from critflow.self_stress import Spectrum, stabilises
-from critflow.workflow import Axis, Coordinate, Study, decimals, stable_rng
 
 from ..paper.committed import committed_run
 from ..shared.reports import PAPER

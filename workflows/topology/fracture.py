@@ -9,10 +9,10 @@ import numpy as np
 from scipy.stats import binom
 
 import critflow as cf
+from critflow.engine import Claim
+from critflow.engine.study import plural
 from critflow.result import NetworkError
 from critflow.taut_part import backbone
-from critflow.workflow import Claim
-from critflow.workflow.study import plural
 
 from ..shared.figures import counted, draw_in_cell, heading, page, readable, segments
 from ..shared.measurements import moduli_with_bounds

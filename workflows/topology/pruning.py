@@ -3,7 +3,7 @@
 import numpy as np
 
 import critflow as cf
-from critflow.workflow import Claim
+from critflow.engine import Claim
 
 from ..shared.figures import counted, panels
 from ..shared.reports import parameters, series, spread

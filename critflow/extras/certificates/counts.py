@@ -23,7 +23,7 @@ from critflow.numerics import LARGEST_DENSE, REGULARISATION, STABLE_MARGIN
 from critflow.result import InputError, Record, Solution, Stats, Status
 from critflow.saddles import Saddle, positive
 from critflow.self_stress import ITERATION_ERROR, Spectrum, edge_without_length
-from critflow.taut_part import Mask, taut_edges, taut_networks
+from critflow.taut_part import Mask, taut_mask, taut_networks
 
 # Part of the size of a network within which pins lie on one point or line.
 _COINCIDENT = 1e-6
@@ -97,7 +97,7 @@ def rigidity(
     of_kind(float, None, tolerance=tolerance)
     of_kind(bool, vectors=vectors)
     of_kind(np.ndarray, None, taut=taut)
-    kept = np.ones(network.n_edges, bool) if taut is None else taut_edges(network, taut)
+    kept = np.ones(network.n_edges, bool) if taut is None else taut_mask(network, taut)
     if not kept.all():
         return _rigidity_of_taut(network, coordinates, tolerance, vectors, kept)
     x = validated_coordinates(network, coordinates)

@@ -8,13 +8,13 @@ from typing import Any
 
 import numpy as np
 
+from critflow.engine.dataset import opened_dataset
 from critflow.extras.explore.model import Model
 from critflow.extras.explore.source import Opening, check_size, imported_lines, opened
 from critflow.extras.files.convert import network_from
 from critflow.manifold import CriticalConfiguration
 from critflow.networks import Array
 from critflow.result import InputError, Status
-from critflow.workflow.dataset import opened_dataset
 
 # Variables on the axes of the plane until others are chosen.
 _FIRST = ("B_0", "C_B")

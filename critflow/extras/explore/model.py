@@ -10,13 +10,13 @@ import scipy.sparse as sp
 from scipy.sparse.csgraph import minimum_spanning_tree
 
 from critflow import upper_bound
+from critflow.engine import stable_rng
 from critflow.faces import Faces, planar_faces
 from critflow.lengths import critical_from_lengths
 from critflow.manifold import CriticalManifold
 from critflow.networks import Array, IntArray, Network
 from critflow.optima import optimize
 from critflow.result import CritflowError, InputError
-from critflow.workflow import stable_rng
 
 OPTIMA = {"min_V_L": "V_L", "min_V_tau": "V_tau", "max_B_0": "B_0", "max_G_0": "G_0"}
 """The quantity of each population that is an optimum."""

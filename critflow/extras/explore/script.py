@@ -29,7 +29,7 @@ def script(session: Session) -> str:
     heads += [""] * bool(heads)
     heads.append(f"from critflow import {', '.join(name for name in _IMPORTED if f'{name}(' in text)}")
     heads += ["from critflow.isogonal import face_modes"] * ("face_modes(" in text)
-    heads += ["from critflow.workflow import stable_rng"] * ("stable_rng(" in text)
+    heads += ["from critflow.engine import stable_rng"] * ("stable_rng(" in text)
     return "\n".join([*heads, "", text, ""])
 
 

@@ -13,9 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from critflow.checks import floats, integers
+from critflow.engine.settings import stored_configuration
 from critflow.extras.pruning.digits import Digits, digits_of
 from critflow.result import EnvironmentFailure, InputError, Record
-from critflow.workflow.selected import stored_configuration
 
 Array = NDArray[np.float64]
 IntArray = NDArray[np.int64]

@@ -14,11 +14,11 @@ from typing import Any
 import click
 import numpy as np
 
+from critflow.engine.settings import choose_case
 from critflow.extras.files.convert import network_from
 from critflow.extras.files.data import number, require_regular
 from critflow.extras.files.repair import ImportedNetwork
 from critflow.result import InputError
-from critflow.workflow.selected import choose_case
 
 files_argument = click.argument(
     "files",
@@ -143,7 +143,7 @@ def read(files: Sequence[Path], hints: Hints) -> ImportedNetwork:
     if file.suffix != ".nc":
         return network_from(file if len(files) == 1 else files, **keywords)
     # Its xarray and dask would delay the commands on all other files.
-    with import_module("critflow.workflow.dataset").opened_dataset(file) as dataset:
+    with import_module("critflow.engine.dataset").opened_dataset(file) as dataset:
         return network_from(choose_case(dataset, hints.case).load(), **keywords)
 
 

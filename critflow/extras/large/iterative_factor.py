@@ -8,6 +8,7 @@ from __future__ import annotations
 from functools import partial
 
 import numpy as np
+import scipy.sparse as sp
 
 from critflow.extras.large import multigrid
 from critflow.result import InputError
@@ -17,21 +18,18 @@ from critflow.sparse import REDUCED, Array, Factor, FixedPattern, by_columns
 class MultigridFactor(Factor):
     """A Laplacian of one pattern, solved by conjugate gradients with algebraic multigrid."""
 
-    __slots__ = ("_multigrid",)
-
     @staticmethod
     def installed() -> bool:
         """Whether PyAMG is there."""
         return multigrid.INSTALLED
 
-    def __init__(self, pattern: FixedPattern, data: Array):
-        super().__init__(pattern, data)
+    def __init__(self, pattern: FixedPattern, matrix: sp.csc_matrix):
+        super().__init__(pattern, matrix)
         self._multigrid: multigrid.Multigrid | None = None
 
     def prepare(self) -> None:
-        upper = self._pattern.filled(self._data)
-        if multigrid.serves(upper):
-            self._multigrid = multigrid.Multigrid(upper)
+        if multigrid.serves(self._matrix):
+            self._multigrid = multigrid.Multigrid(self._matrix)
             return
         self._refuse("mixed signs or other matrices")
         super().prepare()

@@ -26,7 +26,7 @@ from critflow.networks import Array, IntArray, Network
 from critflow.numerics import EPS, dot, norms, product
 from critflow.quantities import Balanced
 from critflow.result import InputError
-from critflow.saddles import CondensedFactor, SaddleFactor
+from critflow.saddles import SaddleFactor
 from critflow.sparse import Factor
 
 # Compliance of a pair, relative to that by P alone with edges that yield, below which edges hold it: rounding is 1e-15.
@@ -79,7 +79,7 @@ class Compliances:
     network: Network
     sigma: Array
     bond_vectors: Array
-    factor: SaddleFactor | CondensedFactor | HessianFactor
+    factor: SaddleFactor | HessianFactor
     yielding: Array | float = 0.0
     resisting: Array | float = 0.0
     motions: dict[Pair, PairMotion] = field(default_factory=dict, repr=False)
@@ -207,7 +207,7 @@ def compliances(balance: Balanced) -> Compliances:
             raise InputError(
                 f"local responses need positive stresses, and edge {edge} has {sigma[edge]:.3g}: take cables"
             )
-        factor = balance.manifold.system(sigma).factorize(sigma, L)
+        factor = balance.manifold.saddle.factorize(sigma, L)
         shared["compliances of pairs"] = Compliances(balance.manifold.network, sigma, L, factor)
     found: Compliances = shared["compliances of pairs"]
     return found

@@ -1,8 +1,8 @@
 """The part of a network that can carry tension.
 
-That is each block whose boundary opens it (`checks`); the others are bridges and dangling ends, blocks
-of one edge, and closed pieces that hang on one vertex.  A piece of springs that hangs on one vertex may still have a
-self-stress of both signs; it does not change the moduli, and is removed too.
+That is each block whose boundary opens it (`critflow.checks`), without bridges and dangling ends, which are blocks of
+one edge, and without closed pieces that hang on one vertex.  A piece of springs that hangs on one vertex may still have
+a self-stress of both signs; it does not change the moduli, and is removed too.
 """
 
 from __future__ import annotations
@@ -48,8 +48,8 @@ def pruned(network: Network | ArrayLike, kept: ArrayLike | None = None, **argume
     >>> import numpy as np
     >>> cf.pruned(cf.lattice("honeycomb", 3, 3), np.arange(27) != 0).network.n_edges
     26
-    >>> found = cf.pruned([[0, 1], [1, 2], [1, 3]], pins={0: [0.0, 0.0], 2: [1.0, 0.0]})
-    >>> found.network.n_edges, found.network.note
+    >>> part = cf.pruned([[0, 1], [1, 2], [1, 3]], pins={0: [0.0, 0.0], 2: [1.0, 0.0]})
+    >>> part.network.n_edges, part.network.note
     (2, 'removed 1 of 3 edges, which cannot carry tension: 1 on bridges and dangling ends')
     """
     network = of_kind(np.ndarray, Network, network=network)

@@ -29,7 +29,7 @@ from critflow.networks import Array, Network
 from critflow.numerics import EPS
 from critflow.result import Status
 from critflow.sparse import Factor, FixedPattern
-from critflow.springs import TAUT, EdgeMatrix, SpringState, times
+from critflow.springs import TAUT, EdgeMatrix, SpringState
 
 # Strain of the cell by the stress that is left, above which nothing fixes its free components.  In a cell that cables
 # pull flat the remaining step is the whole of what is left, 1; where they are fixed it is rounding over a stiffness.
@@ -175,7 +175,9 @@ class FreeCellState:
     def bordered(self, vertices: Factor, axial: EdgeMatrix, isotropic: Array, shift: float = 0.0) -> BorderedFactor:
         """The factor for vertices and cell, from one for the vertices, of the stiffness c L Lᵀ + t 1 of the edges."""
         L, V, divergence = self.springs.bond_vectors, self._stretches() / self.unit, self.springs.network.divergence
-        TV = times(axial, np.einsum("ad,mad->ma", L, V))[:, :, None] * L + isotropic[:, None] * V
+        hdot = np.einsum("ad,mad->ma", L, V)
+        resisted = axial * hdot if isinstance(axial, np.ndarray) else np.asarray((axial @ hdot.T).T)
+        TV = resisted[:, :, None] * L + isotropic[:, None] * V
         X = np.stack([(divergence @ one).ravel() for one in TV], axis=1)
         C = np.einsum("mad,nad->mn", V, TV) + shift * np.eye(len(V))
         return BorderedFactor(vertices, X, C, float(np.sum(np.abs(V) * np.abs(TV))))

@@ -15,7 +15,7 @@ from critflow.linear_response import Elasticity, Errors
 from critflow.networks import Network, validated_coordinates
 from critflow.result import InputError, Solution
 from critflow.springs import SpringLaw, SpringState, edge_directions, spring_state
-from critflow.taut_part import taut_edges, taut_networks
+from critflow.taut_part import taut_mask, taut_networks
 
 # Change of a tensor by a stress that counts as rounding, relative to the affine tensor and to the largest σ over the
 # largest k: 0.6 was found in random networks just past the transition.
@@ -37,7 +37,7 @@ def _of_network(
     rest = rest_lengths
     if coordinates is None:
         raise InputError("the elasticity of a network depends on its configuration: give coordinates")
-    if taut is not None and not taut_edges(network, taut).all():
+    if taut is not None and not taut_mask(network, taut).all():
         if rest is not None:
             raise InputError("taut edges are those of springs at rest: for rest lengths choose law=Cable()")
         return _of_taut(network, coordinates, taut, volume)
@@ -50,7 +50,7 @@ def _of_network(
 
 def _of_taut(network: Network, coordinates: ArrayLike, taut: ArrayLike, volume: float) -> ElasticResponse:
     """The response of all connected parts of the taut edges at rest."""
-    x, mask = validated_coordinates(network, coordinates), taut_edges(network, taut)
+    x, mask = validated_coordinates(network, coordinates), taut_mask(network, taut)
     parts = taut_networks(network, mask)
     total = total_response([response_at_rest(part, x[vertices], volume) for part, _, vertices in parts])
     slack = f"{np.count_nonzero(~mask)} of {network.n_edges} edges are slack: the moduli are those of the taut part"

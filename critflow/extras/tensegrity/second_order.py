@@ -28,7 +28,7 @@ from critflow.networks import Array, Network
 from critflow.numerics import EPS, LARGEST_DENSE
 from critflow.result import Record, Solution, Stats, Status
 from critflow.saddles import Saddle
-from critflow.self_stress import ITERATION_ERROR, forms_on_modes
+from critflow.self_stress import ITERATION_ERROR
 
 POSITIVE = 1e-7  # an eigenvalue above this is positive: below, the solutions of semidefinite programs are not accurate
 ZERO = 1e-10  # an eigenvalue or form below this is zero to rounding
@@ -136,6 +136,15 @@ def second_order_rigidity(
     error = max(stiffness_error(network, sigma, turned) for sigma in counts.self_stresses)
     value = _by_forms(counts, modes, forms_on_modes(network.incidence, counts.self_stresses, modes), error)
     return _answer(value, Status.undecided if value.second_order_rigid is None else Status.ok)
+
+
+def forms_on_modes(incidence: sp.csr_array, stresses: Array, modes: Array) -> Array:
+    """Zᵀ P(σ) Z of stresses (n, N_b) on orthonormal motions Z (m, n_vertices, d), (n, m, m).
+
+    incidence  of the edges on the vertices that move, (N_b, n_vertices)
+    """
+    stretch = np.concatenate([np.asarray(incidence @ component.T) for component in np.moveaxis(modes, 2, 0)])
+    return np.stack([stretch.T @ (weights[:, None] * stretch) for weights in np.tile(stresses, modes.shape[2])])
 
 
 def _answer(value: SecondOrderRigidity, status: Status) -> Solution[SecondOrderRigidity]:

@@ -11,7 +11,6 @@ from critflow.elastic import (
     AT_REST,
     ElasticResponse,
     elastic_response,
-    of_one_self_stress,
     strain_rates,
     tensor_of_self_stress,
     under_stress,
@@ -25,7 +24,7 @@ from critflow.growth import StiffeningSolution, coefficients, exact_stiffening, 
 from critflow.linear_response import Elasticity, linear_response
 from critflow.manifold import CriticalManifold
 from critflow.numerics import EPS
-from critflow.result import InputError, Solution, Status
+from critflow.result import InputError, Solution, Stats, Status
 from critflow.springs import HOOKEAN, SpringLaw
 
 SLACK_FACE = 1e-9  # tension of a face without any, relative to the largest
@@ -41,7 +40,8 @@ def _at_transition(tissue: CriticalTissue, volume: float, **_: Any) -> ElasticRe
     critical, tense = tissue.configuration, tissue.face_tensions > SLACK_FACE * tissue.face_tensions.max()
     faces = FaceSprings(tissue.faces.sides[tense], tissue.faces.stiffness[tense])
     if not faces.several_self_stresses(critical.network, critical.bond_vectors):
-        return of_one_self_stress(_of_self_stress(tissue, volume), critical.residual)
+        stats = Stats("transition", residual=critical.residual)
+        return ElasticResponse(_of_self_stress(tissue, volume), Status.ok, stats, n_self_stresses=1)
     response: ElasticResponse = provided("response_at_rest", AT_REST)(
         critical.network, critical.coordinates, volume, faces.of_edges
     )

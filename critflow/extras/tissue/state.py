@@ -7,6 +7,7 @@ edges, τ = Aᵀ T, and couple the edges of each face (`face_springs`).
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 import scipy.sparse as sp
@@ -53,18 +54,27 @@ class TissueState(SpringState):
         """Row sums (N_b,) of Aᵀ κ A: a matrix without negative entries is at most the diagonal of these."""
         return np.asarray(self.faces.overlap.sum(axis=1))
 
-    def couplings(self, stiffness: Array, sigma: Array) -> sp.coo_array:
-        """K = Aᵀ κ A/(|L||L|) − σ/|L|² (N_b, N_b) of stresses σ (N_b,)."""
+    @cached_property
+    def modified_stiffness(self) -> sp.coo_array:
+        """K = Aᵀ κ A/(|L||L|) − σ/|L|², (N_b, N_b)."""
+        return self.couplings(self.sigma)
+
+    def resistance(self, hdot: Array) -> Array:
+        """K ḣ for changes ḣ of h, both (m, N_b)."""
+        return np.asarray((self.modified_stiffness @ hdot.T).T)
+
+    def convex_parts(self) -> tuple[sp.coo_array, Array]:
+        """K and σ without the geometric softening of compressed edges."""
+        tension = np.maximum(self.sigma, 0.0)
+        return self.couplings(tension), tension
+
+    def couplings(self, sigma: Array) -> sp.coo_array:
+        """K of stresses σ (N_b,)."""
         pairs, length = self.faces.overlap, self.lengths
         values = pairs.data / (length[pairs.row] * length[pairs.col])
         same = pairs.row == pairs.col
         values[same] -= (sigma / length**2)[pairs.row[same]]
         return sp.coo_array((values, (pairs.row, pairs.col)), shape=pairs.shape)
-
-    @property
-    def axial_stiffness(self) -> sp.coo_array:
-        """∂²E/∂|L|∂|L| = Aᵀ κ A, (N_b, N_b)."""
-        return self.faces.overlap
 
     def pattern(self) -> FixedPattern:
         """The pattern of the Hessian, with a block for each two edges of one face."""

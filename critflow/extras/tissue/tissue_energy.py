@@ -22,9 +22,12 @@ from critflow.growth import StrainedEnergy, Term, Third
 from critflow.linear_response import accumulated_rounding
 from critflow.networks import Array
 from critflow.numerics import EPS, MOST_REFINEMENTS, dot, norms
-from critflow.saddles import CONDENSED_WEIGHT, CONTRACTION, REFINED
+from critflow.saddles import CONTRACTION, REFINED
 
 _CORRECTIONS = 3  # of coordinates and tensions by one factor; each gains the accuracy of the cone program's answer
+
+# Weight of a constraint in units of the stiffnesses: 3 refinements remove its compliance.
+CONSTRAINT = 1e8
 
 
 class PerimeterSystem:
@@ -39,13 +42,12 @@ class PerimeterSystem:
         self.lengths = norms(bond_vectors)
         self.units, perimeters = bond_vectors / self.lengths[:, None], self.sides @ self.lengths
         self.sigma = (self.sides.T @ tensions) / self.lengths
-        self._weight = np.full(len(tensions), CONDENSED_WEIGHT * float(np.mean(tensions / perimeters)))
+        self._weight = np.full(len(tensions), CONSTRAINT * float(np.mean(tensions / perimeters)))
         faces = FaceSprings(self.sides, self._weight)
         self._constraints = faces.rates(self.network, bond_vectors)
         x = tissue.configuration.coordinates
         stiff = TissueState(self.network, perimeters, x, bond_vectors, faces=faces)
-        couplings = stiff.couplings(stiff.edge_stiffness, self.sigma)
-        self._factor = stiff.pattern().factorize(stiff.blocks(couplings, self.sigma))
+        self._factor = stiff.pattern().factorize(stiff.blocks(stiff.couplings(self.sigma), self.sigma))
         self.soft = self._factor.indefinite
 
     def bent(self, rates: Array) -> Array:

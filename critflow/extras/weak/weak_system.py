@@ -23,11 +23,13 @@ from critflow.extras.weak.weak_energies import WeakFunction
 from critflow.manifold import CriticalConfiguration
 from critflow.networks import Array
 from critflow.numerics import MOST_REFINEMENTS, dot
-from critflow.saddles import CONDENSED_WEIGHT, CONTRACTION, REFINED
+from critflow.saddles import CONTRACTION, REFINED
 from critflow.sparse import Entries, Factor, FixedPattern, spread_columns
 
 # Step of differences of fourth order along a strain: their errors are 1e-12 and, of second derivatives, 1e-9.
 _STEP = 1e-3
+# Weight of a constraint in units of the stiffnesses: 3 refinements remove its compliance.
+CONSTRAINT = 1e8
 _PLACES = (-2, -1, 1, 2)
 
 
@@ -57,7 +59,7 @@ class WeakSystem:
 
     def factorize(self, s: float, weak: float = 1.0) -> WeakFactor:
         """The factor at sP + weak·H."""
-        weight = CONDENSED_WEIGHT * (abs(s) * self.scales[0] + weak * self.scales[1])
+        weight = CONSTRAINT * (abs(s) * self.scales[0] + weak * self.scales[1])
         return WeakFactor(self, s, weak, weight, self._pattern.factorize(np.array([s, weak, weight])))
 
 
@@ -85,7 +87,7 @@ class WeakFactor:
         u, multipliers = np.zeros_like(forces), np.zeros_like(e)
         force, elongation, best = forces, e, np.inf
         # Scales of the terms that cancel: the load, and the lengths that it would move without constraints.
-        force_scale = float(np.abs(forces).max(initial=0.0)) + float(np.abs(R.T @ (w * e)).max()) / CONDENSED_WEIGHT
+        force_scale = float(np.abs(forces).max(initial=0.0)) + float(np.abs(R.T @ (w * e)).max()) / CONSTRAINT
         for _ in range(MOST_REFINEMENTS):
             step = self.factor.solve(force + R.T @ (w * elongation))
             new_u = u + step

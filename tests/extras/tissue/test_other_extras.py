@@ -1,6 +1,7 @@
 """What other extras say of a tissue."""
 
 import numpy as np
+import pytest
 from extras.increments import assert_increments
 from refusals import refused
 
@@ -14,6 +15,7 @@ from critflow import (
     voronoi_network,
     weak_forces,
 )
+from critflow.extras.hessian.splits import geometric_split, hookean_split
 
 TISSUE = critical_from_perimeters(lattice("honeycomb", 3, 3), np.ones(9))
 BAD = {
@@ -21,6 +23,14 @@ BAD = {
     "weak forces": (lambda: weak_forces(TISSUE, AngleSprings()), "not springs on edges"),
 }
 test_bad_input_raises_one_sentence = refused(BAD)
+
+
+@pytest.mark.parametrize("split", [geometric_split, hookean_split])
+def test_both_splits_are_the_hessian_of_tissues(split):
+    state = TISSUE.value.at_rest().deformed(np.diag([1.1, 0.95]))
+    state = state.moved(0.05 * np.random.default_rng(1).standard_normal(state.forces.shape))
+    H = state.factorize(state.pattern()).multiply(np.eye(state.forces.size))
+    np.testing.assert_allclose(split(state).hessian.toarray(), H, rtol=0, atol=1e-12 * np.abs(H).max())
 
 
 def test_increments_of_the_stress_are_those_of_relaxed_tissues():

@@ -10,9 +10,9 @@ from functools import cached_property
 import numpy as np
 
 from critflow import CriticalManifold, Network, delaunay_network, lattice, voronoi_network
+from critflow.engine import stable_rng
 from critflow.manifold import critical_configuration
 from critflow.springs import SpringState, spring_state
-from critflow.workflow import stable_rng
 
 from ...shared.populations import OPTIMA
 from .. import reference

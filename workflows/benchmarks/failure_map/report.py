@@ -5,10 +5,10 @@ from matplotlib.colors import ListedColormap
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch, Rectangle
 
+from critflow.engine import Claim
+from critflow.engine.study import plural
 from critflow.pictures import COLOURS
 from critflow.result import Status
-from critflow.workflow import Claim
-from critflow.workflow.study import plural
 
 from ...shared.figures import TEXT, counted, lettered, page
 from ...shared.populations import LABELS, OPTIMA

@@ -11,9 +11,9 @@ from functools import partial
 import numpy as np
 
 from critflow import Status
+from critflow.engine import Axis, Coordinate, Study, Variable
 from critflow.points import check_voronoi
 from critflow.result import StudyError
-from critflow.workflow import Axis, Coordinate, Study, Variable
 
 from ...shared.checks import check_network
 from ...shared.own_network import check_own, own_network, with_digest

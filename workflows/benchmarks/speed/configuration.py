@@ -17,9 +17,9 @@ import scipy.sparse as sp
 
 from critflow import CriticalConfiguration, CriticalManifold, Network, voronoi_network
 from critflow.double_double import Extended
+from critflow.engine import stable_rng
 from critflow.quantities import dilation, transition_modulus
 from critflow.sparse import available_backends
-from critflow.workflow import stable_rng
 
 from ..timing import Answer, Method, Run, Task, peer
 from . import references

@@ -27,10 +27,10 @@ from scipy.optimize import minimize
 from critflow import CriticalManifold, Network, Status, optimize, voronoi_network
 from critflow.cones import fit_lengths
 from critflow.descent import Descent
+from critflow.engine import stable_rng
 from critflow.minimisers import Point
 from critflow.optima import objective_of
 from critflow.quantities import evaluate
-from critflow.workflow import stable_rng
 
 from ...shared.populations import LABELS, OPTIMA
 from ..timing import Answer, Method, Run, Task, peer

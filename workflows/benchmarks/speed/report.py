@@ -1,7 +1,7 @@
 """Claims and summary of times at equal errors and of sizes, from the dataset."""
 
-from critflow.workflow import Claim
-from critflow.workflow.study import plural
+from critflow.engine import Claim
+from critflow.engine.study import plural
 
 from ...shared.reports import parameters, status_counts
 from .curves import ERRORS, SAME, cases, ratios

@@ -2,9 +2,9 @@
 
 import numpy as np
 
+from critflow.engine import Claim
 from critflow.pictures import COLOURS
 from critflow.result import Status
-from critflow.workflow import Claim
 
 from ...shared.figures import TEXT, lettered, page
 from ...shared.power_laws import exponent

@@ -8,9 +8,9 @@ import numpy as np
 
 from critflow import CriticalManifold, equilibrium, spring_state, voronoi_network
 from critflow.double_double import extended
+from critflow.engine import stable_rng
 from critflow.sparse import Factor, FixedPattern
 from critflow.springs import SpringState
-from critflow.workflow import stable_rng
 
 from . import references
 

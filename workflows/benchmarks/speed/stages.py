@@ -18,10 +18,10 @@ import numpy as np
 
 from critflow import Network, Status, optimize, stiffening
 from critflow.elastic import elasticity
+from critflow.engine import stable_rng
 from critflow.manifold import CriticalConfiguration, CriticalManifold, critical_configuration
 from critflow.points import STANDARD_HARD_CORE, random_sequential_addition, voronoi_network
 from critflow.quantities import LengthVariance
-from critflow.workflow import stable_rng
 
 from ..timing import Method, Timing, stopwatch
 
@@ -130,4 +130,4 @@ def _optimum(manifold: CriticalManifold) -> Any:
 def _coefficients(network: Network, critical: CriticalConfiguration) -> tuple[Any, str]:
     """C_B and C_G from the analysis of their matrix on, and the solver behind."""
     manifold = CriticalManifold(network)
-    return stiffening(critical, throw=False), manifold.system(critical.sigma).pattern.backend
+    return stiffening(critical, throw=False), manifold.saddle.pattern.backend

@@ -14,9 +14,9 @@ from enum import IntEnum
 import numpy as np
 
 from critflow import Status
+from critflow.engine import Axis, Coordinate, Study, Variable
 from critflow.points import check_voronoi
 from critflow.result import StudyError
-from critflow.workflow import Axis, Coordinate, Study, Variable
 
 from ...shared.checks import check_network, check_positive
 from ..timing import COLD, Backend, Timing, benchmark, installed, one_core

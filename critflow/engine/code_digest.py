@@ -1,0 +1,432 @@
+"""The code that computes a case: the file of its study, the digest that is part of its identity, and its libraries.
+
+The digest covers
+
+    scene   every module of critflow that can decide numbers, and those of the extras that the study uses
+    study   the case function and the definitions that it reaches, in the files of the study and in this engine
+
+Comments, docstrings and layout invalidate no stored case, nor do figures, claims and other definitions that the case
+function does not reach, even in the same file.  No name of a machine, user or folder is stored anywhere.
+"""
+
+from __future__ import annotations
+
+import ast
+import errno
+import importlib.util
+import itertools
+import os
+import platform
+import re
+import subprocess
+import sys
+import threading
+import time
+import traceback
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass, replace
+from functools import cache
+from hashlib import sha256
+from importlib.metadata import distributions, version
+from pathlib import Path
+from types import ModuleType
+
+import numpy as np
+
+from critflow.engine.study import Study, nearest
+from critflow.extensions import extras, known_names, with_needs
+from critflow.result import EnvironmentFailure, InputError, StudyError
+
+_PACKAGE = Path(__file__).parents[1]
+_STUDY_MODULE = "critflow_study_"  # prefix of the modules of loaded study files
+_BENCHMARKS = ("failure_map", "speed")  # not part of the installed package
+# Names of studies that are a part of another one, and the name of that.
+_JOINED = {
+    "design_curves": "stiffening",
+    "design_isogonal": "stiffening",
+    "design_stiffening": "stiffening",
+    "design_poisson": "reach",
+    "design_reach": "reach",
+    "onset": "reach",
+    "design_pruning": "topology",
+    "design_topology": "topology",
+}
+_NOT_NUMERIC = ("command", "pictures.py", "engine", "studies", "extras", "__init__.py", "__main__.py")
+_EXTRAS = "critflow.extras"
+_WORD = re.compile(r"(\w+)(\[|$)")  # a text that may be the name of a quantity, or of variables of a design
+_ALL = "*"  # all that a module defines
+_LENGTH = 12  # digits of a digest
+_PACKAGES = ("numpy", "scipy", "qdldl", "clarabel", "pypardiso", "pyamg")  # that numbers may depend on
+
+
+# The file of a study
+
+
+@dataclass(frozen=True)
+class StudyFile:
+    """A loaded study and its file; the digest covers all files that were imported from its folder."""
+
+    study: Study
+    path: Path
+    digest: str
+    by_name: bool = False
+
+
+_loaded: dict[Path, tuple[ModuleType, dict[Path, str]]] = {}  # executed files, digests of all files they consist of
+_loading = threading.Lock()
+_numbers = itertools.count()  # every execution has a unique module name, so that caches of two versions never mix
+
+
+def named_studies() -> dict[str, Path]:
+    """Every study that can be run by name: in ./workflows, in the installed package, in the source checkout."""
+    studies: dict[str, Path] = {}
+    for folder in (Path("workflows"), _PACKAGE / "studies", _PACKAGE.parent / "workflows"):
+        for path in sorted([*folder.glob("*/study.py"), *folder.glob("benchmarks/*/study.py")]):
+            studies.setdefault(path.parent.name, path)
+        for path in sorted(folder.glob("[!_]*.py")):
+            studies.setdefault(path.stem, path)
+    return studies
+
+
+def load_study(word: str) -> StudyFile:
+    """The study NAME, or the study of a file or folder if the word is a path."""
+    if not word.strip() or not word.isprintable():
+        raise StudyError(f"the study {word!a} is empty or unprintable: give the name of a study, or its file NAME.py")
+    if word.endswith(".py"):
+        return load_file(Path(word))
+    named = named_studies()
+    if os.sep in word or (word not in named and (Path(word) / "study.py").is_file()):
+        return load_file(Path(word) / "study.py")
+    if word not in named:
+        if word in _BENCHMARKS:
+            raise StudyError(
+                f"the benchmark {word!r} is not part of the installed package: run it in a source checkout of "
+                f"critflow, where it is workflows/benchmarks/{word}"
+            )
+        if word in _JOINED:
+            raise StudyError(f"the study {word!r} is a part of {_JOINED[word]!r}: critflow run {_JOINED[word]}")
+        hint = nearest(word, list(named), "studies") if named else "there is none in ./workflows"
+        raise StudyError(f"there is no study {word!r}: {hint}")
+    loaded = load_file(named[word])
+    if loaded.study.name != word:
+        raise StudyError(f"the study in {named[word]} has the name {loaded.study.name!r}: rename it to {word!r}")
+    return replace(loaded, by_name=True)
+
+
+def load_file(path: Path) -> StudyFile:
+    """The study in a file, executed once per process as long as the file and its imports are unchanged.
+
+    Caches in its modules stay valid, and a worker that serves many runs never computes with an outdated file.
+    """
+    path = path.absolute()
+    hint = "give the name of a study, or its file NAME.py; critflow list shows the names"
+    if path.exists() and not path.is_file():  # reading a pipe would block
+        raise StudyError(f"{path} is not a file: {hint}")
+    try:
+        source = path.read_bytes()
+    except OSError as error:
+        kind = EnvironmentFailure if error.errno in (errno.EMFILE, errno.ENFILE, errno.EIO) else StudyError
+        raise kind(f"cannot read the study file {path}: {error.strerror}: {hint}") from error
+    with _loading:
+        module, files = _loaded.get(path, (None, {}))
+        if module is None or any(not f.is_file() or _digest(f.read_bytes()) != files[f] for f in files):
+            root = f"{_STUDY_MODULE}{path.stem}_{_digest(source)[:16]}_{next(_numbers)}"
+            module = _execute(root, path, source)
+            imported = {Path(file) for part in _parts(root) if (file := getattr(part, "__file__", None))}
+            files = {path: _digest(source)} | {file: _digest(file.read_bytes()) for file in imported - {path}}
+            _loaded[path] = module, files
+    study = getattr(module, "study", None)
+    if not isinstance(study, Study):
+        state = f"is {study!r:.60}" if hasattr(module, "study") else "is missing"
+        raise StudyError(f"{path} is not a study file: `study` {state}: write study = Study(...) at its top level")
+    lines = "".join(f"{file.name} {digest}\n" for file, digest in sorted(files.items()))
+    return StudyFile(study, path, _digest(lines.encode()))
+
+
+def _parts(root: str) -> list[ModuleType]:
+    """The modules of a study: its file and its imports from the same package."""
+    return [module for name, module in list(sys.modules.items()) if name == root or name.startswith(f"{root}.")]
+
+
+def _execute(root: str, path: Path, source: bytes) -> ModuleType:
+    """Execute a study file under a private module name, so that two versions can be loaded in one process.
+
+    Relative imports work: the file belongs to the package of its folder, or forms a package with its folder.
+    """
+    top = path.parent
+    while (top / "__init__.py").exists() and (top.parent / "__init__.py").exists():
+        top = top.parent
+    name, package = root, root
+    if (top / "__init__.py").exists():
+        name = ".".join([root, *path.relative_to(top).with_suffix("").parts])
+        package = name.rpartition(".")[0]
+    parent = sys.modules[root] = ModuleType(root)
+    parent.__path__ = [str(top)]
+    module = sys.modules[name] = parent if name == root else ModuleType(name)  # dataclasses look it up
+    module.__file__, module.__package__ = str(path), package
+    write_bytecode = sys.dont_write_bytecode
+    sys.dont_write_bytecode = True  # in the folders of a user
+    try:
+        exec(compile(source, path, "exec"), vars(module))
+    except (Exception, SystemExit) as error:
+        for part in _parts(root):
+            del sys.modules[part.__name__]
+        reason = str(error) if isinstance(error, StudyError) else f"{type(error).__name__}: {error}"
+        numbers = [f.lineno for f in traceback.extract_tb(error.__traceback__) if f.filename == str(path)]
+        # The message of a syntax error contains its line.
+        line = f", line {numbers[-1]}," if numbers and not isinstance(error, SyntaxError) else ""
+        raise StudyError(f"the study file {path}{line} cannot be loaded: {reason}") from error
+    finally:
+        sys.dont_write_bytecode = write_bytecode
+    return module
+
+
+def _digest(content: bytes) -> str:
+    return sha256(content).hexdigest()
+
+
+# The digest of the code of a case
+
+
+def code_version(study: Study) -> str:
+    """The code that computes the cases of a study, as it is stored with each of them."""
+    digest, used = _study_code(*_origin(study))
+    return f"critflow {_scene_digest(used)}, study {digest}"
+
+
+def used_extras(study: Study) -> frozenset[str]:
+    """The extras whose code counts for the cases of a study: those that it declares, imports or names."""
+    return _study_code(*_origin(study))[1]
+
+
+def _origin(study: Study) -> tuple[str, str, tuple[str, ...]]:
+    """Module and name of the case function, and the extras that the study declares."""
+    module, name = (str(getattr(study.case, attribute, "")) for attribute in ("__module__", "__qualname__"))
+    return module, name, tuple(study.extras)
+
+
+def numeric_extras(modules: Iterable[str]) -> set[str]:
+    """The extras that decide numbers, of which there are modules."""
+    names = {name.split(".")[2] for name in modules if name.startswith(f"{_EXTRAS}.")}
+    return {name for name in names if extras()[name].numeric}
+
+
+def numeric_modules(of_extras: Iterable[str]) -> dict[str, Path]:
+    """Files of the scene and of some extras that can decide numbers, by their paths in the package."""
+    files = [path for path in _PACKAGE.rglob("*.py") if path.relative_to(_PACKAGE).parts[0] not in _NOT_NUMERIC]
+    for name in of_extras:
+        files += (_PACKAGE / "extras" / name).rglob("*.py")
+    return {path.relative_to(_PACKAGE).as_posix(): path for path in sorted(files)}
+
+
+@cache
+def _scene_digest(used: frozenset[str]) -> str:
+    """Digest of the scene and of some extras."""
+    lines = (f"{name}\0{_file_digest(path)}\n" for name, path in numeric_modules(used).items())
+    return _digest("".join(lines).encode())[:_LENGTH]
+
+
+@cache
+def _file_digest(path: Path) -> str:
+    return _digest("".join(_words(_parsed(path))).encode())
+
+
+@cache
+def _study_code(module: str, name: str, declared: tuple[str, ...]) -> tuple[str, frozenset[str]]:
+    """Digest of the definitions that a function reaches, and the extras whose code counts for it."""
+    reached = reached_definitions(module, name)
+    # A study has the same digest in each folder, whose modules have another root.
+    texts = [
+        f"{where.removeprefix(_root(module))} {one} {''.join(word for part in parts for word in _words(part))}\n"
+        for (where, one), parts in reached.items()
+    ]
+    named = {*declared, *_named_extras(reached)}
+    # Backends are chosen by the size of a matrix, by no name.
+    named |= {name for name, extra in extras().items() if extra.backends or extra.iterations}
+    numeric = {name for name, extra in extras().items() if extra.numeric}
+    return _digest("".join(sorted(texts)).encode())[:_LENGTH], frozenset(with_needs(named) & numeric)
+
+
+def reached_definitions(module: str, name: str) -> dict[tuple[str, str], list[ast.stmt]]:
+    """The definitions that a function reaches, by module and name, in the files of its study and in this engine."""
+    ours, reached = (_root(module), str(__package__)), dict[tuple[str, str], list[ast.stmt]]()
+    bound, waiting = dict[str, dict[str, list[ast.stmt]]](), [(module, name)]
+    while waiting:
+        module, name = waiting.pop()
+        # The scene counts as a whole; checks and declarations of a study decide no number.
+        inside = any(module == root or module.startswith(f"{root}.") for root in ours)
+        if (module, name) in reached or not inside or module == f"{__package__}.study":
+            continue
+        if module not in bound:
+            bound[module] = _definitions(module)
+        known = bound[module]
+        reached[module, name] = known.get(name, [])
+        # The statements without a name, such as a loop, are executed before each definition is used.
+        waiting += [(module, "")] if name in known else [(module, other) for other in known]
+        for node in (node for statement in reached[module, name] for node in ast.walk(statement)):
+            if isinstance(node, ast.Name) and node.id in known:
+                waiting.append((module, node.id))
+            for source, imported in _imports(module, node):
+                whole = f"{source}.{imported}".lstrip(".")
+                is_module = not source or (whole.startswith(ours) and _file(whole) is not None)
+                waiting.append((whole, _ALL) if is_module else (source, imported))
+    return reached
+
+
+def _named_extras(reached: Mapping[tuple[str, str], list[ast.stmt]]) -> Iterator[str]:
+    """The extras that definitions import or name, such as "design", "onset[D]" or "variables of stress"."""
+    names, words = set[str](), set[str]()  # names from critflow and of attributes, words in texts
+    for (module, _), statements in reached.items():
+        for node in (node for statement in statements for node in ast.walk(statement)):
+            if isinstance(node, ast.Attribute):
+                names.add(node.attr)
+            elif isinstance(node, ast.Constant) and isinstance(node.value, str) and (word := _WORD.match(node.value)):
+                words.add(word[1])
+            for source, imported in _imports(module, node):
+                whole = f"{source}.{imported}".lstrip(".")
+                if whole.startswith(f"{_EXTRAS}."):
+                    yield whole.split(".")[2]
+                elif whole.startswith("critflow."):
+                    names.add(imported)
+    for extra, known in known_names().items():
+        if any(one in names if one.isidentifier() else one.split("[")[0].split()[-1] in words for one in known):
+            yield extra
+
+
+def _root(module: str) -> str:
+    """The package of a study, of which the module is a part."""
+    root = module.split(".")[0]
+    return root if root.startswith(_STUDY_MODULE) else module
+
+
+def _imports(module: str, node: ast.AST) -> Iterator[tuple[str, str]]:
+    """Source and name of each import of a statement in a module; the source is empty for a module as a whole."""
+    if isinstance(node, ast.Import):
+        yield from (("", alias.name) for alias in node.names)
+    elif isinstance(node, ast.ImportFrom):
+        source = "." * node.level + (node.module or "")
+        if node.level:
+            source = importlib.util.resolve_name(source, str(sys.modules[module].__package__))
+        yield from ((source, alias.name) for alias in node.names)
+
+
+def _definitions(module: str) -> dict[str, list[ast.stmt]]:
+    """The top-level statements of a module by the names that they bind, one for each import; others have no name."""
+    bound: dict[str, list[ast.stmt]] = {"": []}
+    path = _file(module)
+    for statement in _parsed(path).body if path else ():
+        names = [""]
+        if isinstance(statement, (ast.FunctionDef, ast.AsyncFunctionDef, ast.ClassDef)):
+            names = [statement.name]
+        elif isinstance(statement, (ast.Import, ast.ImportFrom)):
+            for alias in statement.names:
+                one = type(statement)(**{**vars(statement), "names": [alias]})
+                bound.setdefault(alias.asname or alias.name.split(".")[0], []).append(one)
+            continue
+        elif isinstance(statement, (ast.Assign, ast.AnnAssign)):
+            targets = statement.targets if isinstance(statement, ast.Assign) else [statement.target]
+            nodes = [node for target in targets for node in ast.walk(target)]
+            # An assignment to an attribute or an item changes what other definitions see.
+            if not any(isinstance(node, (ast.Attribute, ast.Subscript)) for node in nodes):
+                names = [node.id for node in nodes if isinstance(node, ast.Name)]
+        for name in names:
+            bound.setdefault(name, []).append(statement)
+    return bound
+
+
+def _file(module: str) -> Path | None:
+    """The source file of a module, loaded or not."""
+    if module in sys.modules:
+        file = getattr(sys.modules[module], "__file__", None)
+    else:
+        try:
+            spec = importlib.util.find_spec(module)
+        except (ImportError, AttributeError):
+            return None
+        file = spec.origin if spec else None
+    return Path(file) if file and file.endswith(".py") else None
+
+
+def _parsed(path: Path) -> ast.Module:
+    """The syntax tree of a file without docstrings."""
+    tree = ast.parse(path.read_bytes())
+    for node in ast.walk(tree):
+        if isinstance(body := getattr(node, "body", None), list):
+            texts = [s for s in body if isinstance(s, ast.Expr) and isinstance(s.value, ast.Constant)]
+            node.body = [s for s in body if s not in texts or not isinstance(s.value.value, str)]  # type: ignore
+    return tree
+
+
+def _words(node: ast.AST) -> Iterator[str]:
+    """The words of a syntax tree without places, equal in every version of Python."""
+    yield f"({type(node).__name__}"
+    for name, value in ast.iter_fields(node):
+        items = [item for item in (value if isinstance(value, list) else [value]) if item is not None]
+        if items and name not in ("type_comment", "kind"):
+            yield f" {name}"
+        for item in items:
+            if isinstance(item, ast.AST):
+                yield from _words(item)
+            else:
+                yield f" {item!r}"
+    yield ")"
+
+
+# Libraries, and the commit and date of a file
+
+
+@cache
+def libraries() -> Mapping[str, str]:
+    """Versions that must be equal in every process of a run, with a digest of the files that decide numbers."""
+    files = numeric_modules(name for name, extra in extras().items() if extra.numeric)
+    digest = _digest("".join(f"{name}\0{_digest(path.read_bytes())}" for name, path in files.items()).encode())
+    return {"critflow": f"{version('critflow')} {digest[:_LENGTH]}"} | _versions()
+
+
+@cache
+def environment() -> str:
+    """Interpreter, processor and libraries that the numbers of a case may depend on."""
+    return ", ".join(f"{name} {number}" for name, number in environment_versions().items())
+
+
+def _versions() -> dict[str, str]:
+    return {name: version(name) for name in _PACKAGES if any(distributions(name=name))}
+
+
+def environment_versions() -> dict[str, str]:
+    """Versions of the environment by name."""
+    blas = np.show_config(mode="dicts")["Build Dependencies"]["blas"]
+    machine = {"python": platform.python_version(), "processor": platform.machine()}
+    return machine | _versions() | {"BLAS": f"{blas['name']} {blas.get('version', '')}".strip()}
+
+
+@cache
+def source_tree(folder: Path = _PACKAGE.parent) -> Mapping[str, str]:
+    """Commit of the source checkout that contains the library, and whether its code has uncommitted changes.
+
+    Empty for an installed wheel, or if git fails.
+    """
+    if not (folder / ".git").exists():
+        return {}
+    # Variables set by a hook would select another repository; no lock is taken and no monitor is started.
+    clean = {name: value for name, value in os.environ.items() if not name.startswith("GIT_")}
+
+    def git(*words: str) -> str:
+        command = ["git", "--no-optional-locks", "-c", "core.fsmonitor=false", "-C", str(folder), *words]
+        done = subprocess.run(command, env=clean, capture_output=True, text=True, check=True, timeout=10)
+        return done.stdout.strip()
+
+    code = [name for name in ("critflow", "workflows", "pyproject.toml") if (folder / name).exists()]
+    try:
+        commit, changed = git("rev-parse", "HEAD"), git("status", "--porcelain", "--", *code)
+    except (OSError, subprocess.SubprocessError):
+        return {}
+    return {"commit": commit, "commit_dirty": "true" if changed else "false"}
+
+
+def timestamp() -> str:
+    """The date of `history`: now, or SOURCE_DATE_EPOCH if set, for files without any difference."""
+    word = os.environ.get("SOURCE_DATE_EPOCH", str(int(time.time())))
+    if not re.fullmatch(r"[0-9]{1,11}", word):
+        raise InputError(f"SOURCE_DATE_EPOCH={word} must be whole seconds since 1970")
+    return time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime(int(word)))

@@ -1,0 +1,387 @@
+"""The labelled dataset: the only place where names, units and meanings are applied to the arrays of cases."""
+
+from __future__ import annotations
+
+import inspect
+import json
+import math
+import re
+import sys
+import textwrap
+from collections import Counter
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import replace
+from enum import IntEnum
+from hashlib import sha256
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+import netCDF4
+import numpy as np
+import xarray as xr
+
+from critflow.engine.code_digest import code_version, environment_versions, source_tree, timestamp
+from critflow.engine.settings import SEED_ENTROPY, Case, Selection, spelled
+from critflow.engine.store import (
+    FAILED,
+    SCHEMA_VERSION,
+    CaseState,
+    StoredCase,
+    append_seal,
+    read_shard,
+    refuse_sizes,
+    refuse_values,
+    replacing,
+    shard_path,
+    sizes_of,
+    verified_checksum,
+)
+from critflow.engine.study import Variable
+from critflow.result import IntegrityError, Status, StudyError
+
+REWRITE = "run the study again to write it"  # end of a message about a damaged or outdated file
+SMALL = 2**29  # bytes of a dataset that may be in memory as a whole
+
+_KEYWORDS = ("rigidity transition", "spring networks", "force density", "prestress stability")
+_COMMENT = (
+    "Attributes named in volatile_attributes, and variables with such a comment, differ from run to run; shards_sha256 "
+    "adds up, modulo 2**256, the SHA-256 of a line for each stored network: the name and the checksum of its shard."
+)
+_CHUNK = 2**24  # bytes of a chunk of the largest variable; a piece in memory is one chunk of each
+_LARGEST_CHUNK = 2**26
+_LAZY = 2**26  # bytes of a variable of a large dataset that is read in parts
+_WIDTH, _MOST_OUTCOMES = 118, 10  # columns of the summary, and its lines about the outcomes
+
+
+class Assembly:
+    """The dataset of a selection in pieces along its first axis, so that one piece at a time is in memory.
+
+    states  those of its cases; without a shard a case has fill values and the status `missing` or `failed`
+
+    Cases of different code have a further variable, `code`.
+    """
+
+    def __init__(self, selection: Selection, shards: Path, states: Sequence[CaseState]):
+        study, self.selection, self.shards = selection.study, selection, shards
+        self.records = {one.case.id: one.record for one in states if one.record}
+        self.failed = {one.case.id for one in states if one.state == FAILED}
+        self.codes = sorted({record.code for record in self.records.values()})
+        self.first, self.variables = study.axis_names[0], study.variables
+        if len(self.codes) > 1:
+            self.variables = (*self.variables, _code_variable(selection, self.codes, states))
+        self.inner = {c.name: len(selection.parameters[c.parameter]) for c in study.coordinates}  # sizes
+        self._begin()
+        # Inner sizes are those of the first cases.
+        dims = {dim for variable in self.variables for dim in variable.dims} - selection.axes.keys()
+        for case in selection.cases:
+            if dims <= self.inner.keys():
+                break
+            self._stored(case)
+        self._begin()
+        one_row = [
+            np.dtype(v.dtype).itemsize * math.prod(self.shape(v, 1)) for v in self.variables if self._has_rows(v)
+        ]
+        self.rows = max(1, min(len(selection.axes[self.first]), _CHUNK // max(1, *one_row)))
+
+    def shape(self, variable: Variable, rows: int | None = None) -> tuple[int, ...]:
+        """The shape of a variable, or of some rows of it; a size is 0 where no case has the variable."""
+        sizes = self.inner | {name: len(values) for name, values in self.selection.axes.items()}
+        sizes |= {} if rows is None else {self.first: rows}
+        return tuple(sizes.get(dim, 0) for dim in variable.dims)
+
+    def chunk(self, variable: Variable) -> tuple[int, ...] | None:
+        """The chunk of a variable along the first axis, None for one without it or without values."""
+        chunk = self.shape(variable, self.rows)
+        if np.dtype(variable.dtype).itemsize * math.prod(chunk) > _LARGEST_CHUNK:
+            outer = self.selection.axes
+            chunk = tuple(1 if dim in outer else size for dim, size in zip(variable.dims, chunk, strict=True))
+        return chunk if self._has_rows(variable) and 0 not in chunk else None
+
+    def pieces(self) -> Iterator[tuple[slice, dict[str, np.ndarray]]]:
+        """Rows of the first axis and the arrays of these rows; variables without this axis come with the last piece.
+
+        Raises `IntegrityError` if inner sizes differ between cases, or values that cases share differ.
+        """
+        self._begin()
+        axes, n = self.selection.axes, self.rows
+        values = axes[self.first]
+        whole = {v.name: self._empty(v) for v in self.variables if not self._has_rows(v)}
+        filled = set[tuple[str, tuple]]()  # places of variables without some axis
+        for start in range(0, len(values), n):
+            part = replace(self.selection, axes={**axes, self.first: values[start : start + n]})
+            rows = slice(start, start + len(part.axes[self.first]))
+            table = whole | {v.name: self._empty(v, rows.stop - start) for v in self.variables if self._has_rows(v)}
+            filled = {place for place in filled if place[0] in whole}
+            places = {name: {value: i for i, value in enumerate(values)} for name, values in part.axes.items()}
+            for case in part.cases:
+                arrays = self._arrays(case)
+                for name, dims in ((v.name, v.dims) for v in self.variables if v.name in arrays):
+                    place = tuple(places[dim][case.values[dim]] if dim in places else slice(None) for dim in dims)
+                    outer = (name, tuple(index for index in place if isinstance(index, int)))
+                    if len(outer[1]) < len(places):
+                        if outer in filled:
+                            refuse_values(case, name, arrays[name], table[name][place])
+                        filled.add(outer)
+                    table[name][place] = arrays[name]
+            last = rows.stop == len(values)
+            yield rows, {name: array for name, array in table.items() if last or name not in whole}
+
+    def coordinates(self) -> xr.Dataset:
+        """The coordinates and attributes of the dataset."""
+        selection, labelled = self.selection, dict[str, xr.Variable]()
+        for axis in selection.study.axes:
+            values = selection.axes[axis.name]
+            labelled[axis.name] = xr.Variable(axis.name, list(values), _meaning(axis.long_name, "1"))
+            for label in axis.labels:
+                texts = [label.texts[word] for word in values]
+                labelled[label.name] = xr.Variable(axis.name, texts, _meaning(label.long_name, "1"))
+        for c in selection.study.coordinates:
+            labels = np.asarray(selection.parameters[c.parameter])
+            labelled[c.name] = xr.Variable(c.name, labels, _meaning(c.long_name, c.units))
+        for one in labelled.values():
+            one.encoding["_FillValue"] = None  # xarray would add one
+            if one.dtype.kind == "U":
+                # Fixed characters: the library crashes on strings of variable length in a file that is opened twice.
+                one.encoding["dtype"] = "S1"
+        attributes = {name: value for name, value in _global_attributes(selection).items() if value != ""}
+        return xr.Dataset(coords=labelled, attrs=attributes)
+
+    def variable_attributes(self, variable: Variable) -> dict[str, Any]:
+        """Attributes of a variable after the CF and ACDD conventions."""
+        content = "qualityInformation" if variable.flags is Status else "modelResult"
+        attributes = _meaning(variable.long_name, variable.units, content)
+        if variable.flags is not None:
+            attributes["flag_values"] = np.array([flag.value for flag in variable.flags], variable.dtype)
+            attributes["flag_meanings"] = " ".join(flag.name for flag in variable.flags)
+        elif variable.fill is not None:
+            attributes["value_if_missing"] = np.array(variable.fill, variable.dtype)[()]
+        if comment := "; ".join(filter(None, (variable.comment, "differs from run to run" * variable.volatile))):
+            attributes["comment"] = comment
+        if (bound := f"{variable.name}_error_bound") in {one.name for one in self.variables}:
+            attributes["ancillary_variables"] = bound
+        return attributes
+
+    def origin_attributes(self) -> dict[str, str]:
+        """Checksum, code and environments of the shards of the pieces, known after the last one.
+
+        The code that computed the cases may be older than the code that wrote the dataset.
+        """
+        volatile = " shards_sha256" * any(v.volatile for v in self.variables)
+        codes = _counted(Counter(record.code for record in self.records.values()))
+        attributes = {
+            "summary": summary_text(self.selection, self.inner, self.outcomes, codes),
+            "cases_code": codes,
+            "cases_environment": _counted(self.environments),
+            "shards_sha256": f"{self.checksum % 2**256:064x}",
+            "volatile_attributes": f"history{volatile}",
+        }
+        return {name: value for name, value in attributes.items() if value != ""}
+
+    def _begin(self) -> None:
+        """Forget what is known about the shards that were read."""
+        self.environments, self.checksum, self._shard = Counter[str](), 0, ("", dict[str, StoredCase]())
+        self.outcomes = Counter[tuple[str, Status, bool]]()  # by the word of the last axis
+
+    def _has_rows(self, variable: Variable) -> bool:
+        return self.first in variable.dims
+
+    def _empty(self, variable: Variable, rows: int | None = None) -> np.ndarray:
+        return np.full(self.shape(variable, rows), variable.filler, variable.dtype)
+
+    def _stored(self, case: Case) -> StoredCase | None:
+        """A complete case, of which sizes may not differ from others; its shard stays in memory for the next one."""
+        study = self.selection.study
+        if case.id not in self.records:
+            return None
+        if self._shard[0] != case.shard:
+            cases, checksum = read_shard(shard_path(self.shards, case), study, case)
+            self._shard = (case.shard, cases)
+            self.checksum += int.from_bytes(sha256(f"{case.shard} {checksum}\n".encode()).digest())
+        stored = self._shard[1][case.id]
+        sizes = sizes_of(study, stored.arrays)
+        refuse_sizes(case.id, sizes, self.inner)
+        self.inner |= sizes
+        return stored
+
+    def _arrays(self, case: Case) -> dict[str, Any]:
+        """What the dataset has of a case, which is counted by its outcome."""
+        stored, sound, arrays = self._stored(case), False, dict[str, Any]()
+        status = stored.status if stored else Status.failed if case.id in self.failed else Status.missing
+        if stored:
+            sound = bool(np.all(stored.arrays.get("valid", False)))
+            self.environments[stored.environment] += 1
+            arrays = {**stored.arrays, "code": np.array(self.codes.index(stored.code), "i2")}
+        word = str([*case.values.values()][-1]) if self.selection.study.axes[-1].is_words else ""
+        self.outcomes[word, status, sound] += 1
+        return arrays | ({} if status is Status.missing else {"status": np.asarray(status)})
+
+
+def write_dataset(assembly: Assembly, path: Path, origin: Mapping[str, str]) -> None:
+    """Write the file in pieces and read every byte of them back.
+
+    origin: attributes about the command that writes it, which is its `history`, the only one that differs between
+    equal runs
+    """
+    written = list[tuple[str, tuple, bytes]]()
+    stamped = assembly.coordinates().assign_attrs({**origin, "history": f"{timestamp()} {origin['history']}"})
+    with replacing(path) as partial:
+        stamped.to_netcdf(partial, engine="netcdf4", format="NETCDF4")
+        with netCDF4.Dataset(partial, "a") as file:
+            for variable in assembly.variables:
+                _create_variable(file, assembly, variable)
+            file.set_auto_maskandscale(False)
+            for rows, arrays in assembly.pieces():
+                for name, array in arrays.items():
+                    place = (*(rows if dim == assembly.first else slice(None) for dim in file[name].dimensions),)
+                    file[name][place] = array
+                    written.append((name, place, sha256(array.tobytes()).digest()))
+            file.setncatts(assembly.origin_attributes())
+        with netCDF4.Dataset(partial) as file:
+            file.set_auto_maskandscale(False)
+            if any(sha256(file[name][place].tobytes()).digest() != digest for name, place, digest in written):
+                raise OSError("it does not read back as written")
+        append_seal(partial)
+
+
+def _create_variable(file: netCDF4.Dataset, assembly: Assembly, variable: Variable) -> None:
+    """Create a variable of a file, in chunks along the first axis; integers are compressed, which repeat."""
+    for dim, size in zip(variable.dims, assembly.shape(variable), strict=True):
+        if dim not in file.dimensions:
+            file.createDimension(dim, size)
+    number = variable.dtype[0] == "f"
+    options: dict[str, Any] = {"fill_value": np.nan if number else None}
+    if chunk := assembly.chunk(variable):
+        options["chunksizes"] = chunk
+        options |= {} if number else {"compression": "zlib", "complevel": 1, "shuffle": True}
+    created = file.createVariable(variable.name, variable.dtype, variable.dims, **options)
+    created.setncatts(assembly.variable_attributes(variable))
+
+
+def _code_variable(selection: Selection, codes: Sequence[str], states: Sequence[CaseState]) -> Variable:
+    """The variable that tells cases of different code apart, along the fewest axes that do."""
+    known = [(one.case.values, one.record.code) for one in states if one.record]
+    dims = next(variable for variable in selection.study.variables if variable.name == "status").dims
+    for axis in dims:
+        fewer = tuple(dim for dim in dims if dim != axis)
+        labelled = {(tuple(values[dim] for dim in fewer), code) for values, code in known}
+        if len({place for place, _ in labelled}) == len(labelled):
+            dims = fewer
+    flags = IntEnum("Code", [(re.sub(r"\W+", "_", code), n) for n, code in enumerate(codes)])  # type: ignore[misc]
+    return Variable("code", dims, "i2", long_name="code that computed the case", flags=flags, fill=-1)
+
+
+@contextmanager
+def opened_dataset(path: Path) -> Iterator[xr.Dataset]:
+    """A dataset of `critflow run`, every byte verified; one message if it cannot be read."""
+    if not path.exists():
+        raise StudyError(f"there is no dataset {path}: run the study first")
+    try:
+        verified_checksum(path)
+        # All variables of a large dataset, read one after the other, may not fit in memory together.
+        small = path.stat().st_size < SMALL
+        dataset = xr.open_dataset(path, engine="netcdf4", cache=small)
+        if not small:
+            dataset = dataset.assign({k: v.chunk("auto") for k, v in dataset.data_vars.items() if v.nbytes > _LAZY})
+    except IntegrityError as error:
+        raise IntegrityError(f"{error}: {REWRITE}") from error
+    except (OSError, RuntimeError, ValueError) as error:
+        raise IntegrityError(f"{path} is not a readable dataset: {error}: {REWRITE}") from error
+    with dataset:
+        if not {"study", "axes"} <= dataset.attrs.keys() or "status" not in dataset:
+            raise IntegrityError(f"{path} was not written by `critflow run`: it has no study and no status")
+        if (schema := int(dataset.attrs.get("schema_version", 0))) != SCHEMA_VERSION:
+            raise StudyError(f"{path} has schema {schema}, not {SCHEMA_VERSION}: run the study in a new folder")
+        yield dataset
+
+
+def _counted(texts: Counter[str]) -> str:
+    return "; ".join(f"{text}: {count} cases" for text, count in sorted(texts.items()))
+
+
+def _global_attributes(selection: Selection) -> dict[str, Any]:
+    study, libraries = selection.study, {name: version(name) for name in ("critflow", "xarray", "netCDF4")}
+    storing = {"netcdf-c": netCDF4.__netcdf4libversion__, "hdf5": netCDF4.__hdf5libversion__}
+    return {
+        "Conventions": "CF-1.11, ACDD-1.3",
+        "title": study.title,
+        "keywords": ", ".join((*_KEYWORDS, study.name.replace("_", " "))),
+        "id": study.name,
+        "product_version": str(study.version),
+        "source": f"critflow {libraries['critflow']}",
+        "references": study.references,
+        "comment": _COMMENT,
+        "code": code_version(study),
+        **source_tree(),
+        "seed_entropy": SEED_ENTROPY,
+        "versions": json.dumps(environment_versions() | libraries | storing),
+        "study": study.name,
+        "study_version": study.version,
+        "schema_version": SCHEMA_VERSION,
+        "axes": " ".join(study.axis_names),
+        "parameters": json.dumps(dict(selection.parameters), sort_keys=True),
+    }
+
+
+def _meaning(long_name: str, units: str, content: str = "coordinate") -> dict[str, Any]:
+    return {"long_name": long_name, "units": units, "coverage_content_type": content}
+
+
+def summary_text(
+    selection: Selection, sizes: Mapping[str, int], outcomes: Mapping[tuple[str, Status, bool], int], codes: str
+) -> str:
+    """What a dataset is, how and by which code it was made, what is missing, and how to select good members.
+
+    sizes     of the inner dimensions
+    outcomes  number of cases by the value of the last axis, the status, and whether their numbers are sound
+    codes     the code that computed the cases, with their numbers
+
+    It is the attribute `summary`, which `critflow show FILE` prints.
+    """
+    study = selection.study
+    inner = ", ".join(f"{size} {name}" for name, size in sizes.items())
+    about = inspect.getdoc(sys.modules.get(getattr(study.case, "__module__", ""))) or ""  # of the study file
+    changed = {axis.key: selection.axes[axis.name] for axis in study.axes if selection.axes[axis.name] != axis.values}
+    changed |= {k: v for k, v in selection.parameters.items() if v != study.parameters[k]}
+    changed |= {"variables": study.selected} if study.selected else {}
+    words = ("critflow run", study.name, *(f"--set {key}={spelled(value)}" for key, value in changed.items()))
+    settings = ", ".join(f"{key}={spelled(value)}" for key, value in selection.parameters.items())
+    lines = [
+        f"{study.title} (study {study.name}, version {study.version})",
+        *textwrap.wrap(" ".join(about.split()), _WIDTH, max_lines=3, placeholder=" ..."),
+        f"cases: {selection.sizes} = {selection.count}{f'; in each {inner}' if inner else ''}",
+        *textwrap.wrap(f"made by: {' '.join(words)}", _WIDTH, subsequent_indent="  "),
+        *textwrap.wrap(f"settings: {settings or 'none'}", _WIDTH, subsequent_indent="  ", max_lines=3),
+        *textwrap.wrap(f"code: {codes or 'none'}", _WIDTH, subsequent_indent="  "),
+        *_outcome_lines(study.axes[-1].name, outcomes),
+    ]
+    names = {variable.name for variable in study.variables}
+    numbers = [v.name for v in study.variables if v.dtype[0] == "f" and set(v.dims) == set(study.axis_names)][:2]
+    good = "ds.valid" if "valid" in names else "ds.status == 0"
+    if numbers:
+        lines.append(f"good members: ds[{numbers}].where({good}); the whole dataset is not masked")
+    if {"edges", "offsets", "cell", "position"} <= names:
+        one = {axis.name: selection.axes[axis.name][-1] for axis in study.axes}
+        chosen = ", ".join(f"{name}={value!r}" for name, value in one.items())
+        lines.append(f"one network: critflow.network_from(ds.sel({chosen}))")
+        lines.append(f"its figure: critflow show FILE {' '.join(f'--set {k}={value}' for k, value in one.items())}")
+    return "\n".join(lines)
+
+
+def _outcome_lines(axis: str, outcomes: Mapping[tuple[str, Status, bool], int]) -> list[str]:
+    """Numbers of good, other, failed and missing cases, with a line for each word of the last axis."""
+    rows: dict[str, Counter[str]] = {}
+    for (group, status, sound), count in outcomes.items():
+        name = "good" if status is Status.ok else f"{status.name}{', sound' * (sound and status is not Status.ok)}"
+        rows.setdefault(group, Counter())[name] += count
+    counted = {
+        group: ", ".join(f"{count} {name}" for name, count in sorted(row.items(), key=lambda one: one[0] != "good"))
+        for group, row in rows.items()
+    }
+    if len(set(counted.values())) == 1:
+        each = f" of each {axis}" if len(counted) > 1 else ""
+        return [f"outcomes: {next(iter(counted.values()))}{each}"]
+    lines = [f"  {group}: {text}" for group, text in counted.items()]
+    more = [f"  and {len(lines) - _MOST_OUTCOMES} more"] if len(lines) > _MOST_OUTCOMES else []
+    return ["outcomes:", *lines[:_MOST_OUTCOMES], *more]

@@ -1,0 +1,217 @@
+"""The report of a dataset: figures, animations, claims and summary.  It uses the dataset alone."""
+
+from __future__ import annotations
+
+import io
+import json
+import math
+from collections import Counter
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import asdict, dataclass, field, replace
+from html import escape
+from pathlib import Path
+from typing import Any
+
+import matplotlib.pyplot as plt
+import numpy as np
+import xarray as xr
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+from PIL import Image
+
+from critflow.engine.dataset import opened_dataset
+from critflow.engine.store import Folder, replacing
+from critflow.engine.study import DIFFERENCES, KINDS, Claim, Study
+from critflow.result import CritflowError, StudyError
+
+FORMATS = ("png", "pdf", "svg")
+MEANING = '"Differs" means that the sentence of the paper and the measurement disagree.'
+
+_FRAME, _LAST_FRAME = 140, 2500  # milliseconds
+
+
+class ReportError(CritflowError):
+    """A part of the report could not be made; the dataset is complete."""
+
+
+@dataclass(frozen=True)
+class Report:
+    """Parts that were written, and parts that need variables which the run does not store."""
+
+    written: list[str] = field(default_factory=list)
+    claims: list[Claim] = field(default_factory=list)
+    left_out: list[str] = field(default_factory=list)
+
+
+def write_report(study: Study, folder: Folder, format: str = "png") -> Report:
+    """Write every part of the report; an error in one part does not stop the others.
+
+    Parts that need variables which are not stored are left out, and their files of an earlier run are deleted.
+    Raises `ReportError` if a part could not be made.
+    """
+    if format not in FORMATS:
+        raise StudyError(f"figures can be {', '.join(FORMATS)}, not {format!r}")
+    report, errors = Report(), dict[str, Exception]()
+    with opened_dataset(folder.dataset(study.name)) as dataset:
+        pictures = {name: format for name in study.figures} | {name: "gif" for name in study.animations}
+        files = {name: [folder.figures / f"{name}.{ending}"] for name, ending in pictures.items()}
+        for name, paths in {**files, **text_files(study, folder)}.items():
+            if not study.can_report(name):
+                report.left_out.append(name)
+                for path in paths:
+                    path.unlink(missing_ok=True)
+                continue
+            try:
+                contents = _picture(study, name, dataset, format) if name in files else texts(study, name, dataset)
+            except Exception as error:
+                errors[name] = error
+                continue
+            for path, content in zip(paths, contents, strict=True):
+                path.parent.mkdir(exist_ok=True)
+                with replacing(path) as partial:
+                    partial.write_bytes(content)
+            report.written.append(name)
+            if name == "claims":
+                report.claims.extend(Claim(**claim) for claim in json.loads(contents[0]))
+    if errors:
+        name, cause = next(iter(errors.items()))
+        others = f" (and {len(errors) - 1} more parts)" if len(errors) > 1 else ""
+        raise ReportError(f"{name!r} could not be made{others}: {type(cause).__name__}: {cause}") from cause
+    return report
+
+
+def _picture(study: Study, name: str, dataset: xr.Dataset, format: str) -> list[bytes]:
+    """The file of a figure or an animation, on which the versions of the code stand where there are several."""
+
+    def noted(figure: Figure) -> Figure:
+        if note := _code_note(dataset):
+            figure.text(0.005, 0.002, note, fontsize=6, color="#C00000")
+        return figure
+
+    file = io.BytesIO()
+    if name in study.animations:
+        images = []
+        for figure in study.animations[name](dataset):
+            canvas = FigureCanvasAgg(noted(figure))
+            canvas.draw()
+            images.append(Image.fromarray(np.asarray(canvas.buffer_rgba())).convert("RGB"))
+            plt.close(figure)
+        if not images:
+            raise ValueError("an animation needs at least one frame")
+        durations = [_FRAME] * (len(images) - 1) + [_LAST_FRAME]
+        images[0].save(file, "GIF", save_all=True, append_images=images[1:], duration=durations, loop=0)
+        return [file.getvalue()]
+    with np.errstate(over="ignore", invalid="ignore"):  # axes in three dimensions compute with NaN of missing data
+        figure = noted(study.figures[name](dataset))
+        if (engine := figure.get_layout_engine()) is not None:
+            # `savefig` would draw all twice, the first time for the layout alone.
+            engine.execute(figure)
+            figure.set_layout_engine("none")
+        # Without the version of matplotlib equal data give equal bytes.
+        figure.savefig(file, format=format, metadata={"Software": None} if format == "png" else None)
+    plt.close(figure)
+    return [file.getvalue()]
+
+
+def text_files(study: Study, folder: Folder) -> dict[str, list[Path]]:
+    """The parts of a report that are text, and their files."""
+    path = folder.path
+    claims = {"claims": [path / "claims.json", path / "claims.md"]} if study.claims is not None else {}
+    return claims | ({"summary": [path / "summary.json"]} if study.summary is not None else {})
+
+
+def texts(study: Study, name: str, dataset: xr.Dataset) -> list[bytes]:
+    """The contents of the files of a part that is text: equal datasets give equal bytes."""
+    if name == "summary" and study.summary is not None:
+        summary = _plain(study.summary(dataset))
+        return [(json.dumps(summary, indent=1, allow_nan=False, ensure_ascii=False) + "\n").encode()]
+    axis = study.axes[0]
+    sample = axis.counted(dataset.sizes[axis.name])
+    claims = [replace(c, sample=c.sample or sample) for c in (study.claims(dataset) if study.claims else ())]
+    listed = json.dumps([asdict(claim) for claim in claims], indent=1, ensure_ascii=False) + "\n"
+    return [listed.encode(), _page(study.title, claims, _code_note(dataset)).encode()]
+
+
+def _code_note(dataset: xr.Dataset) -> str:
+    """The sentence about a dataset whose cases were computed by several versions of the code, else empty."""
+    if "code" not in dataset or "flag_meanings" not in dataset["code"].attrs:
+        return ""
+    return f"the cases are of {len(dataset['code'].attrs['flag_meanings'].split())} versions of the code"
+
+
+def _plain(value: Any) -> Any:
+    """Arrays and NumPy scalars as plain values, NaN and infinity as null."""
+    if isinstance(value, Mapping):
+        return {str(key): _plain(item) for key, item in value.items()}
+    if isinstance(value, (np.ndarray, np.generic, xr.DataArray)):
+        return _plain(np.asarray(value).tolist())
+    if isinstance(value, (list, tuple)):
+        return [_plain(item) for item in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value
+
+
+# Claims in words
+
+
+def _page(title: str, claims: Sequence[Claim], note: str) -> str:
+    """The claims in Markdown, a table for each kind; the note on the dataset stands below the title."""
+    lines = [f"# {title}", *(["", f"{note[0].upper()}{note[1:]}."] if note else [])]
+    for kind in KINDS:
+        if of_kind := [claim for claim in claims if claim.kind == kind]:
+            lines += ["", f"## {KINDS[kind].capitalize()}", ""]
+            if text := verdict_sentence(of_kind, kind, ""):
+                lines += [f"{text} {MEANING}" if kind == "paper" else text, ""]
+            lines += table(of_kind, places=kind == "paper")
+    return "\n".join(lines) + "\n"
+
+
+def counted(verdicts: Mapping[str, int]) -> str:
+    """The verdicts in words: "15 hold, 2 differ and 1 is undecided"."""
+    forms = {"holds": ("holds", "hold"), "differs": ("differs", "differ")}
+    forms["undecided"] = ("is undecided", "are undecided")
+    parts = [f"{number} {words[number != 1]}" for name, words in forms.items() if (number := verdicts.get(name, 0))]
+    return " and ".join(filter(None, (", ".join(parts[:-1]), *parts[-1:])))
+
+
+def verdict_sentence(claims: Iterable[Claim], kind: str, link: str) -> str:
+    """The verdicts of a run on one kind of claims for its reader, empty if none was tested."""
+    verdicts = Counter(claim.verdict for claim in claims if claim.kind == kind and claim.verdict != "measured")
+    if not (number := verdicts.total()):
+        return ""
+    noun = "statement" if number == 1 else "statements"
+    of = {"paper": f"{noun} of the paper", "ours": f"{noun} of ours", "check": f"{noun} on the library"}[kind]
+    return f"Of {number} {of} that this study tests, {counted(verdicts)}{link}."
+
+
+def table(claims: Sequence[Claim], places: bool) -> list[str]:
+    """The lines of a table of claims in Markdown; criterion, reason and variants are folded beneath the value."""
+    head = ["statement", *(["place"] if places else []), "verdict", "value", "n", "remark"]
+    if not any(claim.because for claim in claims):
+        head.pop()
+    lines = ["| " + " | ".join(head) + " |", "|---" * len(head) + "|"]
+    for claim in claims:
+        reasons = (DIFFERENCES.get(claim.difference), claim.because)
+        cells = {
+            "statement": escape(claim.statement, quote=False), "place": claim.place, "verdict": claim.verdict,
+            "value": f"{escape(claim.value, quote=False)}{_folded(claim)}", "n": claim.sample,
+            "remark": escape(": ".join(filter(None, reasons)), quote=False),
+        }  # fmt: skip
+        texts = (cells[name].replace("|", "\\|").replace("\n", " ") for name in head)
+        lines.append("| " + " | ".join(texts) + " |")
+    return lines
+
+
+def _folded(claim: Claim) -> str:
+    """What is printed, the criterion and the variants, as HTML that a reader unfolds."""
+    lines = [f"printed: {claim.paper}"] if claim.paper else []
+    lines += [claim.criterion] if claim.criterion else []
+    lines += [
+        f"{row['variant']}: {row['value']} ({', '.join(filter(None, (row.get('n', ''), row.get('verdict', ''))))})"
+        for row in claim.rows
+    ]
+    if not lines:
+        return ""
+    words = ["criterion"] if claim.criterion else []
+    words += [f"{len(claim.rows)} measurement{'s' * (len(claim.rows) > 1)}"] if claim.rows else []
+    text = "<br>".join(escape(line, quote=False) for line in lines)
+    return f" <details><summary>{', '.join(words) or 'printed'}</summary>{text}</details>"

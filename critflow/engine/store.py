@@ -1,0 +1,679 @@
+"""A results folder: its files and its lock, the stored cases and their state, and the computation of one network.
+
+    study.json            the note of the last run: study, settings, version, file
+    shards/seed3-HASH.nc  the complete cases of one network, or of one value of the first axis
+    failed/CASE_ID.txt    a failed case: the command that runs it alone, its parameters, its traceback
+    NAME.nc  figures/  claims.md  claims.json  summary.json  run.log  .lock
+
+A shard is a netCDF file (CDF-5) of named arrays; those that differ between its cases have the dimension `stored_case`,
+and the attribute `cases` lists the cases with their status and the code that computed each.  It ends with a seal, the
+SHA-256 of all bytes before it, which netCDF tools ignore.  Every file is written under a temporary name, synced and
+renamed, so that it is either complete or absent; a shard is also read back before it is renamed.  The seal is verified
+before the netCDF library sees an array.
+
+A shard counts before a failed text of the same case.  The existence of a failed text alone says that the case failed:
+its contents are for the reader, and damage in them changes no result.
+"""
+
+from __future__ import annotations
+
+import errno
+import faulthandler
+import json
+import os
+import platform
+import shlex
+import signal
+import socket
+import sys
+import threading
+import time
+import traceback
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager, nullcontext
+from dataclasses import dataclass, field
+from hashlib import sha256
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any, NamedTuple
+from uuid import uuid4
+
+import netCDF4
+import numpy as np
+from filelock import FileLock, Timeout
+from threadpoolctl import threadpool_limits
+
+from critflow.engine.code_digest import (
+    StudyFile,
+    code_version,
+    environment,
+    libraries,
+    load_file,
+    load_study,
+    numeric_extras,
+    used_extras,
+)
+from critflow.engine.settings import SEED_ENTROPY, Case, Selection, spelled, words_of_case
+from critflow.engine.study import Study
+from critflow.result import CritflowError, EnvironmentFailure, InputError, IntegrityError, Status, StudyError
+
+SCHEMA_VERSION = 4
+# States of a case; `OTHER` is complete, computed by other code.
+DONE, FAILED, MISSING, DAMAGED, CHANGED, OTHER = "done", "failed", "missing", "damaged", "changed", "other"
+
+_PARTIAL = ".partial"  # suffix of temporary files; no pattern for results matches it
+_MARK = b"\nsealed sha256 "
+_SEAL_LENGTH = len(_MARK) + 64
+# Errors of the machine, which say nothing about the file; -61 is NC_ENOMEM of the netCDF library.
+_MACHINE = {errno.EMFILE, errno.ENFILE, errno.ENOMEM, errno.EACCES, errno.EIO, errno.ESTALE, -61}
+_netcdf = threading.Lock()  # the netCDF library is not thread-safe
+_CASE = "stored_case"  # dimension
+_MINUTE = 60.0
+_LONGEST_ERROR = 20_000  # characters
+_MOST_REASONS = 20  # lines
+# BLAS threads, the netCDF library and the timer of the interpreter belong to the whole process.
+_one_at_a_time = threading.Lock()
+
+
+class OtherTable(IntegrityError):
+    """A complete shard of the case, stored with another table of variables than that of the study."""
+
+
+class LockedError(CritflowError):
+    """Another run is active in the folder."""
+
+
+class Interrupted(CritflowError):
+    """The run was stopped; all cases computed before are stored."""
+
+
+# Files
+
+
+@contextmanager
+def replacing(path: Path) -> Iterator[Path]:
+    """A temporary file that replaces `path` if the block succeeds and is deleted otherwise."""
+    partial = path.with_name(f".{path.name}.{uuid4().hex[:12]}{_PARTIAL}")
+    try:
+        yield partial
+        with open(partial, "rb+") as file:
+            os.fsync(file.fileno())
+        if path.is_dir():  # not ours to delete
+            path.rename(path.with_name(f"{path.name}.{uuid4().hex[:12]}.set-aside"))
+        os.replace(partial, path)
+        descriptor = os.open(path.parent, os.O_RDONLY)
+        try:
+            os.fsync(descriptor)
+        finally:
+            os.close(descriptor)
+    except (OSError, RuntimeError) as error:  # HDF5 and netCDF report a full disk as RuntimeError
+        raise EnvironmentFailure(
+            f"cannot write {path}: {getattr(error, 'strerror', None) or error}: free disk space, or choose another "
+            "folder with --out"
+        ) from error
+    finally:
+        partial.unlink(missing_ok=True)
+
+
+def write_text(path: Path, text: str) -> None:
+    with replacing(path) as partial:
+        partial.write_text(text, encoding="utf-8")
+
+
+def append_seal(path: Path) -> str:
+    """End a file with the seal of its bytes; return the checksum."""
+    checksum = _checksum(path, path.stat().st_size)
+    with open(path, "ab") as file:
+        file.write(_MARK + checksum.encode())
+    return checksum
+
+
+def verified_checksum(path: Path) -> str:
+    """Checksum of a sealed file; `IntegrityError` unless the seal is that of its bytes."""
+    try:
+        if not path.is_file():  # reading a pipe would block
+            raise IntegrityError(f"{path} is damaged: it is not a file")
+        length = max(path.stat().st_size - _SEAL_LENGTH, 0)
+        with open(path, "rb") as file:
+            file.seek(length)
+            seal = file.read()
+        if not seal.startswith(_MARK):
+            raise IntegrityError(f"{path} is damaged: it is cut short, its seal is missing")
+        checksum = _checksum(path, length)
+    except OSError as error:
+        raise EnvironmentFailure(f"cannot read {path}: {error.strerror}: correct this and run again") from error
+    if seal != _MARK + checksum.encode():
+        raise IntegrityError(f"{path} is damaged: its contents do not match its checksum")
+    return checksum
+
+
+def _checksum(path: Path, length: int) -> str:
+    """SHA-256 of the first bytes of a file, read in pieces."""
+    whole = sha256()
+    with open(path, "rb") as file:
+        while piece := file.read(min(length, 2**20)):
+            whole.update(piece)
+            length -= len(piece)
+    return whole.hexdigest()
+
+
+# Shards
+
+
+@dataclass(frozen=True)
+class StoredCase:
+    """One complete case; it has no arrays where only the list of the cases was read."""
+
+    values: Mapping[str, int | str]  # of the axes
+    status: Status
+    code: str  # code that computed it, and its libraries
+    environment: str
+    absent: tuple[str, ...] = ()  # variables that it does not have
+    arrays: Mapping[str, np.ndarray] = field(default_factory=dict)  # in the dtypes of the table
+
+
+def shard_path(folder: Path, case: Case) -> Path:
+    return folder / f"{case.shard}.nc"
+
+
+def write_shard(folder: Path, study: Study, case: Case, stored: Mapping[str, StoredCase]) -> str:
+    """Store complete cases of one value of the first axis, by their ids, and return the checksum of their shard.
+
+    case  one of them, which names the shard
+
+    The bytes depend on the cases alone, not on the order in which they were computed.
+    """
+
+    def place(name: str) -> list[tuple[int, str]]:
+        return [axis.place(stored[name].values[axis.name]) for axis in study.axes]
+
+    cases = {name: stored[name] for name in sorted(stored, key=place)}
+    with replacing(shard_path(folder, case)) as partial:
+        with _netcdf, netCDF4.Dataset(partial, "w", format="NETCDF3_64BIT_DATA") as file:
+            file.set_fill_off()
+            file.setncatts(_identity(study, case) | {"seed_entropy": SEED_ENTROPY})
+            file.setncattr("cases", json.dumps({name: _listed(one) for name, one in cases.items()}))
+            file.createDimension(_CASE, len(cases))
+            for variable in study.variables:
+                name, dims = variable.name, study.inner_dims[variable.name]
+                having = [one.arrays.get(name) for one in cases.values()]
+                array = next((one for one in having if one is not None), None)
+                if array is None:
+                    continue
+                if name not in _shared(study):
+                    empty = np.full(array.shape, variable.filler, array.dtype)
+                    dims, array = (_CASE, *dims), np.stack([empty if one is None else one for one in having])
+                for dim, size in zip(dims, array.shape, strict=True):
+                    if dim not in file.dimensions:
+                        file.createDimension(dim, size)
+                file.createVariable(name, array.dtype, dims, fill_value=False)[...] = array
+        checksum, written = append_seal(partial), read_shard(partial, study, case)[0]
+        if {name: _bytes(one) for name, one in written.items()} != {name: _bytes(one) for name, one in cases.items()}:
+            raise OSError("it does not read back as written")
+    return checksum
+
+
+def read_shard(path: Path, study: Study, case: Case) -> tuple[dict[str, StoredCase], str]:
+    """The cases of the shard of a case by their ids, every byte verified, and its checksum.
+
+    `IntegrityError` if it is damaged.
+    """
+    checksum = verified_checksum(path)
+    return _opened(path, study, case, with_arrays=True), checksum
+
+
+def _opened(path: Path, study: Study, case: Case, with_arrays: bool) -> dict[str, StoredCase]:
+    """The cases in a file, which must be the shard of the case and the study."""
+    try:
+        with _netcdf, netCDF4.Dataset(path) as file:
+            file.set_auto_maskandscale(False)
+            for name, expected in _identity(study, case).items():
+                if (value := file.getncattr(name)) != expected:
+                    kind = OtherTable if name == "table" else IntegrityError  # compared last
+                    raise kind(f"{path} is damaged: its {name} is {value}, not {expected}")
+            arrays = {name: np.asarray(variable[...]) for name, variable in file.variables.items() if with_arrays}
+            each = {name for name in arrays if _CASE in file[name].dimensions}
+            return {
+                name: StoredCase(
+                    one["values"],
+                    Status(one["status"]),
+                    sys.intern(one["code"]),  # texts that 10⁶ cases share are stored once
+                    sys.intern(one["environment"]),
+                    tuple(one["absent"]),
+                    {k: a[n] if k in each else a for k, a in arrays.items() if k not in one["absent"]},
+                )
+                for n, (name, one) in enumerate(json.loads(file.getncattr("cases")).items())
+            }
+    except (OSError, RuntimeError, ValueError, TypeError, LookupError, AttributeError) as error:
+        if isinstance(error, OSError) and error.errno in _MACHINE:
+            raise EnvironmentFailure(f"cannot read {path}: {error.strerror}: correct this and run again") from error
+        raise IntegrityError(f"{path} is damaged: it is not a readable shard: {error}") from error
+
+
+def _identity(study: Study, case: Case) -> dict[str, Any]:
+    return {"schema_version": SCHEMA_VERSION, "study": study.name, "shard": case.shard, "table": study.table_digest}
+
+
+def _listed(stored: StoredCase) -> dict[str, Any]:
+    """What the list of a shard has about a case."""
+    record = {**vars(stored), "values": dict(stored.values), "status": int(stored.status)}
+    return {name: value for name, value in record.items() if name != "arrays"}
+
+
+def _bytes(stored: StoredCase) -> tuple[dict[str, Any], dict[str, bytes]]:
+    return _listed(stored), {name: array.tobytes() for name, array in stored.arrays.items()}
+
+
+def _shared(study: Study) -> set[str]:
+    """Variables that all cases of a shard share."""
+    return {variable.name for variable in study.variables if set(study.axis_names[1:]).isdisjoint(variable.dims)}
+
+
+def sizes_of(study: Study, arrays: Mapping[str, np.ndarray]) -> dict[str, int]:
+    """Sizes of the inner dimensions of a case."""
+    return {
+        dim: size
+        for name, array in arrays.items()
+        for dim, size in zip(study.inner_dims[name], array.shape, strict=True)
+    }
+
+
+def refuse_sizes(case_id: str, sizes: Mapping[str, int], known: Mapping[str, int]) -> None:
+    """Raise `IntegrityError` where a case has other sizes than those before it."""
+    for dim in sizes.keys() & known.keys():
+        if sizes[dim] != known[dim]:
+            raise IntegrityError(
+                f"case {case_id} has length {sizes[dim]} in {dim!r}, cases before it {known[dim]}: run each size into "
+                "a folder of its own and join them (docs/howto/dataset.md, Several sizes), or store numbers alone with "
+                "--set variables=scalars"
+            )
+
+
+def refuse_values(case: Case, name: str, array: np.ndarray, shared: np.ndarray) -> None:
+    """Raise `IntegrityError` where a case has another value of a variable than the cases that share it."""
+    if array.tobytes() != shared.tobytes():
+        raise IntegrityError(
+            f"case {case.id} gives another {name!r} than cases that share it: correct the case function and raise the "
+            "study's version"
+        )
+
+
+# The folder
+
+
+class CaseState(NamedTuple):
+    """A case and its state; the reason explains every state but `done`, of `other` it is the code."""
+
+    case: Case
+    state: str
+    reason: str = ""
+    record: StoredCase | None = None  # of a complete case
+
+
+class Folder:
+    """Paths of one results folder, its lock, its note and the state of its cases."""
+
+    def __init__(self, path: Path):
+        self.path = path
+        self.shards, self.failed, self.figures = path / "shards", path / "failed", path / "figures"
+        self.note, self.log = path / "study.json", path / "run.log"
+        self.stop = path / ".stop"  # if it exists, workers begin no further case
+
+    def dataset(self, study: str) -> Path:
+        return self.path / f"{study}.nc"
+
+    def trace(self, case: Case) -> Path:
+        return self.failed / f".{case.id}.trace"
+
+    def failure(self, case: Case) -> Path:
+        return self.failed / f"{case.id}.txt"
+
+    def delete_failure(self, case: Case) -> None:
+        """Delete the text of a case that is computed again; a folder with its name is not ours to delete."""
+        if not self.failure(case).is_dir():
+            self.failure(case).unlink(missing_ok=True)
+
+    @contextmanager
+    def locked(self, loaded: StudyFile) -> Iterator[None]:
+        """Exclude other runs until the end of the process, and delete temporary files of runs that were killed.
+
+        Raises `LockedError` if another run is active.
+        """
+        self.check_owner(loaded)
+        holder, folders = self.path / ".lock", (self.path, self.shards, self.failed, self.figures)
+        lock = FileLock(holder, timeout=0, mode=0o660)  # every reader could lock it
+        try:
+            for folder in folders:
+                folder.mkdir(parents=True, exist_ok=True)
+            lock.acquire()
+            holder.write_text(f"process {os.getpid()} on {platform.node()} since {time.ctime()}\n")
+            for pattern in (f".*{_PARTIAL}", ".*.trace", ".stop"):
+                for file in (file for folder in folders for file in folder.glob(pattern)):
+                    file.unlink(missing_ok=True)
+        except Timeout:
+            name = holder.read_text(errors="replace")[:200].strip() or "unknown process"
+            raise LockedError(
+                f"another run is active in {self.path} ({name}): wait for its end, or choose another folder with --out"
+            ) from None
+        except (OSError, NotImplementedError) as error:
+            raise EnvironmentFailure(
+                f"cannot write in {self.path}: {getattr(error, 'strerror', None) or error}: choose another folder with "
+                "--out"
+            ) from error
+        try:
+            yield
+        finally:
+            self.stop.unlink(missing_ok=True)
+            lock.release()
+
+    def check_owner(self, loaded: StudyFile) -> None:
+        """Raise unless the folder is new or belongs to this study."""
+        if self.path.exists() and not self.path.is_dir():
+            raise EnvironmentFailure(f"{self.path} is a file: give a folder with --out")
+        try:
+            owner = self.read_note()["study"] if self.note.exists() else loaded.study.name
+        except IntegrityError:  # `run` reports it
+            return
+        if owner != loaded.study.name:
+            raise StudyError(
+                f"{self.path} contains study {owner!r}, not {loaded.study.name!r}: choose another folder with --out"
+            )
+
+    def write_note(self, loaded: StudyFile, selection: Selection) -> None:
+        study = selection.study
+        note = {
+            "schema_version": SCHEMA_VERSION,
+            "study": study.name,
+            "version": study.version,
+            # Relative to the folder, which can be moved.
+            "file": None if loaded.by_name else os.path.relpath(loaded.path, self.path.absolute()),
+            "parameters": dict(selection.parameters),
+            "axes": dict(selection.axes),
+            "variables": study.selected,
+            "table": study.table_digest,
+            "code": code_version(study),
+        }
+        write_text(self.note, _note_text(note))
+
+    def read_note(self) -> dict[str, Any]:
+        """The note; `IntegrityError` if it is damaged, `StudyError` if it does not exist."""
+        if not self.note.exists():
+            raise StudyError(f"{self.path} is not a results folder: it has no study.json, which `critflow run` writes")
+        try:
+            text = self.note.read_text(encoding="utf-8") if self.note.is_file() else "null"
+            note = json.loads(text)
+            if text != _note_text({key: value for key, value in note.items() if key != "sha256"}):
+                raise ValueError("it does not match its checksum")
+            version = note["schema_version"]
+        except OSError as error:
+            raise EnvironmentFailure(f"cannot read {self.note}: {error.strerror}: correct this first") from error
+        except (ValueError, TypeError, LookupError, AttributeError, RecursionError) as error:
+            raise IntegrityError(f"{self.note} is damaged: {error}: run the study again to write it") from error
+        if version != SCHEMA_VERSION:
+            raise InputError(
+                f"{self.path} contains results of schema {version}, not {SCHEMA_VERSION}: its files stay as they "
+                f"are; compute into a new folder with --out {self.path}-new"
+            )
+        parameters = {k: tuple(v) if isinstance(v, list) else v for k, v in note["parameters"].items()}
+        axes = {name: tuple(values) for name, values in note["axes"].items()}
+        return note | {"parameters": parameters, "axes": axes, "variables": tuple(note["variables"])}
+
+    def selection(self) -> tuple[StudyFile, Selection]:
+        """The study of the note, and the cases of its dataset."""
+        note = self.read_note()
+        loaded = load_study(note["study"]) if note["file"] is None else load_file(self.path / note["file"])
+        study = loaded.study
+        variables = {variable.name for variable in study.variables}
+        needed = {key for key, default in study.parameters.items() if default != ""}
+        same = needed <= set(note["parameters"]) <= set(study.parameters) and tuple(note["axes"]) == study.axis_names
+        if not same or not set(note["variables"]) <= variables:
+            raise StudyError(f"study {study.name!r} has other settings now than {self.path}: run it again there")
+        return loaded, Selection(study.storing(note["variables"]), note["parameters"], note["axes"])
+
+    def states(self, selection: Selection, read: bool = False) -> list[CaseState]:
+        """State of every case: the single decision whether a case is stored.
+
+        read  every shard is read and verified to the last byte; without it only the list of its cases
+        """
+        study, code = selection.study, code_version(selection.study)
+        shards, failed = _names(self.shards, ".nc"), _names(self.failed, ".txt")
+        states, records, trouble, last = list[CaseState](), dict[str, StoredCase](), ("", ""), ""
+        for case in selection.cases:
+            if case.shard != last:
+                last, records, trouble = case.shard, {}, ("", "")
+                path = shard_path(self.shards, case)
+                try:
+                    if last in shards and read:
+                        verified_checksum(path)
+                    records = _opened(path, study, case, with_arrays=False) if last in shards else {}
+                except OtherTable:
+                    trouble = (CHANGED, "stored with another table of variables")
+                except IntegrityError as error:
+                    trouble = (DAMAGED, str(error).rpartition(" is damaged: ")[2])
+            if trouble[0]:
+                states.append(CaseState(case, *trouble))
+            elif record := records.get(case.id):
+                state = (DONE, "") if record.code == code else (OTHER, record.code)
+                states.append(CaseState(case, *state, record))
+            elif case.id in failed and self.failure(case).is_file():
+                text = self.failure(case).read_text(encoding="utf-8", errors="replace")
+                states.append(CaseState(case, FAILED, _last_line(text)))
+            else:
+                states.append(CaseState(case, MISSING, "not computed yet"))
+        return states
+
+
+def reason_lines(states: Sequence[CaseState]) -> list[str]:
+    """One line for each state and reason, without the cases that are done."""
+    groups: dict[tuple[str, str], list[Case]] = {}
+    for case, state, reason, _ in states:
+        if state != DONE:
+            groups.setdefault((state, reason), []).append(case)
+    lines = []
+    for (state, reason), cases in groups.items():
+        first = ", ".join(f"{name} {value}" for name, value in cases[0].values.items())
+        others = f" and {len(cases) - 1} more" if len(cases) > 1 else ""
+        lines.append(f"{state}: {first}{others}: {reason}")
+    more = [f"and {len(lines) - _MOST_REASONS} more reasons"] if len(lines) > _MOST_REASONS else []
+    return [*lines[:_MOST_REASONS], *more]
+
+
+def _names(folder: Path, suffix: str) -> set[str]:
+    names = os.listdir(folder) if folder.is_dir() else []
+    return {name.removesuffix(suffix) for name in names if name.endswith(suffix)}
+
+
+def _note_text(note: Mapping[str, Any]) -> str:
+    """The file of a note, which contains its checksum."""
+    checksum = sha256(json.dumps(note, sort_keys=True).encode()).hexdigest()
+    return json.dumps({**note, "sha256": checksum}, indent=1) + "\n"
+
+
+def _last_line(text: str) -> str:
+    """Reason at the end of a traceback."""
+    return (text.strip().splitlines() or ["unknown reason"])[-1][:300]
+
+
+# The cases of one network, in one process
+
+
+class Outcome(NamedTuple):
+    """Result of one case; its arrays remain in the shard."""
+
+    case_id: str
+    status: int
+    seconds: float
+    checksum: str = ""  # of the shard
+    sizes: Mapping[str, int] = MappingProxyType({})  # of the inner dimensions
+    error: str = ""  # last line of the traceback
+
+
+@dataclass(frozen=True)
+class Job:
+    """Everything that the tasks of one run share."""
+
+    study_path: str
+    study_digest: str
+    folder: str  # absolute path of the results folder
+    parameters: Mapping[str, Any]
+    variables: tuple[str, ...]  # stored variables; empty if all are stored
+    command: tuple[str, ...]  # words after `critflow run` and the settings that run one case alone
+    code: str  # code that computes the cases
+    seconds: float | None = None  # time limit of a case, in worker processes
+    libraries: Mapping[str, str] = field(default_factory=libraries)  # workers must have the same
+
+    def study(self) -> Study:
+        """The study as the run has it; raises if the file or a library is not the same in this process."""
+        loaded = load_file(Path(self.study_path))
+        if loaded.digest != self.study_digest:
+            raise StudyError(f"{self.study_path} changed during the run: run it again")
+        here = libraries()
+        if different := [name for name in {**self.libraries, **here} if self.libraries.get(name) != here.get(name)]:
+            words = ", ".join(f"{n} {here.get(n, 'missing')} (not {self.libraries.get(n)})" for n in different)
+            raise EnvironmentFailure(f"the worker on {socket.gethostname()} has {words}: install the same versions")
+        return loaded.study.storing(self.variables)
+
+    def case(self, study: Study, values: Mapping[str, int | str]) -> Case:
+        return Case(study.name, study.version, self.parameters, values, study.selected)
+
+
+def compute_network(job: Job, cases: Sequence[Mapping[str, int | str]], careful: bool = False) -> list[Outcome]:
+    """Compute the cases with these axis values, all in one shard, in order; a stopped run begins no further case.
+
+    careful  store each case at once, after a death in this task
+    """
+    with _one_at_a_time, threadpool_limits(limits=1):  # the number of threads must not change a digit
+        network = _Network(job, cases[0])
+        try:
+            for values in cases:
+                if network.folder.stop.exists():
+                    break
+                network.attempt(job.case(network.study, values))
+                if careful or time.perf_counter() - network.written > _MINUTE:
+                    network.store()
+        finally:  # also after Ctrl-C in this process
+            network.store()
+    return network.outcomes
+
+
+class _Network:
+    """The cases of one shard: those that it had before, and those that are computed now.
+
+    The complete ones are stored together, at the end and every minute: a process that is killed loses what it computed
+    since, of this network alone.
+    """
+
+    def __init__(self, job: Job, values: Mapping[str, int | str]):
+        self.job, self.folder, self.study = job, Folder(Path(job.folder)), job.study()
+        self.first = job.case(self.study, values)
+        self.outcomes, self.new = list[Outcome](), list[tuple[Case, Outcome]]()  # new ones are not stored yet
+        self.written = time.perf_counter()
+        try:
+            path = shard_path(self.folder.shards, self.first)
+            self.stored, self.checksum = read_shard(path, self.study, self.first)
+        except IntegrityError:  # no shard, a damaged one, or one with another table: its cases are computed
+            self.stored, self.checksum = {}, ""
+
+    def attempt(self, case: Case) -> None:
+        """Compute a case, unless this run stored it before the death of the worker that had the task."""
+        job, study = self.job, self.study
+        if (known := self.stored.get(case.id)) and known.code == job.code:
+            self.outcomes.append(Outcome(case.id, int(known.status), 0.0, self.checksum))
+            return
+        start, modules = time.perf_counter(), set(sys.modules)
+        with _traced(self.folder, case, job.seconds) if job.seconds else nullcontext():
+            try:
+                arrays = study.computed(case.parameters, case.values)
+                status = Status(int(arrays.pop("status")))
+                if unnamed := sorted(numeric_extras(sys.modules.keys() - modules) - used_extras(study)):
+                    words = ", ".join(map(repr, unnamed))
+                    raise StudyError(
+                        f"the case used the extra {words} of critflow, whose code must count: declare it with "
+                        f"extras=({words},) in the Study"
+                    )
+            except BaseException as error:  # one case must not end the others, with any exception
+                if isinstance(error, KeyboardInterrupt) and threading.current_thread() is threading.main_thread():
+                    raise  # from the keyboard
+                seconds = time.perf_counter() - start
+                self.outcomes.append(record_failure(job, study, case, traceback.format_exc(), seconds))
+                return
+        sizes = sizes_of(study, arrays)
+        for other in (one for name, one in self.stored.items() if name != case.id):
+            refuse_sizes(case.id, sizes, sizes_of(study, other.arrays))
+            for name in _shared(study) & arrays.keys() & other.arrays.keys():
+                refuse_values(case, name, arrays[name], other.arrays[name])
+        absent = tuple(name for name in study.inner_dims if name not in arrays and name != "status")
+        self.stored[case.id] = StoredCase(case.values, status, job.code, environment(), absent, arrays)
+        self.new.append((case, Outcome(case.id, int(status), time.perf_counter() - start, sizes=sizes)))
+
+    def store(self) -> None:
+        """Store what was computed since the last time."""
+        if not self.new:
+            return
+        try:
+            self.checksum = write_shard(self.folder.shards, self.study, self.first, self.stored)
+        except EnvironmentFailure:
+            raise
+        except Exception:  # too large for the memory or the format
+            error = traceback.format_exc()
+            self.outcomes += [record_failure(self.job, self.study, case, error, one.seconds) for case, one in self.new]
+        else:
+            self.outcomes += [one._replace(checksum=self.checksum) for _, one in self.new]
+            for case, _ in self.new:
+                self.folder.delete_failure(case)
+        self.new, self.written = [], time.perf_counter()
+
+
+def record_failure(job: Job, study: Study, case: Case, error: str, seconds: float = 0.0) -> Outcome:
+    """Store that the case failed: the command that runs it alone, its parameters and the error."""
+    error = error.strip().replace("\0", "\\0").encode(errors="backslashreplace").decode()
+    if len(error) > _LONGEST_ERROR:
+        error = f"{error[: _LONGEST_ERROR // 2]}\n...\n{error[-_LONGEST_ERROR // 2 :]}"
+    settings = [f"--set={word}" for word in words_of_case(study, case)]
+    lines = [shlex.join(["critflow", "run", job.command[0], *settings, *job.command[1:]]), ""]
+    lines += [f"{key} = {spelled(value)}" for key, value in {**case.values, **case.parameters}.items()]
+    lines += [f"code = {job.code}", "", error]
+    write_text(Folder(Path(job.folder)).failure(case), "\n".join(lines) + "\n")
+    return Outcome(case.id, int(Status.failed), seconds, error=_last_line(error))
+
+
+# The death of a worker process in a case.  A case that exceeds its time limit ends the process: nothing gentler stops
+# compiled code.  The trace file of a case, `failed/.CASE_ID.trace`, exists as long as the case runs; after a death it
+# contains the stack that the interpreter could still write.
+
+
+def take_trace(folder: Folder, case: Case) -> str | None:
+    """Reason and stack of the death in this case, whose trace file is deleted; None if there was no death in it."""
+    path = folder.trace(case)
+    try:
+        stack = path.read_text(encoding="utf-8", errors="replace").partition("\n\nExtension modules")[0].strip()
+    except FileNotFoundError:
+        return None
+    path.unlink()
+    if stack.startswith("Timeout"):
+        reason = "the case exceeded its time limit"
+    elif stack.startswith("Fatal Python error: "):
+        reason = f"the case crashed: {stack.splitlines()[0].removeprefix('Fatal Python error: ')}"
+    elif stack:
+        reason = "the case was terminated from outside, for example for exceeding the memory limit"
+    else:
+        reason = "the case ended its worker process without a message: out of memory, or an exit in compiled code"
+    return f"{stack}\n{reason}".strip()
+
+
+@contextmanager
+def _traced(folder: Folder, case: Case, seconds: float) -> Iterator[None]:
+    """Keep a trace file during the block, and end the process if it takes longer than its time limit."""
+    path = folder.trace(case)
+    with open(path, "w") as trace:
+        faulthandler.enable(trace, all_threads=False)
+        faulthandler.register(signal.SIGTERM, trace, chain=True)  # sent by dask for too much memory
+        # A thread without the lock of the interpreter, so that no compiled code can delay it.
+        faulthandler.dump_traceback_later(seconds, exit=True, file=trace)
+        try:
+            yield
+        finally:
+            faulthandler.cancel_dump_traceback_later()
+            faulthandler.unregister(signal.SIGTERM)
+            faulthandler.disable()
+    path.unlink(missing_ok=True)

@@ -1,0 +1,154 @@
+"""Verification of a results folder: every byte of its shards and its dataset, the texts of its report, its physics.
+
+A sample of the cases is computed again.  The numbers must be the same bits on the libraries that computed them first;
+on others they may differ by `_CLOSE`.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterator
+from hashlib import sha256
+from typing import Any
+
+import numpy as np
+import xarray as xr
+from threadpoolctl import threadpool_limits
+
+from critflow.engine.code_digest import code_version, environment
+from critflow.engine.dataset import REWRITE, SMALL, Assembly, opened_dataset
+from critflow.engine.report import text_files, texts
+from critflow.engine.settings import Case, Selection
+from critflow.engine.store import CHANGED, DAMAGED, DONE, OTHER, CaseState, Folder, read_shard, shard_path
+from critflow.engine.study import Study, plural
+from critflow.result import IntegrityError, StudyError
+
+# Attributes that state the data of a file, and their origin; others state the present code.
+_COMPARED = ("study", "study_version", "schema_version", "axes", "parameters")
+_CLOSE = 1e-6  # of the largest number of a variable
+_ORIGINS = ("summary", "cases_code", "cases_environment", "shards_sha256")
+
+
+def verify_folder(folder: Folder, sample: int) -> tuple[list[str], int, bool, list[Case]]:
+    """Compare shards, dataset, texts and physics of the last run; a case that was not computed is no problem.
+
+    sample  cases that are computed again, chosen by their ids
+
+    Returns a line for each problem, the number of cases that were read, whether the study recomputed its physics from
+    the stored arrays, and the cases that were computed again.  Raises `IntegrityError` if the note is damaged,
+    `StudyError` if there is no dataset and no problem.
+    """
+    _, selection = folder.selection()
+    states = folder.states(selection, read=True)
+    bad = [one for one in states if one.state in (DAMAGED, CHANGED)]
+    # The cases of a shard have one line.
+    lines = (f"{shard_path(folder.shards, one.case)} is {one.state}: {one.reason}" for one in bad)
+    problems = list(dict.fromkeys(lines))
+    physics = _verify_dataset(folder, selection, states, problems)
+    others = Counter(one.reason for one in states if one.state == OTHER)
+    now = code_version(selection.study)
+    problems += [f"{plural(count, 'case')} of other code: {code}, now {now}" for code, count in others.items()]
+    done = sorted((one.case for one in states if one.state == DONE), key=lambda case: sha256(case.id.encode()).digest())
+    for case in done[:sample]:
+        problems += _recomputed(folder, selection.study, case)
+    return problems, sum(one.record is not None for one in states), physics, done[:sample]
+
+
+def _verify_dataset(folder: Folder, selection: Selection, states: list[CaseState], problems: list[str]) -> bool:
+    """Compare the dataset with the shards, its texts and physics with it; add to the problems.
+
+    Returns whether the study recomputed its physics.
+    """
+    study, path = selection.study, folder.dataset(selection.study.name)
+    try:
+        with opened_dataset(path) as opened:
+            dataset = opened.load() if opened.nbytes < SMALL else opened
+            if not problems:  # damaged shards can be compared with nothing
+                assembly = Assembly(selection, folder.shards, states)
+                problems += [f"{path}: {line}: {REWRITE}" for line in _differences(assembly, dataset)]
+            if not problems:  # texts and physics of a damaged dataset can be anything
+                problems += _outdated_texts(study, folder, dataset)
+                if study.verify is not None and study.can_report("verify"):
+                    problems += [f"{path}: {line}" for line in study.verify(dataset)]
+                    return True
+    except (IntegrityError, StudyError) as error:
+        if isinstance(error, StudyError) and not problems:  # of a run that was stopped
+            raise
+        problems.append(str(error))
+    return False
+
+
+def _recomputed(folder: Folder, study: Study, case: Case) -> Iterator[str]:
+    """A line for each variable of a case that is another one when it is computed again."""
+    stored = read_shard(shard_path(folder.shards, case), study, case)[0][case.id]
+    volatile = {v.name for v in study.variables if v.volatile}
+    with threadpool_limits(limits=1):
+        try:
+            arrays = study.computed(case.parameters, case.values)
+        except Exception as error:
+            yield f"case {case.id} cannot be computed again: {type(error).__name__}: {error}"
+            return
+    same = stored.environment == environment()
+    expected = {**stored.arrays, "status": np.asarray(stored.status, arrays["status"].dtype)}
+    for name in sorted((arrays.keys() | expected.keys()) - volatile):
+        if name not in arrays or name not in expected:
+            yield f"case {case.id}: {name} is not in both the stored and the recomputed case"
+        elif not (_equal(expected[name], arrays[name]) or (not same and _close(expected[name], arrays[name]))):
+            yield f"case {case.id}: {name} is another one when it is computed again"
+
+
+def _differences(assembly: Assembly, dataset: xr.Dataset) -> Iterator[str]:
+    """A line for each variable and attribute of the dataset that differs from the shards."""
+    coordinates, variables = assembly.coordinates(), {v.name: v for v in assembly.variables}
+    expected, wrong = {*map(str, coordinates.variables), *variables}, set[str]()
+    for name in expected:
+        kept, stored = coordinates.variables.get(name), dataset.variables.get(name)
+        shape = assembly.shape(variables[name]) if kept is None else kept.shape
+        dims = variables[name].dims if kept is None else kept.dims
+        if stored is None or (stored.dims, stored.shape) != (dims, shape):
+            wrong.add(name)
+        elif kept is not None and not _equal(kept.values, stored.values):
+            wrong.add(name)
+    for rows, arrays in assembly.pieces():
+        for name in arrays.keys() - wrong:
+            stored = dataset.variables[name]
+            if not _equal(arrays[name], stored.isel({assembly.first: rows}, missing_dims="ignore").values):
+                wrong.add(name)
+    for name in sorted(expected | set(map(str, dataset.variables))):
+        if name not in expected:
+            yield f"no shard contains {name}"
+        elif name in wrong:
+            yield f"{name} differs from the shards"
+        else:
+            known = name in coordinates.variables
+            attributes = coordinates[name].attrs if known else assembly.variable_attributes(variables[name])
+            if _plain(attributes) != _plain(dataset.variables[name].attrs):
+                yield f"the attributes of {name} differ from those of the study"
+    attributes = {**coordinates.attrs, **assembly.origin_attributes()}
+    for name in _COMPARED if wrong else (*_COMPARED, *_ORIGINS):
+        if dataset.attrs.get(name, "") != attributes.get(name, ""):
+            yield f"its {name} is {dataset.attrs.get(name)!r:.200}, not {attributes.get(name)!r:.200}"
+
+
+def _equal(expected: np.ndarray, stored: np.ndarray) -> bool:
+    same_kind = expected.dtype == stored.dtype or expected.dtype.kind == "U"  # words are stored as characters
+    return same_kind and np.array_equal(expected, stored, equal_nan=expected.dtype.kind == "f")
+
+
+def _close(expected: np.ndarray, found: np.ndarray) -> bool:
+    scale = float(np.nanmax(np.abs(expected), initial=0.0)) if expected.dtype.kind == "f" else 0.0
+    close = expected.dtype.kind == "f" and expected.shape == found.shape
+    return close and np.allclose(found, expected, rtol=_CLOSE, atol=_CLOSE * scale, equal_nan=True)
+
+
+def _plain(attributes: dict[Any, Any]) -> dict[str, list]:
+    return {str(name): np.atleast_1d(value).tolist() for name, value in attributes.items()}
+
+
+def _outdated_texts(study: Study, folder: Folder, dataset: xr.Dataset) -> Iterator[str]:
+    """A line for each file of claims or of the summary that differs from the dataset."""
+    for name, paths in text_files(study, folder).items():
+        if study.can_report(name):
+            for path, content in zip(paths, texts(study, name, dataset), strict=True):
+                if not path.is_file() or path.read_bytes() != content:
+                    yield f"{path} differs from the dataset: {REWRITE}"

@@ -1,0 +1,1 @@
+"""Parts of the elastic Hessian, and the response of bonds to force dipoles."""
