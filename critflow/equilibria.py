@@ -136,6 +136,7 @@ def equilibrium(
 
 def relaxation_method(name: str) -> str:
     """The method selected by a name, else an `InputError`."""
+    of_kind(str, method=name)
     if name not in ("auto", "newton", "fire"):
         raise InputError(f"no relaxation method is called {name!r}: choose 'auto', 'newton' or 'fire'")
     return "newton" if name == "auto" else name

@@ -210,7 +210,7 @@ def strain_path(
     onset, or are pulled together until the cell is flat.
 
     Raises `InputError` for strains that do not lead away from zero, a deformation that inverts the cell, a start
-    without balance, `SolveError` where the path stops and `throw` is set.
+    without balance, `SolveError` where the path stops and `throw` is set. Many parameters: each is one choice.
 
     >>> import critflow as cf
     >>> network = cf.voronoi_network(n_vertices=20, seed=1)
@@ -340,7 +340,6 @@ class Point:
         return row | {"free_components": self.free}
 
 
-@dataclass(eq=False)
 class Path:
     """A path of springs: what stays the same along it, and the last points.  An extra with other unknowns overrides it.
 
@@ -352,22 +351,23 @@ class Path:
     better   which polynomial predicted the last point better: that of two points 0, of three −1
     """
 
-    network: Network
-    deformation: Deformation
-    strains: Array
-    pattern: FixedPattern
-    method: str
-    tolerance: float
-    measure: str
-    stress: Array | None
-    points: list[Point] = field(default_factory=list)
-    stride: float = np.inf
-    better: int = -1
-
-    def __post_init__(self) -> None:
+    def __init__(
+        self,
+        network: Network,
+        deformation: Deformation,
+        strains: Array,
+        pattern: FixedPattern,
+        method: str,
+        tolerance: float,
+        measure: str,
+        stress: Array | None,
+    ):
         """Raises `InputError` where a strain inverts the cell."""
-        self.gradients = {strain: self.deformation.gradient(strain) for strain in self.strains.tolist()}
-        self.has_moduli = self.measure != "energy" and self.network.has_volume and self.network.dimension > 1
+        self.network, self.deformation, self.strains, self.pattern = network, deformation, strains, pattern
+        self.method, self.tolerance, self.measure, self.stress = method, tolerance, measure, stress
+        self.points, self.stride, self.better = list[Point](), np.inf, -1
+        self.gradients = {strain: deformation.gradient(strain) for strain in strains.tolist()}
+        self.has_moduli = measure != "energy" and network.has_volume and network.dimension > 1
 
     def follow(self, springs: SpringState) -> list[Point]:
         """The points at the strains, from springs at γ = 0; the last one alone may be refused."""

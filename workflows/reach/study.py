@@ -68,5 +68,4 @@ study = network_study(
     variables=(*support.table(), *poisson.table(), *surfaces.table()),
     figures={"reach": support.figure, "poisson": poisson.figure, "surfaces": surfaces.figure},
     claims=claims,
-    extras=("anisotropy",),
 )

@@ -7,7 +7,7 @@ to the tolerance of the forces, since the last correction alone does not reach a
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 from critflow.extras.cables.floppy import unstressed_part
 from critflow.extras.cables.slack import with_slack_placed
@@ -22,7 +22,6 @@ def cable_path(springs: type[Path]) -> type[Path]:
     return type(f"Cable{springs.__name__}", (CablePath, springs), {})
 
 
-@dataclass(eq=False)
 class CablePath(Path):
     """What cables change in a path of springs, of the vertices or of a free cell too."""
 

@@ -6,7 +6,8 @@ derivatives by γ and each are S F''F⁻¹ S⁻¹ and E_m A S⁻¹.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
@@ -18,12 +19,11 @@ from critflow.sparse import Factor
 from critflow.springs import SpringState
 
 
-@dataclass(eq=False)
 class FreeCellPath(Path):
     """The path of the vertices and the free components q (m,) of the cell, by Newton's method; else an `InputError`."""
 
-    def __post_init__(self) -> None:
-        super().__post_init__()
+    def __init__(self, *arguments: Any):
+        super().__init__(*arguments)
         if self.method != "newton":
             raise InputError("free components of the cell need Newton's method: method='newton'")
         self.free_strains = self.deformation.free_strains
