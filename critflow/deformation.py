@@ -25,13 +25,12 @@ from functools import cache
 
 import numpy as np
 import scipy.linalg
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from critflow.arguments import of_kind
-from critflow.checks import floats
+from critflow.checks import Array, floats
 from critflow.result import InputError
 
-Array = NDArray[np.float64]
 Function = Callable[[float], Array]
 
 AXES = "xyz"

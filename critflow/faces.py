@@ -5,14 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from critflow.arguments import of_kind
-from critflow.checks import check_ends, components, finite_rows, floats, integers
+from critflow.checks import Array, IntArray, check_ends, components, finite_rows, floats, integers
 from critflow.result import NetworkError, Record
-
-Array = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 # Numbers of full turns are whole up to the rounding of a sum of angles.
 _ROUNDING = 1e-6

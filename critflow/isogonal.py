@@ -33,6 +33,7 @@ from critflow.numerics import LARGEST_DENSE, power_of_two
 from critflow.result import InputError, Record, Solution, Stats, Status
 from critflow.sparse import spread_columns
 
+ZERO_MODE = 1e-8  # singular values below this count as zero
 FLAT_TRIANGLE = 1e-12  # twice the area of a degenerate force triangle, over the square of the mean tension
 
 
@@ -174,11 +175,11 @@ def face_modes(critical: CriticalConfiguration) -> IsogonalModes:
 
 
 @running("isogonal_modes")
-def isogonal_modes(critical: CriticalConfiguration, tolerance: float = 1e-8) -> IsogonalModes:
+def isogonal_modes(critical: CriticalConfiguration) -> IsogonalModes:
     """The isogonal modes of any small planar configuration, orthonormal in the displacements of the free vertices.
 
     Displacements u with no component of g u across any edge, by a dense singular value decomposition; singular values
-    below `tolerance` (rows have norm √2) count as zero.  Raises `InputError` beyond about 2,000 vertices.
+    below 1e-8 (rows have norm √2) count as zero.  Raises `InputError` beyond about 2,000 vertices.
 
     >>> import critflow as cf
     >>> network = cf.voronoi_network(n_vertices=20, seed=1)
@@ -186,7 +187,6 @@ def isogonal_modes(critical: CriticalConfiguration, tolerance: float = 1e-8) -> 
     9
     """
     critical = of_kind(CriticalConfiguration, critical=critical)
-    of_kind(float, tolerance=tolerance)
     network = critical.network
     if network.dimension != 2:
         raise InputError("isogonal modes are implemented in two dimensions only")
@@ -196,11 +196,12 @@ def isogonal_modes(critical: CriticalConfiguration, tolerance: float = 1e-8) -> 
     unit = _directions(critical)
     across = spread_columns(network, np.stack([-unit[:, 1], unit[:, 0]], axis=1))
     _, values, right = np.linalg.svd(across.toarray())
-    zero = np.concatenate([values, np.zeros(len(right) - len(values))]) < tolerance
+    zero = np.concatenate([values, np.zeros(len(right) - len(values))]) < ZERO_MODE
     displacements = np.zeros((int(zero.sum()), network.n_vertices, 2))
     displacements[:, network.free] = right[zero].reshape(-1, len(network.free), 2)
     flat = displacements.reshape(len(displacements), 2 * network.n_vertices)
-    gap = (float(values[values < tolerance].max(initial=0.0)), float(values[values >= tolerance].min(initial=np.inf)))
+    counted = values < ZERO_MODE
+    gap = (float(values[counted].max(initial=0.0)), float(values[~counted].min(initial=np.inf)))
     return IsogonalModes(critical, flat, _elongations(critical, flat), len(flat), gap)
 
 

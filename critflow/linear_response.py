@@ -25,7 +25,7 @@ from critflow.equilibria import FLOPPY_SHIFT, stability_of
 from critflow.extensions import provided
 from critflow.networks import Array
 from critflow.numerics import EPS, product
-from critflow.refinement import inverse_norm
+from critflow.refinement import ROUNDED_FORCE, inverse_norm
 from critflow.result import InputError, Record, Solution, Stats, Status
 from critflow.sparse import Factor, FixedPattern
 from critflow.springs import SpringState
@@ -325,7 +325,7 @@ def responses(
     # Edges are the last axis: NumPy is several times slower where that is short.
     L = np.ascontiguousarray(state.bond_vectors.T)
     affine = (unit_strains(d)[list(strains)].reshape(m * d, d) @ L).reshape(m, d, n)
-    rate, direct, least = affine, np.zeros((m, m)), NO_RELAXATION * state.length_scale
+    rate, direct, least, relaxing = affine, np.zeros((m, m)), NO_RELAXATION * state.length_scale, np.arange(m)
     u, scale, energy = np.zeros((m, d * len(network.free))), np.zeros(m), np.zeros(m)
     for refinement in range(MOST_CORRECTIONS + 1):
         # 1. The form and the forces of all strains, in one product
@@ -338,10 +338,13 @@ def responses(
         stretching = hdot @ tension.T
         form = stretching + stressed.reshape(m, -1) @ rate.reshape(m, -1).T
         direct = direct if refinement else form
-        # 2. A correction of each relaxation
-        correction = np.array([factor.solve(each) for each in force])
+        # 2. A correction of each relaxation; forces of rounding alone, as of a dilation where σ = k, need no solve
+        size, correction = _largest(force), np.zeros_like(force)
+        relaxing = relaxing if refinement else np.flatnonzero(size > ROUNDED_FORCE * _largest(pulls.reshape(m, -1)))
+        for each in relaxing:
+            correction[each] = factor.solve(force[each])
         gained, u = force @ correction.T, u + correction
-        size, moved, left = (np.maximum.reduce(np.abs(each), axis=-1, initial=0.0) for each in (force, u, correction))
+        moved, left = _largest(u), _largest(correction)
         scale = np.maximum(scale, size)
         small = bool((left <= CONVERGED * np.maximum(moved, least)).all())
         # 3. The energy that it leaves is its gain times the contraction, and must be rounding.  The contraction is the
@@ -360,6 +363,11 @@ def responses(
     stats = Stats("linear response", 1, residual=float((size / np.maximum(scale, 1e-300)).max()))
     status = Status.ok if small else Status.stalled
     return LinearResponse(value, status, stats, strains=strains, responses=relaxations), correction[0]
+
+
+def _largest(vectors: Array) -> Array:
+    """Largest component of each of the vectors (m, n), (m,)."""
+    return np.maximum.reduce(np.abs(vectors), axis=-1, initial=0.0)
 
 
 def form_rounding(state: SpringState, speed: Array, u: Array, tension: Array) -> tuple[Array, Array]:

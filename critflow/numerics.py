@@ -1,4 +1,4 @@
-"""Many short vectors: lengths, dot products, products with small sparse matrices, and starts without symmetry.
+"""Many short vectors: lengths, dot products, products with sparse matrices; units, constants and arrays to read.
 
 Products with sparse matrices leave out the checks of SciPy, which take longer than the products themselves.
 """
@@ -11,8 +11,6 @@ import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
 from scipy.sparse._sparsetools import csc_matvec, csc_matvecs, csr_matvec, csr_matvecs
-
-# Constants that several modules of this folder share, with their reasons.
 
 # Relative spacing of doubles, 2⁻⁵².  A pivot below n EPS of the largest is as good as zero: rounding of the
 # elimination makes pivots of that size.
@@ -27,19 +25,17 @@ LARGEST_DENSE = 20_000_000  # largest number of entries of a dense array made in
 
 Array = NDArray[np.float64]
 
-_GOLDEN = 0.6180339887498949  # (√5 − 1)/2
 
-
-def quasi_random(n: int) -> NDArray[np.float64]:
+def quasi_random(n: int) -> Array:
     """The fractional parts of i (√5 − 1)/2, i = 1…n, in [0, 1): equidistributed, without repetition or symmetry.
 
     Networks have symmetries, and an iteration that starts from a symmetric vector finds symmetric answers only.  A
     fixed sequence does the same as a random one, with the same result in every run.
     """
-    return np.mod(_GOLDEN * np.arange(1.0, n + 1), 1.0)
+    return np.mod(0.6180339887498949 * np.arange(1.0, n + 1), 1.0)
 
 
-def dot(one: NDArray[np.float64], other: NDArray[np.float64]) -> NDArray[np.float64]:
+def dot(one: Array, other: Array) -> Array:
     """The products, (..., n), of vectors (..., n, d): axis by axis, since NumPy's sums of few terms are slow."""
     products = one * other
     total = products[..., 0]
@@ -48,17 +44,17 @@ def dot(one: NDArray[np.float64], other: NDArray[np.float64]) -> NDArray[np.floa
     return np.asarray(total)
 
 
-def norms(vectors: NDArray[np.float64]) -> NDArray[np.float64]:
+def norms(vectors: Array) -> Array:
     """|v| of each row, (n,), of vectors (n, d): the bits of `numpy.linalg.norm`."""
     return np.sqrt(dot(vectors, vectors))
 
 
-def largest(values: NDArray[np.float64]) -> float:
+def largest(values: Array) -> float:
     """The largest size of all numbers, NaN with one that is; 0 without any."""
     return float(np.maximum.reduce(np.abs(values), axis=None, initial=0.0))
 
 
-def mean(values: NDArray[np.float64]) -> float:
+def mean(values: Array) -> float:
     """The mean of numbers (n,): the bits of `numpy.mean`."""
     return float(np.add.reduce(values) / values.size)
 

@@ -77,6 +77,8 @@ _MOST_CORRECTIONS, _CONVERGED, _CORRECT, _NO_RELAXATION = 4, 1e-9, 1e-2, 1e-5
 _CONTRACTION_MARGIN = 10.0  # of the contraction that is observed between two corrections
 # Stress η, in units of k, that stands for the limit of no stress: its effect is of this order, and rounding of 1e-10.
 _DEPARTING_STRESS = 1e-6
+# Forces of an affine motion below this part of those of one edge are rounding.
+_BALANCED = 16 * EPS
 # Largest force of a state from which a path starts, in units of stiffness times length: the first relaxation removes
 # rounding, and a larger force would hide a jump.
 BALANCED_START = 1e-6
@@ -196,7 +198,7 @@ def strain_path(
                        state has one
     taut_only          True: the taut part alone also where rest lengths are known, as springs at rest
     measure            "tensors"; "moduli": bulk and shear moduli alone, in less time, and `elasticity` is empty;
-                       "energy": equilibria only
+                       "energy": no moduli but that along the path
     method, tolerance  those of `equilibrium`; free components of the cell need Newton's method.  The tolerance is for
                        FIRE, cables, and free components; Newton's answer is otherwise exact to rounding
 
@@ -327,15 +329,15 @@ class Point:
         state, C = self.state, self.moduli
         # V of the cell or as named, or 1 without either.
         volume = state.network.volume if state.network.has_volume else 1.0
-        L = state.bond_vectors
         row |= {"energy": state.energy, "max_force": state.max_force, "coordinate_error": self.coordinate_error}
         row |= {"modulus": self.second[0] / volume, "modulus_error": self.second[1] / volume}
-        row |= {"stress": L.T @ (state.sigma[:, None] * L) / volume, "free_components": self.free}
-        if C is not None:
-            row |= {"stress": C.stress, "bulk_modulus": C.bulk, "bulk_modulus_error": C.errors.bulk}
-            row |= {"shear_modulus": C.shear, "shear_modulus_stress_corrected": C.shear_stress_corrected}
-            row["shear_modulus_error"] = max(C.errors.shear, C.errors.shear_stress_corrected)
-        return row
+        if C is None:
+            L = state.bond_vectors
+            return row | {"stress": L.T @ (state.sigma[:, None] * L) / volume, "free_components": self.free}
+        row |= {"stress": C.stress, "bulk_modulus": C.bulk, "bulk_modulus_error": C.errors.bulk}
+        row |= {"shear_modulus": C.shear, "shear_modulus_stress_corrected": C.shear_stress_corrected}
+        row["shear_modulus_error"] = max(C.errors.shear, C.errors.shear_stress_corrected)
+        return row | {"free_components": self.free}
 
 
 @dataclass(eq=False)
@@ -532,9 +534,9 @@ class Path:
 
     def measured(self, end: Point, factor: Factor | None) -> Point:
         """The point with moduli, velocity and d²E/dγ², or refused where its response is not determined."""
-        state, (rates, second_rates), end = end.state, self.rates(end), replace(end, z=self.unknowns(end))
+        state, (rates, second_rates), z = end.state, self.rates(end), self.unknowns(end)
         if not self.has_moduli:
-            return self.without_moduli(end, factor, rates, second_rates)
+            return replace(self.without_moduli(end, factor, rates, second_rates), z=z)
         chosen = None if self.measure == "tensors" else strains_of(rates)
         volume, exact = state.network.volume, self.method == "newton"
         response = linear_response(state, volume, self.pattern, exact, factor, condition=False, strains=chosen)
@@ -550,7 +552,7 @@ class Path:
         strain, size = along @ weights, np.abs(along @ weights)
         second = float(C.volume * (E[0] @ along)), C.volume * float(size @ C.errors.tensor @ size)
         velocity = self.velocity(end, response.relaxation(strain), along)
-        return replace(end, moduli=C, velocity=velocity, second=second)
+        return replace(end, z=z, moduli=C, velocity=velocity, second=second)
 
     def without_moduli(self, end: Point, factor: Factor | None, rates: Array, second_rates: Array) -> Point:
         """As `measured`, velocity and d²E/dγ² alone."""
@@ -602,6 +604,11 @@ class Path:
         # Slack edges resist nothing.
         rest = np.where(stress != 0, tightened, springs.rest_lengths)
         stressed = replace(springs, rest_lengths=rest, law=springs.law.near_rest)
+        # Where the affine motion keeps the balance, as a dilation does where σ = k, vertices follow it.
+        affine = 0.5 * (L @ (rates[0] + rates[0].T))
+        left = stressed.force_rates(affine)
+        if len(rates) == 1 and largest(left) <= _BALANCED * springs.stiffness_scale * largest(affine):
+            return self.velocity(here, np.zeros_like(left), np.ones(1))
         factor = stressed.factorize(self.pattern, FLOPPY_SHIFT * springs.stiffness_scale)
         # Where all edges are tense the stress resists all motions.
         if not stressed.taut(0.0) and factor.indefinite:

@@ -25,7 +25,7 @@ from critflow.deformation import DEFORMATIONS, strain_basis
 from critflow.extensions import missing, named, quantities
 from critflow.manifold import CriticalConfiguration, CriticalManifold, require_one_self_stress
 from critflow.networks import Array, Network
-from critflow.quantities import Quantity, evaluate, has_exact_hessian, only_positive, require_valid
+from critflow.quantities import Quantity, evaluate, has_exact_hessian, require_valid
 from critflow.result import InputError, Record
 
 # The vocabulary of quantities: one name each.
@@ -135,13 +135,12 @@ def _unknown(network: Network, name: str) -> str:
 
 
 @running("upper_bound")
-def upper_bound(network: Network | CriticalManifold, name: str | Quantity, signs: str = "positive") -> float:
-    """The largest possible value of a quantity over all stresses of a network in closed form; infinite without one.
+def upper_bound(network: Network | CriticalManifold, name: str | Quantity) -> float:
+    """The largest possible value of a quantity under tension on a network in closed form; infinite without one.
 
     Error bound (proof, up to rounding).  B_0 ≤ (1/d²V) Σ k|L*|² with L* the configuration at σ = k; every other modulus
-    at the transition likewise.  `quantity(network, name).extreme` has the smallest possible value too.
-
-    signs  "positive", or "any" for stresses of both signs
+    at the transition likewise, and for stresses of any sign.  `quantity(network, name).extreme` has the smallest
+    possible value too, and those for stresses of any sign.
 
     >>> import critflow as cf
     >>> round(cf.upper_bound(cf.lattice("honeycomb", 2, 2), 'B_0'), 6)
@@ -149,9 +148,8 @@ def upper_bound(network: Network | CriticalManifold, name: str | Quantity, signs
     """
     network = of_kind(Network, CriticalManifold, network=network)
     name = of_kind(str, Quantity, name=name)
-    of_kind(str, signs=signs)
     manifold = CriticalManifold.of(network)
-    return quantity(manifold.network, name).extreme(manifold, only_positive(signs))[1]
+    return quantity(manifold.network, name).extreme(manifold)[1]
 
 
 FLAT = 1e-9  # eigenvalues of a stress Hessian below this part of the largest are zero; rounding leaves about 1e-13

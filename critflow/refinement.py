@@ -1,4 +1,4 @@
-"""Configurations to the last digit: iterative refinement with residuals in extended precision, and error bounds.
+"""Configurations and equilibria to the last digit, by residuals in extended precision, with error bounds.
 
 With a factor of P, the error of a configuration is P⁻¹ gᵀ(σ ∘ L): solving, correcting and solving again refines it and
 gives the distance from the exact one.  Coordinates are sums of two doubles meanwhile; their final rounding is then
@@ -8,6 +8,11 @@ The factor may hide an error along a vector on which P nearly vanishes, if its e
 one sign this is excluded: P⁻¹ ≥ 0 entry by entry, so y > 0 with P y ≥ w > 0 proves |P⁻¹ r| ≤ y max |r|/w (Ogita, Oishi
 and Ushiro, 2001).  For stresses of both signs a solve for the vector that the factor magnifies most measures the error
 of the factor there.
+
+The displacement from a configuration to the exact equilibrium of its springs is x* − x = H⁻¹ f.  Forces of springs are
+differences of nearly equal lengths, and past the transition the stiffness of soft modes is of the order of the strain:
+a small force is not a small error.  Forces f from bond vectors in extended precision keep their digits; the correction,
+repeated at x + δ with the same factor, shrinks by a constant, which bounds the remainder.
 """
 
 from __future__ import annotations
@@ -25,13 +30,11 @@ from critflow.networks import Array, Network
 from critflow.numerics import EPS, dot, largest, product, quasi_random
 from critflow.sparse import REDUCED, Factor, free_ends
 
-# Bond vectors and sums of edge forces of a network with 32 digits, as stresses over many decades need them.
-
 BLOCK = 1 << 16  # rows of an array of d columns in one step: its temporaries are then some megabytes
 
 
 class ExtendedGeometry:
-    """Bond vectors L = g x + b, their lengths, and sums of edge forces, in extended precision, for one graph."""
+    """Bond vectors L = g x + b and sums of edge forces of one network, to 32 digits."""
 
     def __init__(self, network: Network):
         free = network.free
@@ -165,22 +168,22 @@ class Refinement:
 
         The bounds hold for the configuration of σ and for that of σ rounded to doubles, as it is stored.
         """
-        stress = sigma.high[:, None]
-        bound = _Bound(self, factor, stress, 2 * product(self._spread, np.abs(stress)))
+        stress, low = sigma.high[:, None], sigma.low[:, None]
+        bound = _Bound(self, factor, stress)
         if not (bound.founded and np.isfinite(x).all()):
             nothing = np.full_like(self._b, np.nan)
             return Refined(x, nothing, np.nan, nothing[:, 0], bound.condition, 0, False)
+        # 1. Corrections by residuals in extended precision, until the error does not halve
         at, last, step = extended(x.copy()), np.inf, 0
-        factors = Extended(stress, sigma.low[:, None])
         while True:
             step += 1
             L = self.geometry.bond_vectors(at, self._b)
-            force = self.geometry.tension_forces(factors, L)
+            force = self.geometry.tension_forces(Extended(stress, low), L)
             size = float(np.abs(at.high).max()) + self._reach
             goal = UNSEEN * EPS * float(_largest(L.high).min())
-            correction, change, left = self._correction(bound, factor, force.high, goal)
+            correction, change, left = bound.correction(force.high, goal)
             left += force.low
-            errors = self._errors(bound, left, L, change, size)
+            errors = bound.errors(left, L, change, size)
             for rows in blocks(len(x)):
                 at.high[rows], at.low[rows] = add(part(at, rows), extended(correction[rows]))
             error = float(errors.max())
@@ -189,70 +192,120 @@ class Refinement:
             last = error
             del L, force, correction, change, left  # 240 MB at 10⁶ vertices in space
         if error > goal:
-            errors = self._errors(bound, left, L, change, size, sharply=True)
+            errors = bound.errors(left, L, change, size, sharply=True)
             error = float(errors.max())
         certain = bool(error < LOST * size)
         del force, correction, left  # 100 MB at 10⁶ vertices in space
-        bonds, low = L.high, np.add(L.low, change, out=change)
+        bonds, rest = L.high, np.add(L.low, change, out=change)
         del L  # 50 MB
-        shifted = np.zeros(low.shape)  # takes memory only where there is a rounding
-        if factors.low.any():
-            shift, more = self._shift_by_rounding(bound, factor, factors.low, bonds, goal)
+        # 2. The displacement to the configuration of the rounded stress.  Its forces gᵀ((σ − low) ∘ L) = −gᵀ(low ∘ L)
+        # are small, so that one solve in doubles has all digits that count.
+        shifted = np.zeros(rest.shape)  # takes memory only where there is a rounding
+        if low.any():
+            shift, change, left = bound.correction(product(self._divergence, -low * bonds), goal)
+            rounding = np.abs(stress) * _largest(change) + np.abs(low) * _largest(bonds)
+            forces = _largest(left) + self._roundings * product(self._spread, rounding)
+            more = bound(forces)
+            if more.max() > goal:
+                more = bound(forces, sharply=True)
             shifted, errors = product(self._g, shift), errors + more
             error = float((_largest(shift) + errors).max())
-        at_ends = product(self._ends, errors)
-        L_errors = np.empty(len(low))
-        for rows in blocks(len(low)):
-            bonds[rows], rest = two_sum(bonds[rows], low[rows])
-            rough = np.abs(rest) + EPS * np.abs(low[rows]) + EXTENDED_ROUNDING * size
+        # 3. The rounded bond vectors, with bounds on their errors
+        at_ends, L_errors = product(self._ends, errors), np.empty(len(rest))
+        for rows in blocks(len(rest)):
+            bonds[rows], lost = two_sum(bonds[rows], rest[rows])
+            rough = np.abs(lost) + EPS * np.abs(rest[rows]) + EXTENDED_ROUNDING * size
             rough += np.abs(shifted[rows])
             rough += at_ends[rows]
             L_errors[rows] = np.sqrt(dot(rough, rough))
         total = float(np.abs(at.low).max()) + error
         return Refined(at.high, bonds, total, L_errors, bound.condition, step, certain)
 
-    def _correction(self, bound: _Bound, factor: Factor, force: Array, goal: float) -> tuple[Array, Array, Array]:
+
+class _Bound:
+    """Bounds |P⁻¹ r| for forces r, with the condition of P, and whether the bound is founded and whether it is a proof.
+
+    Error bound (proof) for stresses of one sign, by a comparison vector.
+    Error bound (estimate) for stresses of both signs, by Hager's estimate of the condition.
+    """
+
+    def __init__(self, refinement: Refinement, factor: Factor, stress: Array):
+        self._refinement, self._factor, self._stress = refinement, factor, stress
+        self._weight = weight = 2 * product(refinement._spread, np.abs(stress))
+        self._sign = 1.0 if (stress >= 0).all() else -1.0 if (stress <= 0).all() else 0.0
+        self.condition, self.founded, self.proof = np.inf, False, bool(self._sign)
+        if self._sign:
+            # The proof needs no sound factor.
+            self._y, self._Py = self._comparison(weight)
+            self.condition = float(np.nan_to_num(np.abs(self._y), nan=np.inf).max())
+            self.founded = bool((self._Py > 0).all())
+        elif factor.sound:
+            condition, start, right = magnification(factor.solve, weight)
+            if np.isfinite(condition):
+                # The doubt of the factor, by a solve for the signs that P⁻¹ magnifies most.
+                right = np.hstack([start, right])
+                y = factor.solve(right)
+                wrong = factor.solve(right - self._product(y))
+                doubt = float((np.abs(wrong).max(axis=0) / np.abs(y).max(axis=0)).max())
+                self.condition = max(condition, float(np.abs(y).max()))
+                self.founded = doubt < DOUBTFUL and self.condition * EPS < HOPELESS
+
+    def _product(self, vector: Array) -> Array:
+        """P v, (n_free, 1), by differences along the edges, which nearly equal entries do not spoil."""
+        refinement = self._refinement
+        return product(refinement._divergence, self._stress * product(refinement._g, vector))
+
+    def _comparison(self, forces: Array) -> tuple[Array, Array]:
+        """y near P⁻¹ times the forces, all positive, and a lower bound of P y; not positive where it proves nothing."""
+        refinement = self._refinement
+        for reduction in (COMPARED, REDUCED):
+            y = self._sign * self._factor.solve_roughly(forces, reduction)
+            if np.isfinite(y).all() and (y > 0).all():
+                terms = np.abs(self._stress * product(refinement._g, y))
+                Py = self._sign * self._product(y) - refinement._roundings * product(refinement._spread, terms)
+                if (Py > 0).all():
+                    return y, Py
+        return y, np.zeros_like(forces)
+
+    def __call__(self, forces: Array, sharply: bool = False) -> Array:
+        """Bounds (n_free, 1) for forces of at most these sizes (n_free, 1); sharper ones by one more solve."""
+        relative = float((forces / self._weight).max())
+        if not self.proof:
+            return np.full_like(self._weight, SAFETY * self.condition * relative)
+        errors = self._y * float((forces / self._Py).max())
+        if sharply:
+            forces = forces + 1e-6 * relative * self._weight
+            y, Py = self._comparison(forces)
+            if (Py > 0).all():
+                errors = np.minimum(errors, y * float((forces / Py).max()))
+        return errors
+
+    def correction(self, force: Array, goal: float) -> tuple[Array, Array, Array]:
         """A correction (n_free, d) by a force (n_free, d), its change of the bond vectors, and the force that is left.
 
-        The force after a correction of this size needs no extended precision.
+        The force after a correction of this size needs no extended precision.  A solver that iterates reduces it to a
+        bound well below the goal.
         """
-        correction = -factor.solve_roughly(force, bound.reduction(force, goal))
-        change = product(self._g, correction)
-        return correction, change, force + product(self._divergence, bound.stress * change)
+        refinement, reduction = self._refinement, REDUCED
+        if self.proof and self._factor.iterates:
+            error = float(self(_largest(force)).max())
+            reduction = (
+                float(np.clip(0.1 * goal / error, MOST_REDUCTION, LEAST_REDUCTION)) if error else LEAST_REDUCTION
+            )
+        correction = -self._factor.solve_roughly(force, reduction)
+        change = product(refinement._g, correction)
+        return correction, change, force + product(refinement._divergence, self._stress * change)
 
-    def _shift_by_rounding(
-        self, bound: _Bound, factor: Factor, low: Array, L: Array, goal: float
-    ) -> tuple[Array, Array]:
-        """Displacement (n_free, d) from the configuration of σ to that of σ − low, and bounds (n_free, 1) on its error.
-
-        The forces gᵀ((σ − low) ∘ L) = −gᵀ(low ∘ L) are small, so that one solve in doubles has all digits that count.
-        """
-        shift, change, left = self._correction(bound, factor, product(self._divergence, -low * L), goal)
-        rounding = np.abs(bound.stress) * _largest(change) + np.abs(low) * _largest(L)
-        forces = _largest(left) + self._roundings * product(self._spread, rounding)
-        errors = bound(forces)
-        return shift, bound(forces, sharply=True) if errors.max() > goal else errors
-
-    def _errors(
-        self, bound: _Bound, left: Array, L: Extended, change: Array, size: float, sharply: bool = False
-    ) -> Array:
+    def errors(self, left: Array, L: Extended, change: Array, size: float, sharply: bool = False) -> Array:
         """Bounds (n_free, 1) on the errors of coordinates of a size, by the forces that are left, (n_free, d)."""
-        stress, weight = bound.stress, bound.weight
+        refinement = self._refinement
         # P⁻¹ gᵀ(σ ∘ η) of a proof is a mean, over spanning trees, of sums of η along a path to a fixed vertex.
-        rounded = _largest(change) + EPS * _largest(L.high) if bound.proof else _largest(change)
-        forces = _largest(left) + self._roundings * product(self._spread, np.abs(stress) * rounded)
-        lost = EXTENDED_ROUNDING * size
-        if bound.proof:
-            return bound(forces, sharply) + len(weight) * lost
-        return bound(forces + lost * weight, sharply)
-
-    def product(self, stress: Array, vector: Array) -> Array:
-        """P v, (n_free, 1), by differences along the edges, which nearly equal entries do not spoil."""
-        return product(self._divergence, stress * product(self._g, vector))
-
-    def rounding(self, stress: Array, vector: Array) -> Array:
-        """Bound on the rounding of `product`."""
-        return self._roundings * product(self._spread, np.abs(stress * product(self._g, vector)))
+        rounded = _largest(change) + EPS * _largest(L.high) if self.proof else _largest(change)
+        rounding = refinement._roundings * product(refinement._spread, np.abs(self._stress) * rounded)
+        forces, lost = _largest(left) + rounding, EXTENDED_ROUNDING * size
+        if self.proof:
+            return self(forces, sharply) + len(self._weight) * lost
+        return self(forces + lost * self._weight, sharply)
 
 
 def _largest(vectors: Array) -> Array:
@@ -278,79 +331,6 @@ def magnification(solve: Callable[[Array], Array], weight: Array) -> tuple[float
         right = np.where(row < 0, -weight, weight)
     return condition, start, right
 
-
-class _Bound:
-    """Bounds |P⁻¹ r| for forces r, with the condition of P, and whether the bound is founded and whether it is a proof.
-
-    Error bound (proof) for stresses of one sign, by a comparison vector.
-    Error bound (estimate) for stresses of both signs, by Hager's estimate of the condition.
-    """
-
-    def __init__(self, refinement: Refinement, factor: Factor, stress: Array, weight: Array):
-        self._refinement, self._factor, self.stress, self.weight = refinement, factor, stress, weight
-        self._sign = 1.0 if (stress >= 0).all() else -1.0 if (stress <= 0).all() else 0.0
-        self.condition, self.founded, self.proof = np.inf, False, bool(self._sign)
-        if self._sign:
-            # The proof needs no sound factor.
-            self._y, self._Py = self._comparison(weight)
-            self.condition = float(np.nan_to_num(np.abs(self._y), nan=np.inf).max())
-            self.founded = bool((self._Py > 0).all())
-        elif factor.sound:
-            self._estimate()
-
-    def _estimate(self) -> None:
-        """The condition, and the doubt of the factor by a solve for the signs that P⁻¹ magnifies most."""
-        factor = self._factor
-        condition, start, right = magnification(factor.solve, self.weight)
-        if not np.isfinite(condition):
-            return
-        right = np.hstack([start, right])
-        y = factor.solve(right)
-        wrong = factor.solve(right - self._refinement.product(self.stress, y))
-        doubt = float((np.abs(wrong).max(axis=0) / np.abs(y).max(axis=0)).max())
-        self.condition = max(condition, float(np.abs(y).max()))
-        self.founded = doubt < DOUBTFUL and self.condition * EPS < HOPELESS
-
-    def _comparison(self, forces: Array) -> tuple[Array, Array]:
-        """y near P⁻¹ times the forces, all positive, and a lower bound of P y; not positive where it proves nothing."""
-        for reduction in (COMPARED, REDUCED):
-            y = self._sign * self._factor.solve_roughly(forces, reduction)
-            if np.isfinite(y).all() and (y > 0).all():
-                Py = self._sign * self._refinement.product(self.stress, y) - self._refinement.rounding(self.stress, y)
-                if (Py > 0).all():
-                    return y, Py
-        return y, np.zeros_like(forces)
-
-    def reduction(self, forces: Array, goal: float) -> float:
-        """The reduction of forces (n_free, d), for a solver that iterates, to a bound well below the goal."""
-        if not (self.proof and self._factor.iterates):
-            return REDUCED
-        error = float(self(_largest(forces)).max())
-        return float(np.clip(0.1 * goal / error, MOST_REDUCTION, LEAST_REDUCTION)) if error else LEAST_REDUCTION
-
-    def __call__(self, forces: Array, sharply: bool = False) -> Array:
-        """Bounds (n_free, 1) for forces of at most these sizes (n_free, 1); sharper ones by one more solve."""
-        relative = float((forces / self.weight).max())
-        if not self.proof:
-            return np.full_like(self.weight, SAFETY * self.condition * relative)
-        errors = self._y * float((forces / self._Py).max())
-        if sharply:
-            forces = forces + 1e-6 * relative * self.weight
-            y, Py = self._comparison(forces)
-            if (Py > 0).all():
-                errors = np.minimum(errors, y * float((forces / Py).max()))
-        return errors
-
-
-# The displacement from a configuration to the exact equilibrium of its springs, x* − x = H⁻¹ f.
-#
-# Forces of springs are differences of nearly equal lengths, and past the transition the stiffness of soft modes is of
-# the order of the strain: a small force is not a small error.  Forces f from bond vectors in extended precision keep
-# their digits; the correction, repeated at x + δ with the same factor, shrinks by a constant, which bounds the
-# remainder.
-#
-# Sums of forces consist of sparse products here, which serve any matrix; their rounding is 2⁻⁷⁷ of the largest of all
-# terms, which is enough for the forces of springs.
 
 MOST_CORRECTIONS = 10  # corrections of an equilibrium after which it counts as not convergent
 ROUNDED_FORCE = 8 * EPS  # largest force, relative to the largest tension, that the roundings of σ leave at a vertex
@@ -446,7 +426,10 @@ def exact_bond_vectors(network: Network, coordinates: Array, displacement: Array
 
 
 def exact_forces(network: Network, sigma: Array, bond_vectors: Extended) -> Array:
-    """−gᵀ(σ ∘ L), (n_free, d), with the rounding of σ and of the result alone."""
+    """−gᵀ(σ ∘ L), (n_free, d), with the rounding of σ and of the result alone.
+
+    The sums are sparse products, whose rounding is 2⁻⁷⁷ of the largest of all terms: enough for the forces of springs.
+    """
     # One stress for each component: NumPy is several times slower where it repeats them in every product.
     stress = np.repeat(sigma, bond_vectors.high.shape[1]).reshape(bond_vectors.high.shape)
     pull = two_product(stress, bond_vectors.high)

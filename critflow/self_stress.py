@@ -14,7 +14,7 @@ hides singular values of R that are small but not zero, the zero modes themselve
 from __future__ import annotations
 
 from collections.abc import Callable
-from functools import cached_property
+from functools import cached_property, partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -259,14 +259,14 @@ class Spectrum:
     def _smallest_nonzero(self, null: Array, of_stresses: bool) -> float:
         """The smallest singular value outside a null space (n, count), by Lanczos iteration."""
         most_restarts = max(_RESTARTS_TIMES_SIZE // len(null), 20)
+
+        def outside(resolve: Callable[[Array], Array], vector: Array) -> Array:
+            rest = resolve(vector[:, None])[:, 0]
+            return rest - null @ (null.T @ rest)
+
         for shift in _MODERATE:
-            moderate = self._filter(shift, of_stresses)
-
-            def outside(vector: Array, resolve: Callable[[Array], Array] = moderate) -> Array:
-                rest = resolve(vector[:, None])[:, 0]
-                return rest - null @ (null.T @ rest)
-
-            operator = LinearOperator((len(null), len(null)), matvec=outside, dtype=float)
+            moderate = partial(outside, self._filter(shift, of_stresses))
+            operator = LinearOperator((len(null), len(null)), matvec=moderate, dtype=float)
             start = np.random.default_rng(1).standard_normal(len(null))
             try:
                 weights = eigsh(

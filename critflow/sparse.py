@@ -14,7 +14,7 @@ from collections.abc import Callable, Iterable, Iterator
 from copy import copy
 from functools import cache
 from itertools import combinations_with_replacement
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple
 
 import numpy as np
 import qdldl
@@ -44,26 +44,14 @@ from critflow.result import InputError
 CROSSOVERS = {"superlu": (150_000, 9_000)}
 
 
-class Backend(Protocol):
-    """Factorisations of matrices of one pattern, each given by its upper triangle in columns, diagonal included.
-
-    The analysis is made from a model, any positive definite matrix of that pattern.  A vanishing pivot is no error: it
-    is a zero of `pivots`.
-    """
-
-    def __init__(self, model: sp.csc_matrix): ...
-
-    def another(self, model: sp.csc_matrix) -> Backend:
-        """A second solver for the same pattern, with the same analysis, so that it gives the same bits."""
-
-    def update(self, matrix: sp.csc_matrix) -> None:
-        """Factorise a matrix; the numbers of the last one are overwritten."""
-
-    def solve(self, right: Array) -> Array:
-        """x of A x = r, both (n,)."""
-
-    def pivots(self) -> Array:
-        """D in the order of elimination, (n,)."""
+# A solver factorises matrices of one pattern, each given by its upper triangle in columns, diagonal included:
+#
+# Solver(model)     analyses a model, any positive definite matrix of the pattern
+# another(model)    a second solver with the same analysis, so that it gives the same bits
+# update(matrix)    factorises a matrix; the numbers of the last one are overwritten
+# solve(right)      x of A x = r, both (n,)
+# pivots()          D in the order of elimination, (n,); a vanishing pivot is no error, but a zero here
+Backend = Any
 
 
 class QDLDL:
@@ -145,7 +133,7 @@ def _eliminate(matrix: sp.csc_matrix, ordering: str) -> SuperLU:
 
 
 # The solvers of the scene by name.
-BACKENDS: dict[str, type[Backend]] = {"qdldl": QDLDL, "superlu": MinimumDegree}
+BACKENDS: dict[str, Any] = {"qdldl": QDLDL, "superlu": MinimumDegree}
 
 
 @cache
@@ -161,7 +149,7 @@ def _crossovers(table: str) -> dict[str, Any]:
     return {name: entry["crossovers"] for extra in extras().values() for name, entry in getattr(extra, table).items()}
 
 
-def eliminating_backends() -> dict[str, type[Backend]]:
+def eliminating_backends() -> dict[str, Any]:
     """The installed sparse solvers that have an inertia, by name."""
     return BACKENDS | _brought("backends")
 
@@ -267,7 +255,7 @@ class FixedPattern:
         self.elimination = choose_backend("auto", len(places), in_space) if kind else self.backend
         self.may_eliminate = not kind or backend == "auto"
         # The first solver has the analysis for all; factors that are gone leave theirs.
-        self._first: Backend | None = None
+        self._first: Backend = None
         self._spare: list[Backend] = []
 
     def __getstate__(self) -> dict[str, Any]:
@@ -335,7 +323,7 @@ class FixedPattern:
 class Factor:
     """L D Lᵀ of one matrix A, for any number of right-hand sides; no other factorisation changes its answers."""
 
-    _solver: Backend | None = None
+    _solver: Backend = None
 
     def __init__(self, pattern: FixedPattern, matrix: sp.csc_matrix):
         # The upper triangle of A + shift, which stands in for A where the shift is not zero.

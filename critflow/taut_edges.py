@@ -1,7 +1,7 @@
-"""Newton's method for the onset of rigidity, restricted to a given set of taut edges; slack edges are ignored.
+"""Newton's method for the onset of rigidity on a set of taut edges, and the search for that set.
 
-The unknowns are coordinates x, stresses σ of the taut edges, the strain s and the determined free components q of the
-boundary.  With bond vectors L = F(s, q) b + g x they solve
+Slack edges are ignored.  The unknowns are coordinates x, stresses σ of the taut edges, the strain s and the determined
+free components q of the boundary.  With bond vectors L = F(s, q) b + g x they solve
 
     gᵀ(σ ∘ L) = 0,    |L|² = ℓ² on taut edges,    S_m = Σ σ L·E_m (1 + Σ q E)⁻¹ L = 0.
 
@@ -17,6 +17,7 @@ One step, from a state at which these equations leave forces f, elongations e an
    factor of an earlier state leaves the product of the errors of both states: it serves again where that is rounding.
 
 Lengths in given ratios are the same problem on the path F = (1 + s) 1, whose strain is a common factor of all lengths.
+`polish_taut` corrects the set of taut edges between attempts.
 """
 
 from __future__ import annotations
@@ -129,7 +130,7 @@ def newton_taut(path: Boundary, lengths: Array, start: OnsetState, damping: floa
     if part is None:
         return None
     factor, factor_error, misses = None, start.factor_error, 0
-    best = state = replace(start, sigma=np.where(start.taut, start.sigma, 0.0), error=np.inf, part=part)
+    best = state = replace(start, sigma=np.where(start.taut, start.sigma, 0.0), error=np.inf, part=part, factor=None)
     for _ in range(ONSET_STEPS):
         try:
             at = part.residuals(path, lengths, state)
@@ -261,16 +262,6 @@ def unknown_configuration(network: Network) -> CriticalConfiguration:
     return CriticalConfiguration(network, np.full(network.n_edges, np.nan), coordinates, np.full(shape, np.nan))
 
 
-# The set of taut edges at an onset of rigidity: an active set, corrected between attempts of Newton's method.
-#
-# A set is right where Newton's method converges on it with σ > 0 and no other edge is longer than ℓ.  From a cone
-# program, which tells taut from slack edges to about the root of its tolerance:
-#
-# 1. Leave out edges that end at a vertex without another one, since they cannot carry tension.
-# 2. Newton's method; if it fails, once more from the end of a damped attempt.
-# 3. If it failed, leave out the weakest edges, σ < w ⟨σ⟩ in the program; w grows from attempt to attempt.
-# 4. If it converged, release edges with σ ≤ 0 and add those with |L| > ℓ, each at most once; end where there are none.
-
 ONSET_ROUNDS = 16  # attempts to separate taut from slack edges; standard networks need one, diluted lattices up to four
 # σ below which the weakest edges are left out after Newton's method failed once, in units of ⟨σ⟩, and the factor by
 # which it grows.
@@ -286,14 +277,18 @@ VIOLATED = 1e-8  # excess of |L|/ℓ over 1 of a slack edge that becomes a candi
 def polish_taut(path: Boundary, lengths: Array, start: OnsetState) -> OnsetState:
     """The onset on the taut edges, to rounding, from a solution of the cone program with a guess of those edges.
 
-    The error is infinite where no attempt succeeds.
+    An active set, corrected between attempts of Newton's method.  A set is right where the method converges on it with
+    σ > 0 and no other edge is longer than ℓ.  The program tells taut from slack edges to about the root of its
+    tolerance.  The error is infinite where no attempt succeeds.
     """
     network, state, best, weak_below, least = path.network, start, start, WEAK_STRESS, np.inf
     released, steps = np.zeros(network.n_edges, bool), 0
     for _ in range(ONSET_ROUNDS):
+        # 1. Without edges that end at a vertex without another one, which cannot carry tension
         candidate = without_hanging(network, state.taut)
         if not candidate.any():
             break
+        # 2. Newton's method; if it fails, once more from the end of a damped attempt
         begin = replace(state, taut=candidate)
         end = newton_taut(path, lengths, begin)
         if end is not None and not end.error < FITTED:
@@ -301,11 +296,13 @@ def polish_taut(path: Boundary, lengths: Array, start: OnsetState) -> OnsetState
             end = damped and newton_taut(path, lengths, damped)
         steps = steps if end is None else end.steps
         if end is None or not end.error < FITTED:
+            # 3. It failed: without the weakest edges, σ < w ⟨σ⟩ in the program; w grows from attempt to attempt
             mean = float(start.sigma[candidate].mean())
             weak = candidate & (start.sigma < weak_below * mean)
             weak_below *= WEAK_GROWTH
             state = replace(start, taut=candidate & ~weak, steps=steps)
             continue
+        # 4. It converged: release edges with σ ≤ 0 and add those with |L| > ℓ, each at most once
         unstressed = candidate & ~stressed(end)
         released |= unstressed
         longer = _longer(path, lengths, end)

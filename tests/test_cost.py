@@ -122,6 +122,13 @@ def test_a_strain_of_a_path_is_one_factorisation(factorised, deformation, measur
     assert paths[0].steps[0] <= 3 and not paths[0].steps[2:].any() and not paths[0].inserted.any()
 
 
+def test_a_departure_with_the_affine_motion_factorises_nothing(factorised):
+    """At σ = k all edges stretch alike."""
+    network = NETWORKS["planar"](60, seed=1)
+    critical = CriticalManifold(network).configuration(network.stiffness)
+    assert factorised(network, lambda: strain_path(critical, STRAIN)) == {SPRINGS: len(STRAIN)}
+
+
 @pytest.mark.parametrize("deformation, solved", [("dilation", 2), ("simple_shear", 2), ("uniaxial", 3)])
 def test_a_path_without_tensors_solves_for_its_strains_alone(monkeypatch, deformation, solved):
     network = NETWORKS["planar"](60, seed=1)

@@ -112,16 +112,16 @@ def verify(folder: Path, sample: int) -> int:
     from critflow.engine.verify import verify_folder
 
     results = Folder(folder)
-    found = verify_folder(results, sample)
-    for problem in found.problems:
+    problems, stored, physics, computed = verify_folder(results, sample)
+    for problem in problems:
         warn(problem)
-    if found.problems:
-        count = plural(len(found.problems), "problem")
+    if problems:
+        count = plural(len(problems), "problem")
         return fail(f"{count} in {results.path}: run the study again to correct them", INTEGRITY)
-    physics = ", and the physics in it was recomputed" if found.physics else "; the study recomputes no physics in it"
-    print(f"{results.path}: {found.stored} stored cases agree with the dataset to the last byte{physics}")
-    which = "; ".join(", ".join(f"{k} {v}" for k, v in case.values.items()) for case in found.sample)
-    print(f"{results.path}: {plural(len(found.sample), 'case')} computed again with the same result: {which or '-'}")
+    end = ", and the physics in it was recomputed" if physics else "; the study recomputes no physics in it"
+    print(f"{results.path}: {stored} stored cases agree with the dataset to the last byte{end}")
+    which = "; ".join(", ".join(f"{k} {v}" for k, v in case.values.items()) for case in computed)
+    print(f"{results.path}: {plural(len(computed), 'case')} computed again with the same result: {which or '-'}")
     return 0
 
 

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from critflow.command.main import fail, warn
+from critflow.command.main import fail
 from critflow.engine.code_digest import load_study, timestamp
 from critflow.engine.settings import HOUR, Workers, select, spelled
 from critflow.engine.store import Folder, reason_lines
@@ -118,24 +118,17 @@ def run(
         return 0
     words = ["critflow", "run", Path(study).name, *(f"--set={word}" for word in settings)]
     origin = {"history": f"{shlex.join(words)} (in {place.place})"}  # no folder and no address of this machine
-    result = run_study(loaded, requested, folder, place, origin, retry_failed, other)
-    stored = f"{result.kept} of {requested.count} requested cases were stored before"
-    print(f"{result.dataset}: {requested.sizes}, {stored}")
-    for message in result.messages:
-        warn(message)
-    print_report(folder, result.report)
-    if not result.failed:
+    kept, failed, report = run_study(loaded, requested, folder, place, origin, retry_failed, other)
+    stored = f"{kept} of {requested.count} requested cases were stored before"
+    print(f"{folder.dataset(loaded.study.name)}: {requested.sizes}, {stored}")
+    print_report(folder, report)
+    if not failed:
         print("The dataset is complete.")
-    print_verdicts(requested.study, folder, result.report)
-    return print_failures(folder, result.failed) if result.failed else 0
-
-
-def print_failures(folder: Folder, failed: dict[str, str]) -> int:
-    """The ids of failed cases with their reasons, and what to do; the exit code."""
+    print_verdicts(requested.study, folder, report)
     for case_id, reason in list(failed.items())[:_MOST_FAILURES]:
         print(f"  {case_id}: {reason}", file=sys.stderr)
-    count = plural(len(failed), "case")
-    return fail(f"{count} failed, see {folder.failed}: correct the cause and add --retry-failed", FAILED_CASES)
+    advice = f"see {folder.failed}: correct the cause and add --retry-failed"
+    return fail(f"{plural(len(failed), 'case')} failed, {advice}", FAILED_CASES) if failed else 0
 
 
 def print_report(folder: Folder, report: Report) -> None:

@@ -31,7 +31,6 @@ from importlib.metadata import distributions, version
 from pathlib import Path
 from types import ModuleType
 
-import netCDF4
 import numpy as np
 
 from critflow.engine.study import Study, nearest
@@ -100,8 +99,10 @@ def load_study(word: str) -> StudyFile:
         return load_file(Path(word) / "study.py")
     if word not in named:
         if word in _BENCHMARKS:
-            place = f"run it in a source checkout of critflow, where it is workflows/benchmarks/{word}"
-            raise StudyError(f"the benchmark {word!r} is not part of the installed package: {place}")
+            raise StudyError(
+                f"the benchmark {word!r} is not part of the installed package: run it in a source checkout of "
+                f"critflow, where it is workflows/benchmarks/{word}"
+            )
         if word in _JOINED:
             raise StudyError(f"the study {word!r} is a part of {_JOINED[word]!r}: critflow run {_JOINED[word]}")
         hint = nearest(word, list(named), "studies") if named else "there is none in ./workflows"
@@ -385,20 +386,15 @@ def libraries() -> Mapping[str, str]:
 @cache
 def environment() -> str:
     """Interpreter, processor and libraries that the numbers of a case may depend on."""
-    return ", ".join(f"{name} {number}" for name, number in _environment().items())
-
-
-def dataset_versions() -> dict[str, str]:
-    """The environment, and the libraries that write the dataset."""
-    storing = {"netcdf-c": netCDF4.__netcdf4libversion__, "hdf5": netCDF4.__hdf5libversion__}
-    return _environment() | {name: version(name) for name in ("critflow", "xarray", "netCDF4")} | storing
+    return ", ".join(f"{name} {number}" for name, number in environment_versions().items())
 
 
 def _versions() -> dict[str, str]:
     return {name: version(name) for name in _PACKAGES if any(distributions(name=name))}
 
 
-def _environment() -> dict[str, str]:
+def environment_versions() -> dict[str, str]:
+    """Versions of the environment by name."""
     blas = np.show_config(mode="dicts")["Build Dependencies"]["blas"]
     machine = {"python": platform.python_version(), "processor": platform.machine()}
     return machine | _versions() | {"BLAS": f"{blas['name']} {blas.get('version', '')}".strip()}

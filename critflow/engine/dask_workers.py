@@ -123,8 +123,9 @@ def _present(client: Client, address: str) -> Iterator[None]:
                 raise EnvironmentFailure(f"the scheduler does not answer: {_AGAIN}") from error
             present = now if workers else present
             if now - present > _WORKERS_START:
-                gone = f"the scheduler at {address} has had no worker for {_WORKERS_START:.0f} s"
-                raise EnvironmentFailure(f"{gone}: start some, and {_AGAIN}")
+                raise EnvironmentFailure(
+                    f"the scheduler at {address} has had no worker for {_WORKERS_START:.0f} s: start some, and {_AGAIN}"
+                )
         yield
 
 
@@ -218,8 +219,9 @@ def _local_cluster(workers: Workers, processes: int) -> LocalCluster:
             silence_logs=logging.CRITICAL,
         )
     except Exception as error:
-        advice = "try fewer, or --workers 0"
-        raise EnvironmentFailure(f"cannot start {processes} worker processes ({error}): {advice}") from error
+        raise EnvironmentFailure(
+            f"cannot start {processes} worker processes ({error}): try fewer, or --workers 0"
+        ) from error
 
 
 def _scheduler_client(workers: Workers) -> Client:

@@ -14,6 +14,7 @@ from contextlib import contextmanager
 from dataclasses import replace
 from enum import IntEnum
 from hashlib import sha256
+from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
@@ -21,7 +22,7 @@ import netCDF4
 import numpy as np
 import xarray as xr
 
-from critflow.engine.code_digest import code_version, dataset_versions, source_tree, timestamp
+from critflow.engine.code_digest import code_version, environment_versions, source_tree, timestamp
 from critflow.engine.settings import SEED_ENTROPY, Case, Selection, spelled
 from critflow.engine.store import (
     FAILED,
@@ -300,20 +301,21 @@ def _counted(texts: Counter[str]) -> str:
 
 
 def _global_attributes(selection: Selection) -> dict[str, Any]:
-    study, versions = selection.study, dataset_versions()
+    study, libraries = selection.study, {name: version(name) for name in ("critflow", "xarray", "netCDF4")}
+    storing = {"netcdf-c": netCDF4.__netcdf4libversion__, "hdf5": netCDF4.__hdf5libversion__}
     return {
         "Conventions": "CF-1.11, ACDD-1.3",
         "title": study.title,
         "keywords": ", ".join((*_KEYWORDS, study.name.replace("_", " "))),
         "id": study.name,
         "product_version": str(study.version),
-        "source": f"critflow {versions['critflow']}",
+        "source": f"critflow {libraries['critflow']}",
         "references": study.references,
         "comment": _COMMENT,
         "code": code_version(study),
         **source_tree(),
         "seed_entropy": SEED_ENTROPY,
-        "versions": json.dumps(versions),
+        "versions": json.dumps(environment_versions() | libraries | storing),
         "study": study.name,
         "study_version": study.version,
         "schema_version": SCHEMA_VERSION,

@@ -16,7 +16,7 @@ import time
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from itertools import groupby
 from pathlib import Path
 from types import FrameType
@@ -60,17 +60,6 @@ class RunPlan:
     kept: int  # requested cases that are stored
 
 
-@dataclass(frozen=True)
-class RunResult:
-    """The files and counts of a finished run."""
-
-    dataset: Path
-    kept: int  # requested cases that were stored before
-    failed: dict[str, str] = field(default_factory=dict)  # ids of requested cases, with reasons
-    report: Report = field(default_factory=Report)
-    messages: list[str] = field(default_factory=list)
-
-
 def plan_run(folder: Folder, requested: Selection, retry_failed: bool, other: str) -> RunPlan:
     """The cases to compute; every stored shard is read and verified.
 
@@ -104,13 +93,14 @@ def run_study(
     origin: Mapping[str, str],
     retry_failed: bool,
     other: str,
-) -> RunResult:
+) -> tuple[int, dict[str, str], Report]:
     """Compute the cases that are not stored, then write the dataset and its report.
 
     origin  attributes of the dataset, as in `write_dataset`
     other   as in `plan_run`
 
-    Raises `Interrupted` if the run is stopped.
+    Returns the number of requested cases that were stored before, the ids of those that failed with their reasons, and
+    the report.  Raises `Interrupted` if the run is stopped.
     """
     study = requested.study
     with folder.locked(loaded):
@@ -123,20 +113,18 @@ def run_study(
         say(f"{study.name}: writing the dataset of {plural(len(states), 'case')}")
         write_dataset(Assembly(plan.selection, folder.shards, states), path, origin)
         failed = {one.case.id: one.reason for one in states if one.state == FAILED and _selects(requested, one.case)}
-        messages = list[str]()
         if others := Counter(one.reason for one in states if one.state == OTHER):
             counts = "; ".join(f"{code}: {count} cases" for code, count in sorted(others.items()))
             kept = f"cases of other code than {code_version(study)} are kept: {counts}"
-            messages = [f"{kept}: the variable `code` has them"]
+            say(f"critflow: {kept}: the variable `code` has them")
         say(f"{study.name}: drawing the figures and testing the claims")
         try:
-            report = write_report(study, folder)
+            return plan.kept, failed, write_report(study, folder)
         except ReportError as error:
             if not failed:
                 raise
-            report = Report()
-            messages.append(str(error))
-        return RunResult(path, plan.kept, failed, report, messages)
+            say(f"critflow: {error}")
+            return plan.kept, failed, Report()
 
 
 def write_partial_dataset(folder: Folder, origin: Mapping[str, str]) -> str:
@@ -192,8 +180,9 @@ def _dataset_selection(folder: Folder, requested: Selection) -> tuple[Selection,
     words += [f"{a.key}={spelled(note['axes'][a.name])}" for a in study.axes if a.name in note["axes"]]
     words += [f"variables={spelled(note['variables']) or 'all'}"] * (note["variables"] != study.selected)
     words += [f"version {note['version']} of the study"] * (note["version"] != study.version)
-    restore = "its cases stay stored, and a run with these settings restores it"
-    return requested, [f"replaces the dataset of {'; '.join(words)}: {restore}"]
+    return requested, [
+        f"replaces the dataset of {'; '.join(words)}: its cases stay stored, and a run with these settings restores it"
+    ]
 
 
 def _selects(selection: Selection, case: Case) -> bool:

@@ -131,8 +131,9 @@ def select(study: Study, words: Sequence[str] = ()) -> Selection:
         except CritflowError:
             raise
         except Exception as error:
-            cause = f"{type(error).__name__}: {error}"
-            raise StudyError(f"the check of study {study.name!r} failed: {cause}: correct its file") from error
+            raise StudyError(
+                f"the check of study {study.name!r} failed: {type(error).__name__}: {error}: correct its file"
+            ) from error
     return selection
 
 
@@ -143,7 +144,7 @@ def _settings(study: Study, words: Sequence[str]) -> dict[str, str]:
     for word in words:
         require(word.isprintable(), f"--set {word!a} contains unprintable characters")
         key, equals, text = word.partition("=")
-        require(bool(equals), f"--set {word} has no value: write --set {word}=VALUE")
+        require(equals, f"--set {word} has no value: write --set {word}=VALUE")
         require(key in keys, f"study {study.name!r} has no setting {key!r}: {nearest(key, keys, 'settings')}")
         require(key not in given, f"{key} is set twice: give it once, with all its values")
         given[key] = text.strip()
@@ -254,7 +255,7 @@ def _number(key: str, text: str, whole: bool) -> Decimal:
     except InvalidOperation:
         raise StudyError(f"{key} needs {kind} numbers, not {text!r}") from None
     finite = value.is_finite() and math.isfinite(float(value))
-    valid = bool(re.fullmatch(r"\s*[+-]?[0-9]{1,18}\s*", text)) if whole else finite
+    valid = re.fullmatch(r"\s*[+-]?[0-9]{1,18}\s*", text) if whole else finite
     require(valid, f"{key} needs {kind} numbers, not {text!r}")
     return value
 
@@ -319,7 +320,7 @@ def choose_case(dataset: xr.Dataset, words: Sequence[str]) -> xr.Dataset:
     chosen: dict[str, int] = {}
     for word in words:
         name, equals, text = word.partition("=")
-        require(bool(equals), f"--set {word} has no value: write --set {word}=VALUE")
+        require(equals, f"--set {word} has no value: write --set {word}=VALUE")
         require(name in axes, f"the dataset has no axis {name!r}: {nearest(name, axes, 'axes')}")
         require(name not in chosen, f"{name} is set twice: a case has one value of it")
         labels = [str(label) for label in dataset[name].values]

@@ -79,10 +79,6 @@ class OtherTable(IntegrityError):
     """A complete shard of the case, stored with another table of variables than that of the study."""
 
 
-class OldFolderError(InputError):
-    """The folder was written by another schema."""
-
-
 class LockedError(CritflowError):
     """Another run is active in the folder."""
 
@@ -111,9 +107,10 @@ def replacing(path: Path) -> Iterator[Path]:
         finally:
             os.close(descriptor)
     except (OSError, RuntimeError) as error:  # HDF5 and netCDF report a full disk as RuntimeError
-        reason = getattr(error, "strerror", None) or str(error)
-        advice = "free disk space, or choose another folder with --out"
-        raise EnvironmentFailure(f"cannot write {path}: {reason}: {advice}") from error
+        raise EnvironmentFailure(
+            f"cannot write {path}: {getattr(error, 'strerror', None) or error}: free disk space, or choose another "
+            "folder with --out"
+        ) from error
     finally:
         partial.unlink(missing_ok=True)
 
@@ -285,19 +282,20 @@ def refuse_sizes(case_id: str, sizes: Mapping[str, int], known: Mapping[str, int
     """Raise `IntegrityError` where a case has other sizes than those before it."""
     for dim in sizes.keys() & known.keys():
         if sizes[dim] != known[dim]:
-            lengths = f"length {sizes[dim]} in {dim!r}, cases before it {known[dim]}"
-            advice = (
-                "run each size into a folder of its own and join them (docs/howto/dataset.md, Several sizes), or "
-                "store numbers alone with --set variables=scalars"
+            raise IntegrityError(
+                f"case {case_id} has length {sizes[dim]} in {dim!r}, cases before it {known[dim]}: run each size into "
+                "a folder of its own and join them (docs/howto/dataset.md, Several sizes), or store numbers alone with "
+                "--set variables=scalars"
             )
-            raise IntegrityError(f"case {case_id} has {lengths}: {advice}")
 
 
 def refuse_values(case: Case, name: str, array: np.ndarray, shared: np.ndarray) -> None:
     """Raise `IntegrityError` where a case has another value of a variable than the cases that share it."""
     if array.tobytes() != shared.tobytes():
-        advice = "correct the case function and raise the study's version"
-        raise IntegrityError(f"case {case.id} gives another {name!r} than cases that share it: {advice}")
+        raise IntegrityError(
+            f"case {case.id} gives another {name!r} than cases that share it: correct the case function and raise the "
+            "study's version"
+        )
 
 
 # The folder
@@ -353,12 +351,15 @@ class Folder:
                 for file in (file for folder in folders for file in folder.glob(pattern)):
                     file.unlink(missing_ok=True)
         except Timeout:
-            name = holder.read_text(errors="replace")[:200].strip()
-            advice = "wait for its end, or choose another folder with --out"
-            raise LockedError(f"another run is active in {self.path} ({name or 'unknown process'}): {advice}") from None
+            name = holder.read_text(errors="replace")[:200].strip() or "unknown process"
+            raise LockedError(
+                f"another run is active in {self.path} ({name}): wait for its end, or choose another folder with --out"
+            ) from None
         except (OSError, NotImplementedError) as error:
-            reason = f"{getattr(error, 'strerror', None) or error}: choose another folder with --out"
-            raise EnvironmentFailure(f"cannot write in {self.path}: {reason}") from error
+            raise EnvironmentFailure(
+                f"cannot write in {self.path}: {getattr(error, 'strerror', None) or error}: choose another folder with "
+                "--out"
+            ) from error
         try:
             yield
         finally:
@@ -374,8 +375,9 @@ class Folder:
         except IntegrityError:  # `run` reports it
             return
         if owner != loaded.study.name:
-            contents = f"{self.path} contains study {owner!r}, not {loaded.study.name!r}"
-            raise StudyError(f"{contents}: choose another folder with --out")
+            raise StudyError(
+                f"{self.path} contains study {owner!r}, not {loaded.study.name!r}: choose another folder with --out"
+            )
 
     def write_note(self, loaded: StudyFile, selection: Selection) -> None:
         study = selection.study
@@ -402,17 +404,16 @@ class Folder:
             note = json.loads(text)
             if text != _note_text({key: value for key, value in note.items() if key != "sha256"}):
                 raise ValueError("it does not match its checksum")
-            if (version := note["schema_version"]) != SCHEMA_VERSION:
-                raise OldFolderError(
-                    f"{self.path} contains results of schema {version}, not {SCHEMA_VERSION}: its files stay as they "
-                    f"are; compute into a new folder with --out {self.path}-new"
-                )
+            version = note["schema_version"]
         except OSError as error:
             raise EnvironmentFailure(f"cannot read {self.note}: {error.strerror}: correct this first") from error
-        except OldFolderError:
-            raise
         except (ValueError, TypeError, LookupError, AttributeError, RecursionError) as error:
             raise IntegrityError(f"{self.note} is damaged: {error}: run the study again to write it") from error
+        if version != SCHEMA_VERSION:
+            raise InputError(
+                f"{self.path} contains results of schema {version}, not {SCHEMA_VERSION}: its files stay as they "
+                f"are; compute into a new folder with --out {self.path}-new"
+            )
         parameters = {k: tuple(v) if isinstance(v, list) else v for k, v in note["parameters"].items()}
         axes = {name: tuple(values) for name, values in note["axes"].items()}
         return note | {"parameters": parameters, "axes": axes, "variables": tuple(note["variables"])}
@@ -586,8 +587,10 @@ class _Network:
                 status = Status(int(arrays.pop("status")))
                 if unnamed := sorted(numeric_extras(sys.modules.keys() - modules) - used_extras(study)):
                     words = ", ".join(map(repr, unnamed))
-                    advice = f"declare it with extras=({words},) in the Study"
-                    raise StudyError(f"the case used the extra {words} of critflow, whose code must count: {advice}")
+                    raise StudyError(
+                        f"the case used the extra {words} of critflow, whose code must count: declare it with "
+                        f"extras=({words},) in the Study"
+                    )
             except BaseException as error:  # one case must not end the others, with any exception
                 if isinstance(error, KeyboardInterrupt) and threading.current_thread() is threading.main_thread():
                     raise  # from the keyboard

@@ -50,7 +50,7 @@ def plural(number: int, noun: str) -> str:
     return f"{number} {noun}" + ("" if number == 1 else "es" if noun.endswith("s") else "s")
 
 
-def require(condition: bool, message: str) -> None:
+def require(condition: object, message: str) -> None:
     if not condition:
         raise StudyError(message)
 
@@ -89,7 +89,7 @@ class Axis:
         count, name = len(self.values), f"axis {self.name!r}"
         require(count <= LONGEST, f"{name} has {count:,} values: give at most {LONGEST:,}")
         values = tuple(self.values)
-        require(bool(values) and len(set(values)) == count, f"{name} needs different values")
+        require(values and len(set(values)) == count, f"{name} needs different values")
         kinds = {type(value) for value in values}
         require(kinds in ({int}, {str}), f"{name} needs whole numbers or words, all of one kind")
         negative = any(isinstance(value, int) and value < 0 for value in values)
@@ -268,12 +268,12 @@ class Study:
 
     def __post_init__(self) -> None:
         name = f"study {self.name!r}"
-        valid = re.fullmatch(r"[A-Za-z0-9][A-Za-z0-9_-]*", self.name) is not None
+        valid = re.fullmatch(r"[A-Za-z0-9][A-Za-z0-9_-]*", self.name)
         require(valid, f"study name {self.name!r} must be letters, digits, - and _")
         listed = ("axes", "variables", "coordinates", "extras", "left_out")
         parameters = {key: _plain_parameter(key, value) for key, value in self.parameters.items()}
         _set(self, parameters=parameters, **{key: tuple(getattr(self, key)) for key in listed})
-        require(bool(self.axes), f"{name} needs at least one axis")
+        require(self.axes, f"{name} needs at least one axis")
         positive = type(self.version) is int and self.version > 0
         require(positive, f"version {self.version!r} of {name} must be a whole number above zero")
         for part in (*self.figures, *self.animations):
@@ -396,8 +396,7 @@ class Study:
 
 
 def _identifier(name: str, kind: str) -> None:
-    valid = _NAME.fullmatch(name) is not None
-    require(valid, f"{kind} name {name!r} must be a word of letters, digits and _")
+    require(_NAME.fullmatch(name), f"{kind} name {name!r} must be a word of letters, digits and _")
 
 
 def _plain_parameter(key: str, value: Any) -> Any:

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterator
-from dataclasses import dataclass
 from hashlib import sha256
 from typing import Any
 
@@ -30,38 +29,29 @@ _CLOSE = 1e-6  # of the largest number of a variable
 _ORIGINS = ("summary", "cases_code", "cases_environment", "shards_sha256")
 
 
-@dataclass(frozen=True)
-class Verification:
-    """What was verified, and a line for each problem."""
-
-    stored: int  # cases that were read
-    problems: list[str]
-    physics: bool  # whether the study recomputed its physics from the stored arrays
-    sample: list[Case]  # computed again
-
-
-def verify_folder(folder: Folder, sample: int) -> Verification:
+def verify_folder(folder: Folder, sample: int) -> tuple[list[str], int, bool, list[Case]]:
     """Compare shards, dataset, texts and physics of the last run; a case that was not computed is no problem.
 
     sample  cases that are computed again, chosen by their ids
 
-    Raises `IntegrityError` if the note is damaged, `StudyError` if there is no dataset and no problem.
+    Returns a line for each problem, the number of cases that were read, whether the study recomputed its physics from
+    the stored arrays, and the cases that were computed again.  Raises `IntegrityError` if the note is damaged,
+    `StudyError` if there is no dataset and no problem.
     """
     _, selection = folder.selection()
     states = folder.states(selection, read=True)
-    stored = sum(one.record is not None for one in states)
     bad = [one for one in states if one.state in (DAMAGED, CHANGED)]
     # The cases of a shard have one line.
     lines = (f"{shard_path(folder.shards, one.case)} is {one.state}: {one.reason}" for one in bad)
     problems = list(dict.fromkeys(lines))
     physics = _verify_dataset(folder, selection, states, problems)
+    others = Counter(one.reason for one in states if one.state == OTHER)
     now = code_version(selection.study)
-    for code, count in Counter(one.reason for one in states if one.state == OTHER).items():
-        problems.append(f"{plural(count, 'case')} of other code: {code}, now {now}")
+    problems += [f"{plural(count, 'case')} of other code: {code}, now {now}" for code, count in others.items()]
     done = sorted((one.case for one in states if one.state == DONE), key=lambda case: sha256(case.id.encode()).digest())
     for case in done[:sample]:
         problems += _recomputed(folder, selection.study, case)
-    return Verification(stored, problems, physics, done[:sample])
+    return problems, sum(one.record is not None for one in states), physics, done[:sample]
 
 
 def _verify_dataset(folder: Folder, selection: Selection, states: list[CaseState], problems: list[str]) -> bool:

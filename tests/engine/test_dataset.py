@@ -2,6 +2,7 @@
 
 import json
 import warnings
+from types import SimpleNamespace
 
 import netCDF4
 import numpy as np
@@ -199,6 +200,31 @@ def test_other_sizes_end_the_run_at_once(tmp_path, run, source, capsys, more, st
     err = capsys.readouterr().err
     assert "each size into a folder of its own and join them" in err and "'edge'" in err
     assert len(list((tmp_path / "out" / "shards").iterdir())) == stored
+
+
+def test_cases_of_other_sizes_that_are_kept_are_not_joined(tmp_path, run, source, capsys):
+    assert run(tmp_path / "out", "seeds=0", study=source()) == 0
+    path = source('n_edges = parameters["n_edges"]', 'n_edges = parameters["n_edges"] + 2')
+    assert run(tmp_path / "out", "seeds=0:2", study=path, more=("--keep",)) == 4
+    assert "length 8 in 'edge', cases before it 6" in capsys.readouterr().err
+
+
+def test_a_dataset_that_does_not_read_back_is_not_put_in_place(tmp_path, run, capsys, monkeypatch):
+    """A library or a disk that alters the data is detected before the file is put in place."""
+    assert run(tmp_path, "seeds=0") == 0
+    before, real = contents_of(tmp_path / "tiny.nc"), netCDF4.Dataset
+
+    def altered(path, mode="r"):
+        if mode == "r":
+            with real(path, "a") as file:
+                file["residual"][0, 0] = 7.0
+        return real(path, mode)
+
+    monkeypatch.setattr(dataset_module, "netCDF4", SimpleNamespace(**vars(netCDF4) | {"Dataset": altered}))
+    assert run(tmp_path, "seeds=0") == 6
+    assert "back" in capsys.readouterr().err
+    monkeypatch.undo()
+    assert contents_of(tmp_path / "tiny.nc") == before
 
 
 def test_show_prints_what_a_dataset_is(tmp_path, run, tiny, capsys):

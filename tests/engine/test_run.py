@@ -107,6 +107,15 @@ def test_an_interrupted_task_begins_no_further_case_and_stores_the_others(tmp_pa
     assert done[0] == "done" and done[-1] == "missing"
 
 
+def test_a_case_that_is_stopped_at_once_does_not_lose_those_before_it(tmp_path, run, source):
+    """Ctrl-C in the second case of a network, in the process of the run."""
+    stop = '    if part == "right":\n        raise KeyboardInterrupt\n    matrix = stable_rng'
+    path = source("    matrix = stable_rng", stop, study="algebra")
+    assert run(tmp_path / "out", "seeds=0", study=path) == 130
+    states = Folder(tmp_path / "out").states(select(load_file(path).study, ["seeds=0"]), read=True)
+    assert [one.state for one in states] == ["done", "missing", "missing"]
+
+
 def test_a_long_task_is_stored_while_it_lasts(tmp_path, run):
     """Its last case ends the process; the cases before it are complete."""
     folder = tmp_path / "out"

@@ -1,6 +1,4 @@
-"""Rest lengths → critical configuration, by the cone program."""
-
-import sys
+"""Rest lengths → critical configuration: by Newton's method from an iteration, relaxed cables or the cone program."""
 
 import numpy as np
 import pytest
@@ -9,6 +7,7 @@ from hypothesis import strategies as st
 from problems import NETWORKS, dense_free, voronoi_3d
 
 from critflow import CriticalManifold, Network, SolveError, Status, critical_from_lengths, voronoi_network
+from critflow import lengths as FROM_LENGTHS
 from critflow.cones import fit_lengths
 from critflow.engine import stable_rng
 
@@ -82,7 +81,7 @@ def test_the_cone_program_is_solved_for_many_slack_edges_only(monkeypatch, n_ver
         requested.append(tolerance)
         return fit_lengths(incidence, offsets, target, tolerance)
 
-    monkeypatch.setattr(sys.modules["critflow.lengths"], "fit_lengths", fit)
+    monkeypatch.setattr(FROM_LENGTHS, "fit_lengths", fit)
     network = voronoi_network(n_vertices, seed=seed)
     target = np.exp(spread * np.random.default_rng(seed).standard_normal(network.n_edges))
     solution = critical_from_lengths(network, target, throw=False)
@@ -121,3 +120,49 @@ def test_no_slack_edge_is_longer_than_its_rest_length():
     slack = solution.value.sigma == 0
     assert solution.status is Status.slack_edges and slack.sum() == 111
     assert (solution.value.lengths[slack] <= solution.ratio * lengths[slack]).all()
+
+
+def uneven(network, spread, seed):
+    return np.exp(spread * np.random.default_rng(seed + 50).standard_normal(network.n_edges))
+
+
+def refuse(*_arguments):
+    raise AssertionError("another guess is made")
+
+
+@pytest.mark.parametrize(
+    ("size", "seed", "spread", "unused"),
+    [
+        pytest.param(400, 2, 0.15, ["newton", "fit_lengths"], id="compressed edges"),
+        pytest.param(400, 2, 0.2, ["fit_lengths"], id="relaxed cables"),
+        pytest.param(400, 5, 0.2, ["fit_lengths"], id="relaxed cables, other network"),
+        pytest.param(800, 5, 0.16, ["fit_lengths"], id="two edges that stretch each other only together"),
+    ],
+)
+def test_few_slack_edges_need_no_cone_program_for_its_answer(monkeypatch, size, seed, spread, unused):
+    network = voronoi_network(size, seed=seed)
+    lengths = uneven(network, spread, seed)
+    with monkeypatch.context() as patched:
+        patched.setattr(FROM_LENGTHS, "EVEN", 0.0)
+        expected = critical_from_lengths(network, lengths, throw=False)
+    for name in unused:
+        monkeypatch.setattr(FROM_LENGTHS, name, refuse)
+    found = critical_from_lengths(network, lengths, throw=False)
+    assert found.status is expected.status is Status.slack_edges
+    assert found.slack_edges.tolist() == expected.slack_edges.tolist()
+    assert found.ratio == pytest.approx(expected.ratio, rel=1e-14)
+    np.testing.assert_allclose(found.value.sigma, expected.value.sigma, rtol=1e-11, atol=1e-13)
+    slack = found.slack_edges
+    held = found.value.lengths[slack] <= found.ratio * lengths[slack] * (1 + 1e-8)
+    assert held.all()
+
+
+@pytest.mark.parametrize(("few", "programs"), [(FROM_LENGTHS.FEW, 1), (1.0, 0)])
+def test_many_slack_edges_are_left_to_the_cone_program(monkeypatch, few, programs):
+    network, solved, few_edges = voronoi_network(n_vertices=400, seed=6), [], FROM_LENGTHS.FEW
+    lengths = uneven(network, 0.245, 6)
+    fit = FROM_LENGTHS.fit_lengths
+    monkeypatch.setattr(FROM_LENGTHS, "FEW", few)
+    monkeypatch.setattr(FROM_LENGTHS, "fit_lengths", lambda *arguments: solved.append(1) or fit(*arguments))
+    found = critical_from_lengths(network, lengths, throw=False)
+    assert len(solved) == programs and len(found.slack_edges) > few_edges * network.n_edges

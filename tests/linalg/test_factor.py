@@ -40,6 +40,18 @@ def test_every_live_factor_keeps_its_numbers(backend):
 
 
 @pytest.mark.parametrize("backend", eliminating_backends())
+def test_a_solver_serves_the_next_factor_when_its_own_is_gone(monkeypatch, backend):
+    kind, further = eliminating_backends()[backend], []
+    another = kind.another
+    monkeypatch.setattr(kind, "another", lambda *arguments: further.append(1) or another(*arguments))
+    pattern, factor = laplacian(NETWORK, backend), None
+    for sigma in stresses(6):
+        # The last factor is there until this one is.
+        factor = pattern.factorize(sigma)
+    assert len(further) == 1 and factor.sound
+
+
+@pytest.mark.parametrize("backend", eliminating_backends())
 def test_threads_share_a_pattern(backend):
     pattern, sigmas = laplacian(NETWORK, backend), stresses(24)
     expected = [laplacian(NETWORK, backend).factorize(sigma).solve(RIGHT) for sigma in sigmas]

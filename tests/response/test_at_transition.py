@@ -48,8 +48,6 @@ def test_transition_tensor_has_rank_one(name):
     S = np.einsum("aij,ij->a", strain_basis(d)[1], (sigma[:, None] * L).T @ L)
     D = sigma**2 @ (critical.lengths**2 / critical.network.stiffness)
     np.testing.assert_allclose(found.tensor, np.outer(S, S) / (V * D), rtol=0, atol=1e-13)
-    # Every uniaxial stress excites a soft direction, and a stress of both signs would be needed for auxetic response.
-    assert found.young(np.eye(d)[0]) == 0.0
 
 
 # Parts

@@ -68,4 +68,5 @@ study = network_study(
     variables=(*support.VARIABLES, *poisson.VARIABLES, *surfaces.VARIABLES),
     figures={"reach": support.figure, "poisson": poisson.figure, "surfaces": surfaces.figure},
     claims=claims,
+    extras=("anisotropy",),
 )

@@ -9,6 +9,7 @@ import numpy as np
 
 from critflow.checks import components
 from critflow.elastic import Elasticity
+from critflow.extras.anisotropy.tensors import poisson, young
 from critflow.extras.cables.onset_end import CriticalStrain
 from critflow.extras.certificates.counts import Rigidity, n_rotations
 from critflow.extras.certificates.spaces import zero_modes
@@ -355,9 +356,9 @@ def _moduli(solution: Solution[Elasticity], index: str = "") -> list[str]:
     if not tensor.tensor.any():
         return lines
     x, y = np.eye(tensor.dimension)[:2]
-    ratio = tensor.poisson(x, y)
+    ratio = poisson(tensor, x, y)
     if np.isfinite(ratio):
-        lines.append(f"- along x: Young's modulus {tensor.young(x):.8g}, Poisson's ratio {ratio:.6g}")
+        lines.append(f"- along x: Young's modulus {young(tensor, x):.8g}, Poisson's ratio {ratio:.6g}")
     names, energy = tensor.components, _without_rounding(tensor, tensor.tensor)
     rows = [f"| {name} | {' | '.join(f'{c:.6g}' for c in row)} |" for name, row in zip(names, energy, strict=True)]
     return [*lines, "", f"| C | {' | '.join(names)} |", "|---" * (1 + len(names)) + "|", *rows]

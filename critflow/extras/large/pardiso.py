@@ -55,7 +55,7 @@ _N_REPLACED = 14
 
 
 class Pardiso:
-    """The interface is that of `backends.Backend`."""
+    """The interface is that of `Backend` in `critflow.sparse`."""
 
     @staticmethod
     def installed() -> bool:

@@ -25,13 +25,12 @@ from critflow.numerics import EPS, MOST_REFINEMENTS, dot, norms
 from critflow.saddles import CONTRACTION, REFINED
 
 _CORRECTIONS = 3  # of coordinates and tensions by one factor; each gains the accuracy of the cone program's answer
-
 # Weight of a constraint in units of the stiffnesses: 3 refinements remove its compliance.
 CONSTRAINT = 1e8
 
 
 class PerimeterSystem:
-    """The equations of the module for tensions T (N_f,) and bond vectors L (N_b, d), condensed as in `saddles`.
+    """The equations of the module for tensions T (N_f,) and bond vectors L (N_b, d), with stiff springs as constraints.
 
     soft  whether some motion changes no perimeter and no direction, so that no response is determined
     """

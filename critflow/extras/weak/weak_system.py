@@ -3,8 +3,8 @@
 Floppy motions u, R u = e, under the stiffness sP + H of tension and weak forces:
     [[sP + H, Rᵀ], [R, 0]] (u, λ) = (f, e),   P = gᵀ diag(σ) g ⊗ 1,   R = L·g
 Elimination of the multipliers with a small compliance gives sP + H + Rᵀ w R, the sum of three constant matrices: one
-symbolic analysis serves all s.  Iteration on the residuals removes the compliance (`saddles`).  Without negative
-pivots the stiffness is positive on the floppy motions, up to 1/w.
+symbolic analysis serves all s.  Iteration on the residuals removes the compliance (Hestenes; Powell, 1969).  Without
+negative pivots the stiffness is positive on the floppy motions, up to 1/w.
 
 Along F(ε) the vertices follow x = F(ε) x_c + ε u, where u lets every edge gain tension in proportion to the self-stress
 and is least in the energy of turning edges (`growth`): R u = (c/D) K⁻¹σ − ḣ with c = Σ σ ḣ, D = Σ σ²|L|²/k.  The

@@ -354,8 +354,6 @@ def test_a_case_of_a_dataset():
     assert critical.network is read.network and critical.residual < 1e-12
     with pytest.raises(InputError, match="one seed"):
         network_from(dataset)
-    with pytest.raises(InputError, match="schema 3"):
-        network_from(dataset.sel(seed=3).rename(position="coordinates"))
     with pytest.raises(InputError, match="force densities"):
         _ = network_from(dataset.sel(seed=3).drop_vars("sigma")).configuration
     with pytest.raises(InputError, match="lacks"):
