@@ -27,7 +27,7 @@ from critflow.result import CritflowError, StudyError
 FORMATS = ("png", "pdf", "svg")
 MEANING = '"Differs" means that the sentence of the paper and the measurement disagree.'
 
-_FRAME, _LAST_FRAME = 140, 2500  # milliseconds
+_MOVING, _FRAME, _LAST_FRAME = "gif", 140, 2500  # ending of animations; milliseconds
 
 
 class ReportError(CritflowError):
@@ -53,16 +53,18 @@ def write_report(study: Study, folder: Folder, format: str = "png") -> Report:
         raise StudyError(f"figures can be {', '.join(FORMATS)}, not {format!r}")
     report, errors = Report(), dict[str, Exception]()
     with opened_dataset(folder.dataset(study.name)) as dataset:
-        pictures = {name: format for name in study.figures} | {name: "gif" for name in study.animations}
-        files = {name: [folder.figures / f"{name}.{ending}"] for name, ending in pictures.items()}
-        for name, paths in {**files, **text_files(study, folder)}.items():
+        # A figure and an animation may have the same name.
+        pictures = [(name, format) for name in study.figures] + [(name, _MOVING) for name in study.animations]
+        parts = [(name, [folder.figures / f"{name}.{ending}"], ending) for name, ending in pictures]
+        parts += [(name, paths, "") for name, paths in text_files(study, folder).items()]
+        for name, paths, ending in parts:
             if not study.can_report(name):
                 report.left_out.append(name)
                 for path in paths:
                     path.unlink(missing_ok=True)
                 continue
             try:
-                contents = _picture(study, name, dataset, format) if name in files else texts(study, name, dataset)
+                contents = _picture(study, name, dataset, ending) if ending else texts(study, name, dataset)
             except Exception as error:
                 errors[name] = error
                 continue
@@ -80,7 +82,7 @@ def write_report(study: Study, folder: Folder, format: str = "png") -> Report:
     return report
 
 
-def _picture(study: Study, name: str, dataset: xr.Dataset, format: str) -> list[bytes]:
+def _picture(study: Study, name: str, dataset: xr.Dataset, ending: str) -> list[bytes]:
     """The file of a figure or an animation, on which the versions of the code stand where there are several."""
 
     def noted(figure: Figure) -> Figure:
@@ -89,7 +91,7 @@ def _picture(study: Study, name: str, dataset: xr.Dataset, format: str) -> list[
         return figure
 
     file = io.BytesIO()
-    if name in study.animations:
+    if ending == _MOVING:
         images = []
         for figure in study.animations[name](dataset):
             canvas = FigureCanvasAgg(noted(figure))
@@ -108,7 +110,7 @@ def _picture(study: Study, name: str, dataset: xr.Dataset, format: str) -> list[
             engine.execute(figure)
             figure.set_layout_engine("none")
         # Without the version of matplotlib equal data give equal bytes.
-        figure.savefig(file, format=format, metadata={"Software": None} if format == "png" else None)
+        figure.savefig(file, format=ending, metadata={"Software": None} if ending == "png" else None)
     plt.close(figure)
     return [file.getvalue()]
 
