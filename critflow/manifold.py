@@ -144,7 +144,10 @@ def _scaled(stress: Array, squares: float) -> Extended:
 
 
 def require_one_self_stress(network: Network) -> None:
-    """Raise `InputError` for networks with several self-stresses by their counts, N_s ≥ N_b − d n_free > 1."""
+    """Raise `InputError` for networks with several self-stresses by their counts, N_s ≥ N_b − d n_free > 1.
+
+    `require_only_self_stress` also finds those that the counts do not show.
+    """
     certain = network.least_self_stresses
     if certain > 1:
         raise InputError(

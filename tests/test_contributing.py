@@ -42,9 +42,9 @@ def test_a_function_is_where_the_page_says(name, file):
     assert name in defined(file)
 
 
-def test_the_page_answers_ten_questions():
-    rows = PAGE.split("## Ten questions\n")[1].split("\n### ")[0].strip().splitlines()[2:]
-    assert len(rows) == 10 and all(re.search(r"`critflow/[\w/]+\.py`", row) for row in rows)
+def test_the_page_answers_twenty_questions():
+    rows = PAGE.split("## Twenty questions\n")[1].split("\n### ")[0].strip().splitlines()[2:]
+    assert len(rows) == 20 and all(re.search(r"`(critflow|workflows|tests)/[\w/]+\.py`", row) for row in rows)
     assert len(NAMED) > 20
 
 

@@ -21,16 +21,15 @@ from critflow import CriticalManifold, Status, critical_from_lengths, upper_boun
 from critflow.engine import Axis, Claim, Coordinate, Study, Variable, stable_rng
 from critflow.engine.study import plural
 from critflow.points import check_voronoi
-from critflow.result import StudyError
 
-from .shared.checks import check_network
+from .shared.checks import check_known, check_network
 from .shared.figures import legend_below, lettered
 from .shared.measurements import coefficients, moduli_with_bounds, stressed_fraction
 from .shared.populations import random_lengths
 from .shared.reports import PAPER, half_point, parameters, series, shown
 from .shared.strain_protocol import critical_by_strain, critical_in_printed_box
 from .shared.structure import face_anisotropy, force_anisotropy, relative_variance
-from .shared.tables import bounded, networks, numbers, outcomes
+from .shared.tables import bounded, networks, numbers, outcomes, stacked
 
 STATES = {
     "transition": "at the transition, either box",
@@ -38,10 +37,10 @@ STATES = {
     "box_N_b": "protocol of the paper, side $\\sqrt{N_b}$",
 }
 MEASURED = (
-    *("solve_status", "stressed_fraction", "B_0_part", "B_0_part_error_bound", "C_B", "C_B_error_bound"),
+    *("stressed_fraction", "B_0_part", "B_0_part_error_bound", "C_B", "C_B_error_bound"),
     *("V_L", "V_tau", "kappa_phys", "kappa_force"),
 )
-NOT_COMPUTED = (Status.missing, *[np.nan] * (len(MEASURED) - 1))
+NOT_COMPUTED = {"solve_status": Status.missing} | dict.fromkeys(MEASURED, np.nan)
 _SOLVE = {
     "transition": lambda manifold, lengths: critical_from_lengths(manifold, lengths, throw=False),
     "box_N_v": critical_by_strain,
@@ -61,8 +60,7 @@ def case(parameters, *, seed, n_vertices):
         ]
         for state in parameters["states"]
     ]
-    columns = {name: [[row[n] for row in rows] for rows in table] for n, name in enumerate(MEASURED)}
-    return {"status": Status.ok, **columns}
+    return {"status": Status.ok, **stacked([stacked(rows) for rows in table])}
 
 
 def _lengths(manifold, seed, spread):
@@ -72,23 +70,30 @@ def _lengths(manifold, seed, spread):
 
 
 def _row(manifold, state, lengths):
-    """`MEASURED` of one state."""
+    """The outcome and `MEASURED` of one state."""
     solution = _SOLVE[state](manifold, lengths)
     if solution.status not in (Status.ok, Status.slack_edges):
-        return (solution.status, *NOT_COMPUTED[1:])
+        return NOT_COMPUTED | {"solve_status": solution.status}
     critical = solution.value
     part = moduli_with_bounds(critical)[:, 0] / upper_bound(manifold, "B_0")
-    C_B = [values[2] for values in coefficients(critical)]
-    shapes = [np.nanmean(anisotropy(critical)) for anisotropy in (face_anisotropy, force_anisotropy)]
-    variances = relative_variance(critical.lengths), relative_variance(critical.tensions)
-    return solution.status, stressed_fraction(critical.sigma), *part, *C_B, *variances, *shapes
+    (_, _, C_B, _), errors = coefficients(critical)
+    return {
+        "solve_status": solution.status,
+        "stressed_fraction": stressed_fraction(critical.sigma),
+        "B_0_part": part[0],
+        "B_0_part_error_bound": part[1],
+        "C_B": C_B,
+        "C_B_error_bound": errors[2],
+        "V_L": relative_variance(critical.lengths),
+        "V_tau": relative_variance(critical.tensions),
+        "kappa_phys": np.nanmean(face_anisotropy(critical)),
+        "kappa_force": np.nanmean(force_anisotropy(critical)),
+    }
 
 
 def check(parameters, axes):
     """Refuse sizes without a network, and states that are not known, before anything runs."""
-    for state in parameters["states"]:
-        if state not in STATES:
-            raise StudyError(f"there is no state {state!r}: choose among {', '.join(STATES)}")
+    check_known("state", parameters["states"], STATES)
     for n_vertices in axes["n_vertices"]:
         check_network(check_voronoi, n_vertices)
 

@@ -12,7 +12,7 @@ from critflow.engine import Claim, Coordinate
 from .shared.checks import voronoi_check
 from .shared.figures import counted, panels
 from .shared.reports import parameters, series
-from .shared.tables import network_study, numbers, outcomes
+from .shared.tables import network_study, numbers, outcomes, stacked
 
 SOURCES = "Chiou, Hufnagel, Shraiman, PLoS Comput. Biol. 8 (2012); Ishihara, Sugimura, J. Theor. Biol. 313 (2012)"
 MODELS = ("tensions alone", "tensions and pressures", "pressures ignored")
@@ -28,11 +28,10 @@ def case(parameters, *, seed):
     without, within = manifold.configuration(sigma), manifold.configuration(sigma, pressures)
     noise = rng.standard_normal(within.coordinates.shape)
     rows = [
-        [inferred(manifold, planted, model, level, noise) for level in parameters["noises"]]
+        stacked([inferred(manifold, planted, model, level, noise) for level in parameters["noises"]])
         for model, planted in zip(MODELS, (without, within, within), strict=True)
     ]
-    names = ("error", "deviation", "amplification", "compressed", "inference_status")
-    return {"status": cf.Status.ok, **{name: [[one[n] for one in row] for row in rows] for n, name in enumerate(names)}}
+    return {"status": cf.Status.ok, **stacked(rows)}
 
 
 def inferred(manifold, planted, model, level, noise):
@@ -44,8 +43,13 @@ def inferred(manifold, planted, model, level, noise):
     stated = found.stress_error / planted.sigma if pressed else found.stress_error
     scale = planted.sigma.sum() / sigma.sum() if pressed else np.exp(np.mean(np.log(planted.sigma / sigma)))
     error = scale * sigma / planted.sigma - 1
-    size, amplification = np.sqrt(np.mean(error**2)), np.sqrt(np.mean(stated**2)) / level
-    return size, np.mean((error / stated) ** 2), amplification, np.sum(sigma < 0), found.status
+    return {
+        "error": np.sqrt(np.mean(error**2)),
+        "deviation": np.mean((error / stated) ** 2),
+        "amplification": np.sqrt(np.mean(stated**2)) / level,
+        "compressed": np.sum(sigma < 0),
+        "inference_status": found.status,
+    }
 
 
 def figure(ds):

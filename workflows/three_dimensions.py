@@ -18,7 +18,7 @@ from critflow.pictures import COLOURS
 from critflow.points import FOAM_HARD_CORE, check_foam
 
 from .shared.checks import check_fit, check_network, check_positive
-from .shared.figures import counted, lettered, page
+from .shared.figures import counted, lettered, page, points_at
 from .shared.measurements import identified, measured, table, verify
 from .shared.population_reports import described, of, summary
 from .shared.populations import (
@@ -31,7 +31,7 @@ from .shared.populations import (
     configuration,
     prepared,
 )
-from .shared.reports import PAPER, parameters
+from .shared.reports import PAPER, finite, parameters
 from .shared.tables import networks
 
 
@@ -101,10 +101,8 @@ def response_figure(ds):
 def _draw_points(axes, values):
     """Every finite value (populations, networks) as a point, and medians."""
     for place, row in enumerate(values):
-        known = row[np.isfinite(row)]
-        shift = 0.5 * (np.arange(len(known)) * 0.618 % 1 - 0.5)
-        colour = COLOURS[place % len(COLOURS)]
-        axes.plot(place + shift, known, "o", color=colour, markersize=3, alpha=0.6, markeredgewidth=0)
+        known, colour = finite(row), COLOURS[place % len(COLOURS)]
+        points_at(axes, place, known, colour)
         if len(known):
             axes.plot([place - 0.35, place + 0.35], [np.median(known)] * 2, color=colour, linewidth=2)
 

@@ -11,7 +11,7 @@ Random rest lengths (`random_lengths`) have s = 0.1, not the 0.3 of the paper, s
 import numpy as np
 
 import critflow as cf
-from critflow.engine import Claim, Coordinate, Study
+from critflow.engine import Claim, Coordinate
 from critflow.engine.study import plural
 from critflow.extras.hessian.splits import geometric_split
 from critflow.extras.weak.soft_spectrum import soft_spectrum
@@ -25,7 +25,7 @@ from .shared.checks import voronoi_check
 from .shared.figures import counted, legend_below, lettered, panels
 from .shared.populations import LABELS, NAMES, NARROW, PAPER_POPULATIONS, configuration
 from .shared.reports import PAPER, finite, parameters, series, spread
-from .shared.tables import networks, numbers, outcomes
+from .shared.tables import network_study, numbers, outcomes
 
 SOURCES = (
     f"{PAPER}; Lerner and Bouchbinder, Scaling theory of critical strain-stiffening in disordered elastic networks "
@@ -318,12 +318,12 @@ def _of_networks(ds):
 
 GRID, LIST = ("seed", "kappa", "place"), ("seed", "kappa")
 
-study = Study(
+study = network_study(
     name="weak_forces",
     title="Weak bending at the transition",
     references=SOURCES,
     committed=committed_run("weak_forces"),
-    axes=(networks(30),),
+    n=30,
     parameters={"n_vertices": 60, "kappas": (1e-7, 1e-6, 1e-5, 1e-4, 1e-3)},
     coordinates=(Coordinate("kappa", "kappas", "strength of the angle springs"),),
     case=case,
@@ -352,7 +352,7 @@ study = Study(
         *numbers(("seed", "population", "kappa"), onset_modulus="modulus along dilation at the transition"),
         *numbers(("seed", "population"), transition_modulus="modulus along dilation past it, without weak forces"),
         *numbers(("seed", "network"), design_modulus="relaxed modulus along dilation of max B_0 and of the design"),
-        *outcomes(("seed",), status="outcome of the case", design_status="outcome of the design"),
+        *outcomes(("seed",), design_status="outcome of the design"),
     ),
     figures={"weak_forces": figure, "populations": population_figure},
     claims=claims,

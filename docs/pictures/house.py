@@ -60,7 +60,10 @@ axes.xaxis.set_label_position("top")
 axes.grid(color="0.92", zorder=0)
 axes.set_axisbelow(True)
 scene, extras = (sum(lines[key] for key in order if key[0] == kind) for kind in ("scene", "extras"))
-labels = (0, f"scene, {scene:,} lines: imports no extra"), (n, f"extras, {extras:,} lines: each can be deleted")
-for row, text in labels:
-    axes.text(len(order) - 0.7, row, text, ha="right", va="center", fontsize=9, color="0.2")
+labels = (
+    (0, n - 1, f"scene, {scene:,} lines:\nimports no extra"),
+    (n, len(order) - 1, f"extras, {extras:,} lines:\neach can be deleted"),
+)
+for row, column, text in labels:
+    axes.text(column, row, text, ha="right", va="top", fontsize=9, color="0.2")
 figure.savefig(sys.argv[1] if len(sys.argv) > 1 else Path(__file__).with_suffix(".png"), dpi=90)

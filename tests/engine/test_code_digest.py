@@ -1,16 +1,126 @@
-"""The code of a case: what counts, and what a run does with stored cases of other code."""
+"""The code of a case: study files, the digest and what a run does with other code, and what files state about it."""
 
+import json
+import os
+import subprocess
 import sys
+import tomllib
+from hashlib import sha256
 from pathlib import Path
 
+import netCDF4
 import pytest
 import xarray as xr
 from disturbed import stamps_of
 from extras_there import skip_without
+from packaging.requirements import Requirement
+from packaging.utils import canonicalize_name
 
 from critflow.command.main import main
 from critflow.engine import code_digest
-from critflow.engine.code_digest import code_version, load_file, load_study, reached_definitions, used_extras
+from critflow.engine.code_digest import (
+    code_version,
+    load_file,
+    load_study,
+    named_studies,
+    reached_definitions,
+    source_tree,
+    used_extras,
+)
+from critflow.engine.settings import select
+from critflow.engine.store import read_shard, shard_path
+from critflow.extensions import with_needs
+from critflow.result import StudyError
+
+PLAIN = Path(__file__).with_name("plain_study.py").read_text()
+
+
+def changed(old, new):
+    assert PLAIN.count(old) == 1
+    return PLAIN.replace(old, new)
+
+
+FILES = {  # contents, and a word of the message
+    "empty": ("", "study"),
+    "wrong object": ("study = {'name': 'plain'}", "top level"),
+    "a class": ("from critflow.engine import Study as study", "top level"),
+    "not UTF-8": (b"study = 'caf\xe9'", "SyntaxError"),
+    "UTF-16": (PLAIN.encode("utf-16"), "loaded"),
+    "zeros": (bytes(1000), "loaded"),
+    "syntax error": ("def case(:", "SyntaxError"),
+    "raises": ("x = 1\n1 / 0", "line 2"),
+    "exits": ("import sys\nsys.exit(0)", "SystemExit"),
+    "recursion": ("def f():\n    f()\nf()", "RecursionError"),
+    "missing module": ("import no_such_module_at_all", "ModuleNotFoundError"),
+    "import from outside": ("from ..elsewhere import x", "ImportError"),
+    "circular import": ("from ._first import x", "circular"),
+    "unknown key": (changed("    title=", "    titel="), "titel"),
+    "missing key": (changed("    case=case,\n", ""), "case"),
+    "case that is no function": (changed("case=case,", "case=3,"), "function"),
+    "case without an axis": (changed("*, seed", "*, place"), "seed"),
+    "case with one more argument": (changed("*, seed", "*, seed, size"), "size"),
+    "version that is a word": (changed("    case=case,\n", "    case=case, version='2',\n"), "version"),
+    "figure outside": (changed("    case=case,\n", "    case=case, figures={'../../up': case},\n"), "figure"),
+    "needs of no figure": (changed("    case=case,\n", "    case=case, needs={'figur': ()},\n"), "figur"),
+}
+
+
+@pytest.mark.parametrize("mistake", FILES)
+def test_a_malformed_study_file_is_refused(tmp_path, mistake):
+    source, word = FILES[mistake]
+    path = tmp_path / "bad.py"
+    path.write_bytes(source.encode() if isinstance(source, str) else source)
+    (tmp_path / "_first.py").write_text("from ._second import x\n")
+    (tmp_path / "_second.py").write_text("from ._first import x\n")
+    with pytest.raises(StudyError, match=word) as caught:
+        load_study(str(path))
+    assert "\n" not in str(caught.value)
+    assert len(str(caught.value)) < 400
+
+
+@pytest.mark.parametrize("word", ["nowhere.py", "folder", "/dev/zero", "", "../plain", "\udcff.py", "large.py"])
+def test_a_path_that_is_no_study_file_is_refused(tmp_path, monkeypatch, word):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "folder").mkdir()
+    with open(tmp_path / "large.py", "wb") as file:
+        file.truncate(10**8)
+    with pytest.raises(StudyError):
+        load_study(word)
+
+
+def test_studies_are_found_by_name_in_the_working_directory(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "workflows").mkdir()
+    (tmp_path / "workflows" / "plain.py").write_text(PLAIN)
+    (tmp_path / "workflows" / "_part.py").write_text("")
+    (tmp_path / "workflows" / "other.py").write_text(PLAIN)
+    assert "plain" in named_studies() and "_part" not in named_studies()
+    assert load_study("plain").study.title == "Numbers that differ from case to case"
+    with pytest.raises(StudyError, match="'plain'"):
+        load_study("plian")
+    with pytest.raises(StudyError, match="'other'"):
+        load_study("other")  # the name in the file is another
+
+
+def test_a_benchmark_that_a_wheel_does_not_contain_is_named_with_its_place(tmp_path, monkeypatch):
+    """Outside a checkout of the source."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("critflow.engine.code_digest.named_studies", lambda: {})
+    with pytest.raises(StudyError, match="checkout") as caught:
+        load_study("speed")
+    assert "\n" not in str(caught.value)
+
+
+def test_a_file_is_executed_once_for_each_content(tmp_path):
+    path = tmp_path / "plain.py"
+    path.write_text(PLAIN)
+    first = load_file(path)
+    assert load_file(path).study is first.study  # caches in a study persist from task to task
+    path.write_text(changed("Numbers that differ from case to case", "Another"))
+    assert load_file(path).study.title == "Another"
+    path.write_bytes(b"\xef\xbb\xbf" + PLAIN.encode())  # a byte-order mark
+    assert load_file(path).study.name == "plain"
+
 
 STUDY = '''
 """A study in a file."""
@@ -106,9 +216,9 @@ def test_a_change_of_texts_and_figures_does_not_count(version, change):
         (("_numbers.py", "def two(): ...", "def two():\n    import critflow.extras.weak"), set()),
     ],
 )
-def test_the_extras_of_a_case_are_those_that_it_names(version, change, names):
+def test_the_extras_of_a_case_are_those_that_it_names_and_their_needs(version, change, names):
     skip_without(names)
-    assert version(change, look=used_extras) - version(look=used_extras) == names
+    assert version(change, look=used_extras) - version(look=used_extras) == with_needs(names)
 
 
 def test_the_scene_counts_and_the_engine_figures_and_unused_extras_do_not(tmp_path, monkeypatch):
@@ -212,3 +322,86 @@ def test_an_extra_that_a_case_uses_without_a_name_must_be_declared(tmp_path, run
         )
         == 0
     )
+
+
+ROOT = Path(__file__).parents[2]
+
+
+def test_a_dataset_states_its_settings_versions_and_stored_cases(tmp_path, run, tiny):
+    settings = ["spread=0.2", "trouble=1-random"]
+    assert run(tmp_path / "out", *settings) == 3
+    attributes = xr.load_dataset(tmp_path / "out" / "tiny.nc").attrs
+    assert attributes["code"] == code_version(tiny.study)
+    assert attributes["cases_code"] == f"{attributes['code']}: 7 cases"
+    assert {"python", "numpy", "scipy", "netCDF4", "critflow", "BLAS", "hdf5"} <= json.loads(
+        attributes["versions"]
+    ).keys()
+    assert json.loads(attributes["parameters"])["spread"] == 0.2
+    assert "SeedSequence" in attributes["seed_entropy"]
+    assert "critflow run tiny_study.py --set=spread=0.2 --set=trouble=1-random" in attributes["history"]
+    shards = {case.shard: case for case in select(tiny.study, settings).cases}
+    folder = tmp_path / "out" / "shards"
+    stored = {name: read_shard(shard_path(folder, case), tiny.study, case) for name, case in shards.items()}
+    each = [sha256(f"{name} {checksum}\n".encode()).digest() for name, (_, checksum) in stored.items()]
+    assert attributes["shards_sha256"] == f"{sum(map(int.from_bytes, each)) % 2**256:064x}"
+
+
+def test_no_file_names_the_machine_its_user_or_its_folders(tmp_path, run):
+    assert run(tmp_path, "seeds=0:2") == 0
+    words = {os.uname().nodename, str(tmp_path), str(ROOT), str(Path.home())} - {"/"}
+    for path in [tmp_path / "tiny.nc", *(tmp_path / "shards").iterdir()]:
+        with netCDF4.Dataset(path) as file:
+            text = " ".join(str(file.getncattr(name)) for name in file.ncattrs())
+        assert [word for word in words if word in text] == []
+
+
+def git(folder, *words):
+    clean = {name: value for name, value in os.environ.items() if not name.startswith("GIT_")}
+    author = ["-c", "user.name=n", "-c", "user.email=e@example.org"]
+    return subprocess.run(["git", *author, "-C", folder, *words], env=clean, check=True, capture_output=True, text=True)
+
+
+def test_the_commit_is_that_of_the_source_tree(tmp_path, monkeypatch):
+    git(tmp_path, "init")
+    (tmp_path / "critflow").mkdir()
+    code = tmp_path / "critflow" / "code.py"
+    code.write_text("1")
+    git(tmp_path, "add", ".")
+    git(tmp_path, "commit", "-m", "first")
+    head = git(tmp_path, "rev-parse", "HEAD").stdout.strip()
+    monkeypatch.setenv("GIT_DIR", "/nowhere")  # as a hook does
+    (tmp_path / "results.txt").write_text("files of a run are no change of the code")
+    look = source_tree.__wrapped__
+    assert look(tmp_path) == {"commit": head, "commit_dirty": "false"}
+    code.write_text("2")
+    assert look(tmp_path) == {"commit": head, "commit_dirty": "true"}
+    assert look(tmp_path / "critflow") == {}  # as of a wheel in an environment inside some repository
+    monkeypatch.setenv("PATH", "")
+    assert look(tmp_path) == {}
+
+
+def test_a_changed_version_or_table_computes_all_cases_again(tmp_path, run, source, capsys):
+    out = tmp_path / "out"
+    table = ('"residual", ("population", "seed"), "f8"', '"residual", ("population", "seed"), "f4"')
+    assert run(out, study=source()) == 0
+    for number, change in enumerate((table, (*table, "    check=check,", "    check=check, version=2,"))):
+        before, path = stamps_of(out), source(*change)
+        capsys.readouterr()
+        assert run(out, more=("--dry-run",), study=path) == 0
+        assert "8 of 8 cases to compute" in capsys.readouterr().out
+        if number == 0:
+            assert main(["verify", str(out)]) == 4
+            assert main(["status", str(out)]) == 0
+            assert "table" in capsys.readouterr().out
+        assert run(out, study=path) == 0
+        assert len(set(stamps_of(out).values()) - set(before.values())) == 4
+        assert main(["verify", str(out)]) == 0
+
+
+def test_every_dependency_is_locked_to_a_version_that_it_allows():
+    lock = (ROOT / "results" / "reference" / "requirements-lock.txt").read_text().splitlines()
+    pairs = (line.split("==") for line in lock if "==" in line)
+    locked = {canonicalize_name(name): number for name, number in pairs}
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+    for requirement in map(Requirement, project["dependencies"]):
+        assert requirement.specifier.contains(locked[canonicalize_name(requirement.name)]), requirement

@@ -1,15 +1,20 @@
-"""Stored cases: what is written is read back, and nothing else is accepted."""
+"""A results folder: what is written is read back, one runner at a time, one account of what is stored."""
 
+import json
 import os
+import platform
+import time
 from dataclasses import replace
 
 import netCDF4
 import numpy as np
 import pytest
+from disturbed import STUDY, begun, ended, stamps_of, words_of
 
+from critflow.command.main import main
 from critflow.engine import store
 from critflow.engine.settings import select
-from critflow.engine.store import StoredCase, read_shard, shard_path, write_shard
+from critflow.engine.store import Folder, StoredCase, read_shard, shard_path, write_shard
 from critflow.result import EnvironmentFailure, Status
 
 
@@ -94,3 +99,126 @@ def test_a_file_is_synchronised_before_it_is_renamed_and_the_folder_after(tmp_pa
         monkeypatch.setattr(os, name, recorded)
     write_shard(tmp_path, tiny.study, case, complete(case, Status.ok, arrays))
     assert calls == ["fsync", "replace", "fsync folder"]
+
+
+SLOW = {"CRITFLOW_TEST_PAUSE": "100"}
+
+
+@pytest.fixture
+def holder(tmp_path):
+    """A run in the middle of its first case."""
+    process = begun(tmp_path / "out", environment=SLOW)
+    while not (tmp_path / "out" / "study.json").exists():
+        assert process.is_alive()
+        time.sleep(0.01)
+    yield process
+    process.kill()
+    process.join()
+
+
+def test_a_second_run_is_refused_until_the_first_has_died(tmp_path, holder, capsys):
+    out = tmp_path / "out"
+    start = time.monotonic()
+    assert main(words_of(out)) == 5
+    assert time.monotonic() - start < 5
+    (line,) = capsys.readouterr().err.splitlines()
+    assert str(holder.pid) in line and platform.node() in line  # the holder is named
+    assert not stamps_of(out) and not (out / "plain.nc").exists()
+    for reading in (["status", str(out)], [*words_of(out), "--dry-run"]):
+        assert main(reading) == 0  # to read needs no lock
+    holder.kill()
+    holder.join()
+    assert main(words_of(out)) == 0
+
+
+def test_of_runs_started_together_exactly_one_works(tmp_path):
+    for attempt in range(3):
+        environment = {"CRITFLOW_TEST_PAUSE": "0.3"}
+        codes = [ended(p) for p in [begun(tmp_path / f"{attempt}", environment=environment) for _ in range(2)]]
+        assert sorted(codes) == [0, 5]
+
+
+def test_another_user_cannot_hold_the_lock(tmp_path):
+    assert main(words_of(tmp_path)) == 0
+    assert (tmp_path / ".lock").stat().st_mode & 0o007 == 0
+
+
+@pytest.fixture
+def mixed(tmp_path, source):
+    """A folder with three stored cases, one of them damaged, one missing and one failed; and the words that run it."""
+    study = source("broken: set[int] = set()", "broken = {2}", study="plain")
+    words = ["run", str(study), "--out", str(tmp_path / "out"), "--workers=0", "--set=seeds=0:5"]
+    assert main(words) == 3
+    cases = select(STUDY, ["seeds=0:5"]).cases
+    shard_path(tmp_path / "out" / "shards", cases[1]).unlink()
+    damaged = shard_path(tmp_path / "out" / "shards", cases[4])
+    damaged.write_bytes(damaged.read_bytes()[:-1])
+    return tmp_path / "out", words
+
+
+def test_status_dry_run_and_run_agree_on_what_is_stored(mixed, capsys, tally):
+    """`status` lists files; `run` and `verify` read them, and find the damage too; to look changes nothing."""
+    out, words = mixed
+
+    def state():
+        paths = sorted(out.parent.rglob("*"))
+        return [(p, p.stat().st_mtime_ns, p.read_bytes() if p.is_file() else "") for p in paths]
+
+    before = state()
+    capsys.readouterr()
+    assert main(["status", str(out), "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert found["total"] == {"done": 3, "failed": 1, "missing": 1}
+    assert [(case["seed"], case["state"]) for case in found["to_compute"]] == [(1, "missing"), (2, "failed")]
+    assert main(["status", str(out)]) == 0
+    text = capsys.readouterr().out
+    assert "3 done, 1 failed, 1 missing of 5 cases" in text
+    assert "broken on demand" in text
+    assert main(["verify", str(out), "--sample=0"]) == 4
+    assert main([*words, "--dry-run"]) == 0
+    text = capsys.readouterr().out
+    assert "2 of 5 cases to compute" in text and "damaged: seed 4" in text
+    assert main([*words, "--dry-run", "--retry-failed"]) == 0
+    assert "3 of 5 cases to compute" in capsys.readouterr().out
+    assert main([*words, "--dry-run", "--set=scale=2"]) == 0
+    assert "replaces the dataset of scale=1.0" in capsys.readouterr().out
+    assert main(["run", words[1], "--out", str(out.parent / "new"), "--dry-run"]) == 0
+    assert state() == before
+    tally()
+    assert main(words) == 3
+    assert sorted(tally()) == [1, 4]
+    assert main([*words, "--retry-failed"]) == 3
+    assert tally() == [2]
+
+
+def test_the_note_restores_the_study_and_the_settings(tmp_path, run, tiny):
+    settings = ["seeds=5,2", "populations=floppy", "strains=0.5", "spread=3"]
+    assert run(tmp_path, *settings) == 0
+    loaded, selection = Folder(tmp_path).selection()
+    assert loaded.path.samefile(tiny.path)
+    assert [case.id for case in selection.cases] == [case.id for case in select(tiny.study, settings).cases]
+
+
+def test_a_folder_can_be_moved(tmp_path, source, capsys):
+    """The note names the study file relative to the folder."""
+    study = source(study="plain")
+    (tmp_path / "a").mkdir()
+    assert main(["run", str(study), "--out", str(tmp_path / "a" / "out"), "--workers=0"]) == 0
+    moved = tmp_path / "elsewhere"
+    moved.mkdir()
+    for name in ("a", "source"):
+        (tmp_path / name).rename(moved / name)
+    assert main(["verify", str(moved / "a" / "out")]) == 0
+
+
+def test_partial_files_of_a_killed_run_are_removed_and_other_files_are_not(tmp_path):
+    assert main(words_of(tmp_path)) == 0
+    other = tmp_path / "download" / ".song.partial"
+    ours = [tmp_path / folder / ".left.partial" for folder in (".", "shards", "figures")]
+    notes = tmp_path / "notes.txt"
+    for path in (other, *ours, notes):
+        path.parent.mkdir(exist_ok=True)
+        path.touch()
+    assert main(words_of(tmp_path)) == 0
+    assert other.exists() and notes.exists()
+    assert not any(path.exists() for path in ours)

@@ -30,6 +30,16 @@ def test_populations_are_listed_by_name():
     assert load_study("three_dimensions").study.axes[1].values == PAPER_POPULATIONS
 
 
+def test_the_hard_core_of_no_study_is_typed():
+    """It is that of the networks of the library, so that the default stands in one place."""
+    for path in WORKFLOWS.rglob("*.py"):
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.Dict):
+                typed = [key.value for key, value in zip(node.keys, node.values, strict=True)
+                         if isinstance(key, ast.Constant) and isinstance(value, ast.Constant)]  # fmt: skip
+                assert "hard_core" not in typed, path
+
+
 def test_a_study_imports_no_other_study():
     folders = {path.parent.name for path in WORKFLOWS.rglob("study.py")}
     for path in WORKFLOWS.rglob("*.py"):

@@ -28,7 +28,7 @@ def test_straining_converges_to_the_cone_program():
     exact = critical_from_lengths(NETWORK, target).value
     distances = []
     for threshold in (1e-6, 1e-8, 1e-10):
-        solution = critical_by_strain(MANIFOLD, target, "newton", 0.1 * np.sqrt(threshold), threshold)
+        solution = critical_by_strain(MANIFOLD, target, 0.1 * np.sqrt(threshold), threshold)
         assert solution.status is Status.ok
         assert solution.energy >= threshold
         assert solution.value.residual < 1e-12

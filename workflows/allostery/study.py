@@ -11,12 +11,12 @@ can command has a sharp limit which grows more slowly than the number of vertice
 Random rest lengths (`random_lengths`) have s = 0.1, not the 0.3 of the paper, so that every edge carries tension.
 """
 
-from critflow.engine import Coordinate, Study
+from critflow.engine import Coordinate
 from critflow.result import StudyError
 
 from ..shared.checks import check_network, check_voronoi, voronoi_check
 from ..shared.reports import PAPER
-from ..shared.tables import networks, numbers, outcomes
+from ..shared.tables import network_study, numbers, outcomes
 from .claims import claims
 from .figures import capacity_figure, movie, network_figure, response_figure
 from .measurements import case
@@ -41,11 +41,11 @@ def check(parameters, axes):
 
 CAPACITY, TRAINED = ("seed", "size", "fraction", "kind"), ("seed", "style", "load")
 
-study = Study(
+study = network_study(
     name="allostery",
     title="Local responses on the critical manifold",
     references=SOURCES,
-    axes=(networks(6),),
+    n=6,
     parameters={
         "n_vertices": 100,
         "loads": (0.02, 0.1, 0.3, 1.0),
@@ -90,7 +90,6 @@ study = Study(
         *numbers(("seed", "pair", "place"), shown="source and targets: tail, head and image; −1 for none"),
         *numbers(("seed", "edge", "end"), "i4", edges="vertices at tail and head of each edge"),
         *numbers(("seed", "cell_vector", "axis"), cell="cell vectors as rows"),
-        *outcomes(("seed",), status="outcome of the case"),
     ),
     figures={"capacity": capacity_figure, "responses": response_figure, "network": network_figure},
     animations={"movie": movie},

@@ -102,15 +102,13 @@ def claims(ds):
     ]  # fmt: skip
 
 
-def table():
-    """The stored variables."""
-    return (
-        *numbers(
-            ("seed", "ratio"),
-            ratio_error="largest error of Poisson's ratio over all directions",
-            ratio_checked_error="largest error of the relaxed tensor of the check, relative to Young's modulus",
-            stiffness_change="root mean square change of log k",
-        ),
-        *outcomes(("seed", "ratio"), ratio_status="outcome of the design"),
-        *seconds(("seed", "ratio"), ratio_seconds="processor time of the design [s]"),
-    )
+VARIABLES = (
+    *numbers(
+        ("seed", "ratio"),
+        ratio_error="largest error of Poisson's ratio over all directions",
+        ratio_checked_error="largest error of the relaxed tensor of the check, relative to Young's modulus",
+        stiffness_change="root mean square change of log k",
+    ),
+    *outcomes(("seed", "ratio"), ratio_status="outcome of the design"),
+    *seconds(("seed", "ratio"), ratio_seconds="processor time of the design [s]"),
+)

@@ -65,7 +65,7 @@ study = network_study(
     coordinates=(Coordinate("ratio", "ratios", "requested Poisson's ratio"),),
     case=case,
     check=check,
-    variables=(*support.table(), *poisson.table(), *surfaces.table()),
+    variables=(*support.VARIABLES, *poisson.VARIABLES, *surfaces.VARIABLES),
     figures={"reach": support.figure, "poisson": poisson.figure, "surfaces": surfaces.figure},
     claims=claims,
 )

@@ -168,11 +168,9 @@ def claims(ds):
     ]  # fmt: skip
 
 
-def table():
-    """The stored variables."""
-    return (
-        *numbers(("seed", "direction"), support="largest S:A/√(V D) over all stresses, in closed form [√k]"),
-        *bounded(("seed", "direction", "axis"), signed="S/√(V D) there, mean and half the difference [√k]"),
-        *bounded(("seed", "direction", "threshold", "axis"), tensile="S/√(V D) of stresses above about r [√k]"),
-        *bounded(("seed", "sample", "axis"), sampled="S/√(V D) of random positive stresses [√k]"),
-    )
+VARIABLES = (
+    *numbers(("seed", "direction"), support="largest S:A/√(V D) over all stresses, in closed form [√k]"),
+    *bounded(("seed", "direction", "axis"), signed="S/√(V D) there, mean and half the difference [√k]"),
+    *bounded(("seed", "direction", "threshold", "axis"), tensile="S/√(V D) of stresses above about r [√k]"),
+    *bounded(("seed", "sample", "axis"), sampled="S/√(V D) of random positive stresses [√k]"),
+)

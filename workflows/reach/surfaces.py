@@ -49,15 +49,13 @@ def _plane(tensors):
     return np.stack([np.einsum("nij,ij->n", tensors, A) / np.sum(A * A) for A in (PURE_SHEAR, DILATION)], axis=1)
 
 
-def table():
-    """The stored variables."""
-    surface = ("seed", "population", "surface_direction")
-    return (
-        *bounded(surface, surface_strain="distance of the rigidity surface along each direction"),
-        *numbers((*surface, "component"), surface_point="its pure shear and dilation"),
-        *numbers((*surface, "component"), surface_normal="its normal, the macroscopic stress, likewise"),
-        *numbers(surface, surface_taut="part of the edges that are taut there"),
-    )
+SURFACE = ("seed", "population", "surface_direction")
+VARIABLES = (
+    *bounded(SURFACE, surface_strain="distance of the rigidity surface along each direction"),
+    *numbers((*SURFACE, "component"), surface_point="its pure shear and dilation"),
+    *numbers((*SURFACE, "component"), surface_normal="its normal, the macroscopic stress, likewise"),
+    *numbers(SURFACE, surface_taut="part of the edges that are taut there"),
+)
 
 
 def figure(ds):

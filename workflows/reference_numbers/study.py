@@ -51,11 +51,6 @@ class Quantity(NamedTuple):
     source: str
     because: str
 
-    @property
-    def exact(self) -> bool:
-        """Whether the number is known in closed form or by a theorem."""
-        return self.within < 1e-5
-
 
 MOST_PLACES = 6
 LENGTH = np.sqrt(4 / (3 * np.sqrt(3)))

@@ -18,6 +18,12 @@ def check_positive(parameters, *names):
             raise StudyError(f"{name}={parameters[name]} must be positive")
 
 
+def check_known(noun, names, known):
+    """Raise `StudyError` for a name that is not among the known ones."""
+    if unknown := sorted(set(names) - set(known)):
+        raise StudyError(f"there is no {noun} {unknown[0]!r}: choose among {', '.join(known)}")
+
+
 def check_network(check, n_vertices, *arguments):
     """Raise `StudyError` for sizes and hard cores without a network, and for networks beyond the memory.
 

@@ -134,6 +134,12 @@ def violins(axes: Axes, groups: Sequence[Array], labels: Sequence[str], *, log: 
         _decades(axes)
 
 
+def points_at(axes: Axes, place: int, values: Array, colour: str) -> None:
+    """Values one by one at a place: multiples of the golden ratio keep neighbours apart."""
+    shift = 0.5 * (np.arange(len(values)) * 0.618 % 1 - 0.5)
+    axes.plot(place + shift, values, "o", color=colour, markersize=3, alpha=0.6, markeredgewidth=0)
+
+
 def _distribution(axes: Axes, place: int, values: Array) -> None:
     """One distribution at its place: a violin of many values that differ, else points next to each other."""
     colour, median = COLOURS[place % len(COLOURS)], float(np.median(values))
@@ -142,9 +148,7 @@ def _distribution(axes: Axes, place: int, values: Array) -> None:
         for body in parts["bodies"]:  # type: ignore[attr-defined]
             body.set(facecolor=colour, edgecolor=colour, alpha=0.45, linewidth=0.8)
     else:
-        # Multiples of the golden ratio keep neighbours apart.
-        shift = 0.5 * (np.arange(len(values)) * 0.618 % 1 - 0.5)
-        axes.plot(place + shift, values, "o", color=colour, markersize=3, alpha=0.6, markeredgewidth=0)
+        points_at(axes, place, values, colour)
     axes.plot([place - 0.3, place + 0.3], [median, median], color=colour, linewidth=2.0, solid_capstyle="butt")
 
 

@@ -36,19 +36,16 @@ class FromStrain(FromLengths):
 def critical_by_strain(
     manifold: CriticalManifold,
     lengths: Array,
-    relaxation: str = "newton",
     strain_step: float = 0.01,
     energy_threshold: float = ENERGY_THRESHOLD,
 ) -> FromStrain:
     """The rigid state of periodic springs with rest lengths ℓ/(1 + γ), and the stress that balances at its coordinates.
 
     γ grows in steps of `strain_step` from 0 until the energy reaches `energy_threshold`, in units of mean k times
-    (V/N_v)^(2/d).  Springs are relaxed by the method `relaxation` of `equilibrium`.  Where the network is not rigid at
-    γ = 0 but every edge will be stressed, the end does not depend on the path, and the steps of the floppy network are
-    skipped (not by "fire").
+    (V/N_v)^(2/d).  Where the network is not rigid at γ = 0 but every edge will be stressed, the end does not depend on
+    the path, and the steps of the floppy network are skipped.
     """
     network, pattern = manifold.network, manifold.hessian
-    newton = relaxation == "newton"
     unit = network.stiffness.mean() * (network.volume / network.n_vertices) ** (2 / network.dimension)
     step = skipped = steps = 0
     threshold, x = energy_threshold * unit, network.positions
@@ -56,7 +53,7 @@ def critical_by_strain(
         x = manifold.configuration(network.stiffness).coordinates
     state = spring_state(network, lengths, x)
     while True:
-        solution = equilibrium(state, relaxation, pattern=pattern, throw=False)
+        solution = equilibrium(state, pattern=pattern, throw=False)
         state, steps = solution.value, steps + solution.stats.steps
         if not solution.ok or state.energy >= threshold:
             break
@@ -64,13 +61,12 @@ def critical_by_strain(
             solution = replace(solution, status=Status.step_limit, note="take larger strain steps")
             break
         x = state.coordinates
-        if step == 0 and newton:
+        if step == 0:
             skipped, x = _skipped(manifold, lengths, strain_step, x)
             step = skipped
         step += 1
         state = spring_state(network, lengths / (1 + strain_step * step), x)
-    if newton:
-        state = equilibrium(state, tolerance=1e-16, max_steps=6, pattern=pattern, throw=False).value
+    state = equilibrium(state, tolerance=1e-16, max_steps=6, pattern=pattern, throw=False).value
     # From the coordinates: rounding of many steps separates the bond vectors of the state from them.
     sigma = balanced_part(network, network.bond_vectors(state.coordinates), state.sigma, pattern)
     # Edges of a part without stress are at their rest lengths, to rounding.
@@ -81,7 +77,7 @@ def critical_by_strain(
     return FromStrain(
         value=value if solution.ok else unknown_configuration(network),
         status=status,
-        stats=Stats(f"strain, {relaxation}", steps, residual=solution.stats.residual),
+        stats=Stats("strain, newton", steps, residual=solution.stats.residual),
         slack_edges=slack,
         strain=strain_step * step,
         energy=state.energy,

@@ -25,7 +25,7 @@ from critflow.quantities import pure_shear, transition_modulus
 from critflow.result import Status, StudyError
 
 from ..paper.verdicts import committed_run
-from ..shared.checks import check_network
+from ..shared.checks import check_known, check_network
 from ..shared.populations import MEANING, POPULATIONS, SETTINGS, configuration, prepared
 from ..shared.reports import PAPER
 from ..shared.tables import NETWORK, networks, numbers, of_network, outcomes
@@ -212,8 +212,7 @@ def check(parameters, axes):
         raise StudyError("fractions are parts of the bound: numbers between 0 and 1")
     if list(parameters["steps"]) != sorted(set(parameters["steps"])) or parameters["steps"][0] < 0:
         raise StudyError("steps must be increasing whole numbers from 0 on, such as 0,1,10,100")
-    if unknown := sorted(set(parameters["populations"]) - set(POPULATIONS)):
-        raise StudyError(f"there is no population {unknown[0]!r}: choose among {', '.join(POPULATIONS)}")
+    check_known("population", parameters["populations"], POPULATIONS)
     if not all(r > 0 for r in (*parameters["thresholds"], parameters["threshold"])):
         raise StudyError("thresholds must be positive, such as 0.1")
     for name in ("n_starts", "n_steps"):

@@ -9,7 +9,7 @@ import critflow as cf
 from critflow.extras.tissue.face_springs import FaceSprings
 from critflow.self_stress import Spectrum
 
-from .sample import ZERO, floppy_motions, rank
+from .sample import ZERO, differences, floppy_motions, rank
 
 EXACT = 1e-12
 STEP = 1e-6  # of differences
@@ -81,12 +81,7 @@ def hessian_split(sample):
     sigma = 1 - rest / np.linalg.norm(L, axis=1)
     R = sample.response(L)
     H = R.T @ (((1 - sigma) / np.sum(L**2, axis=1))[:, None] * R) + sample.laplacian(sigma)
-    by_differences = np.empty_like(H)
-    for column in range(x.size):
-        step = np.zeros(x.size)
-        step[column] = STEP
-        up, down = (_gradient(sample, x + sign * step.reshape(x.shape), rest) for sign in (1, -1))
-        by_differences[:, column] = (up - down) / (2 * STEP)
+    by_differences = differences(lambda at: _gradient(sample, at, rest), x, np.full(x.size, STEP))
     off = np.abs(by_differences - H).max() / np.abs(H).max()
     return off, off < 1e-6
 
@@ -106,15 +101,7 @@ def vertex_model_coupling(sample):
     sides = FaceSprings.of(sample.network, 1.0, None).sides.toarray()
     h = 0.5 * sample.critical.lengths**2
     p0 = 0.9 * sides @ sample.critical.lengths
-    K = np.empty((len(h), len(h)))
-    for column in range(len(h)):
-        step = np.zeros(len(h))
-        step[column] = 1e-5 * h[column]
-        rates = [
-            (sides.T @ (sides @ np.sqrt(2 * (h + sign * step)) - p0)) / np.sqrt(2 * (h + sign * step))
-            for sign in (1, -1)
-        ]
-        K[:, column] = (rates[0] - rates[1]) / (2e-5 * h[column])
+    K = differences(lambda at: (sides.T @ (sides @ np.sqrt(2 * at) - p0)) / np.sqrt(2 * at), h, 1e-5 * h)
     share = (sides.T @ sides) > 0
     coupled = np.abs(K) * np.sqrt(np.outer(h, h)) > 1e-8
     wrong = (coupled != share) & ~np.eye(len(h), dtype=bool)
@@ -152,17 +139,12 @@ def stress_is_normal(sample):
 
 def derivative(sample):
     """Largest difference of −R P⁻¹ Rᵀ from differences of h, over the largest entry."""
-    sigma, n = sample.critical.sigma, sample.network.n_edges
+    sigma = sample.critical.sigma
     R = sample.response(sample.critical.bond_vectors)
     B = -R @ np.linalg.pinv(sample.laplacian(sigma)) @ R.T
-    by_differences = np.empty((n, n))
-    for column in range(n):
-        step = np.zeros(n)
-        step[column] = 100 * STEP * sigma[column]
-        up, down = (_half_squares(sample, sigma + sign * step) for sign in (1, -1))
-        by_differences[:, column] = (up - down) / (2 * step[column])
+    by_differences = differences(lambda at: _half_squares(sample, at), sigma, 100 * STEP * sigma)
     off = np.abs(by_differences - B).max() / np.abs(B).max()
-    return off, off < 1e-6 and np.abs(B - B.T).max() < EXACT * np.abs(B).max() * n
+    return off, off < 1e-6 and np.abs(B - B.T).max() < EXACT * np.abs(B).max() * len(B)
 
 
 def _half_squares(sample, sigma):

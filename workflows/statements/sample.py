@@ -67,6 +67,15 @@ class Sample:
         return np.kron(self.g.T @ (sigma[:, None] * self.g), np.eye(2))
 
 
+def differences(function, x, steps):
+    """∂f/∂x (m, n) of f(x) (m,) at x of n numbers, by central differences with a step (n,) of each."""
+    columns = []
+    for size, step in zip(steps, np.diag(steps), strict=True):
+        step = step.reshape(x.shape)
+        columns.append((function(x + step) - function(x - step)) / (2 * size))
+    return np.stack(columns, axis=1)
+
+
 def rank(matrix):
     """Number of singular values that are not zero."""
     values = np.linalg.svd(matrix, compute_uv=False)

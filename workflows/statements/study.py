@@ -7,15 +7,15 @@ whether the statement holds in this network.  The statements themselves are in `
 import numpy as np
 
 import critflow as cf
-from critflow.engine import Coordinate, Study, Variable
+from critflow.engine import Coordinate, Variable
 from critflow.engine.study import nearest, plural
 from critflow.result import StudyError
 
 from ..paper.statements import Measurement, statement
 from ..paper.verdicts import claims_of, committed_run
 from ..shared.checks import voronoi_check
-from ..shared.reports import PAPER, finite
-from ..shared.tables import networks, numbers, outcomes
+from ..shared.reports import finite
+from ..shared.tables import network_study, numbers
 from . import counting, optima, parameterization, response
 from .sample import Sample
 
@@ -90,12 +90,10 @@ def _measurement(one):
     return Measurement(statement(name).id, value, text, plural(len(satisfied), "network"))
 
 
-study = Study(
+study = network_study(
     name="statements",
     title="Statements of the paper that small networks decide",
-    references=PAPER,
     committed=committed_run("statements"),
-    axes=(networks(10),),
     parameters={"n_vertices": 60, "statements": tuple(MEASURES)},
     coordinates=(Coordinate("statement", "statements", "statement of the paper"),),
     case=case,
@@ -103,7 +101,6 @@ study = Study(
     variables=(
         *numbers(("seed", "statement"), number="measured number of each statement, described in its claim"),
         Variable("satisfied", ("seed", "statement"), "i1", long_name="whether the statement holds in this network"),
-        *outcomes(("seed",), status="outcome of the case"),
     ),
     claims=claims,
 )

@@ -32,16 +32,14 @@ def paths(parameters, seed):
     }
 
 
-def table():
-    """The stored variables."""
-    return (
-        *outcomes(("seed", "kind"), curve_status="outcome of the design"),
-        *bounded(
-            ("seed", "kind", "curve_strain"),
-            curve_B="bulk modulus along dilation [k]",
-            curve_G="shear modulus along dilation, energy convention [k]",
-        ),
-    )
+VARIABLES = (
+    *outcomes(("seed", "kind"), curve_status="outcome of the design"),
+    *bounded(
+        ("seed", "kind", "curve_strain"),
+        curve_B="bulk modulus along dilation [k]",
+        curve_G="shear modulus along dilation, energy convention [k]",
+    ),
+)
 
 
 def figure(ds):

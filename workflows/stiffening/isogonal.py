@@ -49,24 +49,22 @@ def designed(start, coefficient, strains):
     }
 
 
-def table():
-    """The stored variables."""
-    return (
-        *bounded(
-            ("seed", "coefficient"),
-            isogonal_C_B="growth of the bulk modulus, from the linear system of the transition",
-            isogonal_C_G="growth of the shear modulus, energy convention",
-        ),
-        *numbers(
-            ("seed", "coefficient"),
-            coefficient_error="distance of C_B from the requested one, relative to the larger of it and 0.01",
-            length_change="root mean square of the change of log lengths",
-        ),
-        *outcomes(("seed", "coefficient"), isogonal_status="outcome of the design"),
-        *bounded(("seed",), least="least C_B that a descent reaches in the family", family_B_0="B_0 of the family"),
-        *bounded(("seed", "coefficient", "strain"), isogonal_B="bulk modulus along dilation [k]"),
-        *numbers(("seed", "coefficient", "edge", "end", "axis"), lines="ends of the edges"),
-    )
+VARIABLES = (
+    *bounded(
+        ("seed", "coefficient"),
+        isogonal_C_B="growth of the bulk modulus, from the linear system of the transition",
+        isogonal_C_G="growth of the shear modulus, energy convention",
+    ),
+    *numbers(
+        ("seed", "coefficient"),
+        coefficient_error="distance of C_B from the requested one, relative to the larger of it and 0.01",
+        length_change="root mean square of the change of log lengths",
+    ),
+    *outcomes(("seed", "coefficient"), isogonal_status="outcome of the design"),
+    *bounded(("seed",), least="least C_B that a descent reaches in the family", family_B_0="B_0 of the family"),
+    *bounded(("seed", "coefficient", "strain"), isogonal_B="bulk modulus along dilation [k]"),
+    *numbers(("seed", "coefficient", "edge", "end", "axis"), lines="ends of the edges"),
+)
 
 
 def figure(ds):

@@ -58,7 +58,7 @@ study = network_study(
     ),
     case=case,
     check=check,
-    variables=(*triples.table(), *curves.table(), *isogonal.table()),
+    variables=(*triples.VARIABLES, *curves.VARIABLES, *isogonal.VARIABLES),
     figures={"stiffening": triples.figure, "curves": curves.figure, "isogonal": isogonal.figure},
     claims=claims,
 )

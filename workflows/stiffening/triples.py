@@ -70,20 +70,18 @@ def fitted(critical):
     return B_0, C_B, C_G
 
 
-def table():
-    """The stored variables."""
-    return (
-        *numbers(("seed", "source", "name"), target="B_0, C_B, C_G of a configuration of another network"),
-        *bounded(("seed", "source", "name"), achieved="values of the design, by stiffening()"),
-        *numbers(
-            ("seed", "source"),
-            error="largest error relative to the largest of the three",
-            distance="root mean square change of log σ from σ = 1",
-        ),
-        *outcomes(("seed", "source"), target_status="outcome of the design"),
-        *seconds(("seed", "source"), target_seconds="processor time of the design [s]"),
-        *numbers(("seed", "name"), fitted="B_0, C_B and C_G of a strain path of the first design"),
-    )
+VARIABLES = (
+    *numbers(("seed", "source", "name"), target="B_0, C_B, C_G of a configuration of another network"),
+    *bounded(("seed", "source", "name"), achieved="values of the design, by stiffening()"),
+    *numbers(
+        ("seed", "source"),
+        error="largest error relative to the largest of the three",
+        distance="root mean square change of log σ from σ = 1",
+    ),
+    *outcomes(("seed", "source"), target_status="outcome of the design"),
+    *seconds(("seed", "source"), target_seconds="processor time of the design [s]"),
+    *numbers(("seed", "name"), fitted="B_0, C_B and C_G of a strain path of the first design"),
+)
 
 
 def figure(ds):

@@ -231,22 +231,20 @@ def claims(ds):
     ]  # fmt: skip
 
 
-def table():
-    """The stored variables."""
-    return (
-        *bounded(
-            ("seed", "path", "law", "cut"),
-            critical_strain="strain of the onset after each number of cuts",
-            B_0="bulk modulus B_0 at the onset [k]",
-            G_0="shear modulus G_0 at the onset [k]",
-        ),
-        *numbers(
-            ("seed", "path", "law", "cut"),
-            alignment="nematic order of the taut edges, weighted by length",
-            taut_fraction="part of the initial edges that is under tension",
-        ),
-        *outcomes(("seed", "path", "law", "cut"), strain_status="outcome of the search for the onset"),
-        *numbers(("seed", "picture", "edge", "end", "axis"), segments="edges in simple shear: start, then each law"),
-        *numbers(("seed", "picture", "edge"), segment_tension="their tensions, relative to the largest"),
-        *numbers(("seed", "picture"), "i4", pictured_cuts="number of cuts in each picture"),
-    )
+VARIABLES = (
+    *bounded(
+        ("seed", "path", "law", "cut"),
+        critical_strain="strain of the onset after each number of cuts",
+        B_0="bulk modulus B_0 at the onset [k]",
+        G_0="shear modulus G_0 at the onset [k]",
+    ),
+    *numbers(
+        ("seed", "path", "law", "cut"),
+        alignment="nematic order of the taut edges, weighted by length",
+        taut_fraction="part of the initial edges that is under tension",
+    ),
+    *outcomes(("seed", "path", "law", "cut"), strain_status="outcome of the search for the onset"),
+    *numbers(("seed", "picture", "edge", "end", "axis"), segments="edges in simple shear: start, then each law"),
+    *numbers(("seed", "picture", "edge"), segment_tension="their tensions, relative to the largest"),
+    *numbers(("seed", "picture"), "i4", pictured_cuts="number of cuts in each picture"),
+)

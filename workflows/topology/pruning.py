@@ -78,17 +78,15 @@ def claims(ds):
     ]  # fmt: skip
 
 
-def table():
-    """The stored variables."""
-    return (
-        *numbers(("seed", "method", "pruned"), pruned_B_0="B_0 after each cut at constant stress, over the first one"),
-        *numbers(
-            ("seed", "method"),
-            pruned_part="B_0 at the end over the largest one of the edges that remain",
-            pruned_drift="relative error of the last value by updates of rank one",
-        ),
-        *numbers(
-            ("seed", "method", "pruned_target"),
-            pruned_target_error="distance of a pruned B_0 from its target, relative",
-        ),
-    )
+VARIABLES = (
+    *numbers(("seed", "method", "pruned"), pruned_B_0="B_0 after each cut at constant stress, over the first one"),
+    *numbers(
+        ("seed", "method"),
+        pruned_part="B_0 at the end over the largest one of the edges that remain",
+        pruned_drift="relative error of the last value by updates of rank one",
+    ),
+    *numbers(
+        ("seed", "method", "pruned_target"),
+        pruned_target_error="distance of a pruned B_0 from its target, relative",
+    ),
+)

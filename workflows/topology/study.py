@@ -41,7 +41,7 @@ study = network_study(
     parameters={"n_vertices": 64, "cuts": 16, "pictured": 6, "pruned_vertices": 300, "pruned_edges": 90},
     case=case,
     check=check,
-    variables=(*fracture.table(), *pruning.table()),
+    variables=(*fracture.VARIABLES, *pruning.VARIABLES),
     figures={"topology": fracture.figure, "pruning": pruning.figure},
     claims=claims,
 )

@@ -15,9 +15,9 @@ from critflow.engine import Axis, Coordinate, Study, Variable
 from critflow.points import check_voronoi
 from critflow.result import StudyError
 
-from ...shared.checks import check_network
+from ...shared.checks import check_known, check_network
 from ...shared.own_network import check_own, own_network, with_digest
-from ...shared.tables import padded
+from ...shared.tables import networks, padded
 from .outcomes import Finding, Outcome, Violation
 from .problems import DIFFICULTIES, GENERATED, QUANTITIES
 from .quantities import finding
@@ -52,8 +52,7 @@ def evenly(strengths, n_steps):
 
 def check(parameters, axes):
     """Refuse settings that could only fail, before anything runs."""
-    if unknown := sorted(set(parameters["quantities"]) - set(QUANTITIES)):
-        raise StudyError(f"there is no quantity {unknown[0]!r}: choose among {', '.join(QUANTITIES)}")
+    check_known("quantity", parameters["quantities"], QUANTITIES)
     if parameters["n_steps"] < 2:
         raise StudyError(f"n_steps={parameters['n_steps']} must be at least 2")
     if own := own_network(parameters):
@@ -73,7 +72,7 @@ study = Study(
     title="Where methods fail: error, claimed bound and status over the strength of every difficulty",
     axes=(
         Axis("difficulty", tuple(DIFFICULTIES), "difficulty", key="difficulties"),
-        Axis("seed", range(2), "seed of the network", noun="network"),
+        networks(2),
     ),
     parameters={
         "quantities": QUANTITIES,

@@ -18,7 +18,7 @@ from critflow.engine import Axis, Coordinate, Study, Variable
 from critflow.points import check_voronoi
 from critflow.result import StudyError
 
-from ...shared.checks import check_network, check_positive
+from ...shared.checks import check_known, check_network, check_positive
 from ..timing import COLD, Backend, Timing, benchmark, installed, one_core
 from . import stages
 from .charts import overview_figure
@@ -97,8 +97,7 @@ def _timings(parameters, task, n_vertices) -> list[Timing]:
 def check(parameters, axes):
     """Refuse settings that could only fail, before anything runs."""
     check_positive(parameters, "repeats", "patience", "budget", "least_time")
-    if unknown := sorted(set(parameters["contestants"]) - set(METHODS)):
-        raise StudyError(f"there is no method {unknown[0]!r}: choose among {', '.join(METHODS)}")
+    check_known("method", parameters["contestants"], METHODS)
     for n_vertices in axes["n_vertices"]:
         if stages.WORD in axes["task"] and (n_vertices % 2 or n_vertices < 40):
             raise StudyError(f"n_vertices={n_vertices} must be even and at least 40: every Voronoi cell brings two")
