@@ -24,7 +24,7 @@ from critflow.deformation import Deformable, deformation_of, strain_basis, strai
 from critflow.equilibria import FLOPPY_SHIFT, stability_of
 from critflow.extensions import provided
 from critflow.networks import Array
-from critflow.numerics import EPS, product
+from critflow.numerics import EPS, dot, product
 from critflow.refinement import ROUNDED_FORCE, inverse_norm
 from critflow.result import InputError, Record, Solution, Stats, Status
 from critflow.sparse import Factor, FixedPattern
@@ -378,7 +378,8 @@ def form_rounding(state: SpringState, speed: Array, u: Array, tension: Array) ->
     """
     network, sigma, length = state.network, np.abs(state.sigma), state.lengths
     vertex_speed = np.zeros((len(u), network.n_vertices))
-    vertex_speed[:, network.free_rows] = np.sqrt(np.add.reduce(u * u, axis=1))
+    moving = u.swapaxes(1, 2)
+    vertex_speed[:, network.free_rows] = np.sqrt(dot(moving, moving))
     tail, head = np.ascontiguousarray(network.edges.T)
     rate_rounding = EPS * (speed + vertex_speed.take(tail, 1) + vertex_speed.take(head, 1) + length)
     pull = np.abs(tension) * length + sigma * speed

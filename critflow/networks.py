@@ -8,7 +8,6 @@ minimum-image rule is ever applied, so any shear and edges longer than half the 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from copy import copy
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any, ClassVar
@@ -299,7 +298,8 @@ class Network:
 
     def _copied(self, **changed: Any) -> Network:
         """A copy with other values of the same graph, whose checks and matrices stay valid."""
-        copied = copy(self)
+        copied = object.__new__(type(self))
+        copied.__dict__.update(self.__dict__)
         copied.__setstate__(changed)
         copied.__dict__.pop("volume", None)
         return copied

@@ -39,7 +39,15 @@ from critflow.equilibria import (
     relaxed,
 )
 from critflow.extensions import extensible, provided
-from critflow.linear_response import Elasticity, accumulated_rounding, linear_response, strains_of
+from critflow.lean_steps import LeanSteps
+from critflow.linear_response import (
+    Elasticity,
+    LinearResponse,
+    accumulated_rounding,
+    linear_response,
+    strains_of,
+    unit_strains,
+)
 from critflow.manifold import COLLAPSED, CriticalConfiguration
 from critflow.networks import Array, Network
 from critflow.numerics import EPS, dot, largest, mean, norms
@@ -366,11 +374,15 @@ class Path:
         self.network, self.deformation, self.strains, self.pattern = network, deformation, strains, pattern
         self.method, self.tolerance, self.measure, self.stress = method, tolerance, measure, stress
         self.points, self.stride, self.better = list[Point](), np.inf, -1
+        self.lean: LeanSteps | None = None
         self.gradients = {strain: deformation.gradient(strain) for strain in strains.tolist()}
         self.has_moduli = measure != "energy" and network.has_volume and network.dimension > 1
 
     def follow(self, springs: SpringState) -> list[Point]:
         """The points at the strains, from springs at γ = 0; the last one alone may be refused."""
+        # A kind of path or of springs with other unknowns, forces or measurements takes general steps.
+        lean = type(self) is Path and type(springs) is SpringState and self.method == "newton" and self.has_moduli
+        self.lean = LeanSteps(springs, self.pattern) if lean and springs.law.convex else None
         reached = self.begin(springs)
         for strain in counted(self.strains[len(reached) :].tolist(), "strain"):
             if reached and not reached[-1].ok:
@@ -433,6 +445,8 @@ class Path:
 
     def step_to(self, strain: float, change: Array) -> Point:
         """One step, by a predicted change of z (n,): correction, tests of the branch, measurement."""
+        if lean := self.lean_step(strain, change):
+            return lean
         # 1. Begin at the prediction, 2. correct it to an equilibrium, where the forces conjugate to z vanish.
         here = self.points[-1]
         start = self.moved(here, strain, change)
@@ -459,6 +473,21 @@ class Path:
         back, _ = self.corrected(self.moved(end, here.strain, behind * velocity))
         returned = back.ok and distance(back, here) <= RETURN_DISTANCE
         return end if returned else end.refused(Status.unstable, _JUMPED)
+
+    def lean_step(self, strain: float, change: Array) -> Point | None:
+        """The same step of springs in tension under a convex law (`LeanSteps`); None where it does not apply."""
+        here = self.points[-1]
+        if self.lean is None or strain == 0 or (here.state.softens and self.stress is None):
+            return None
+        F = self.gradient(strain)
+        end = self.lean.equilibrium(F, here.z + change)
+        if end is None or weakly_stressed(end.state, strain):
+            return None
+        point = Point(strain, end.state, F, coordinate_error=end.error, steps=end.steps)
+        rates, second_rates = self.rates(point)
+        strains = tuple(range(len(unit_strains(len(F))))) if self.measure == "tensors" else strains_of(rates)
+        response = self.lean.response(end, strain, strains)
+        return None if response is None else self.responding(point, response, rates, second_rates)
 
     def refused(self, strain: float, status: Status, note: str) -> Point:
         """The end of the path before a strain, without a step."""
@@ -534,17 +563,24 @@ class Path:
 
     def measured(self, end: Point, factor: Factor | None) -> Point:
         """The point with moduli, velocity and d²E/dγ², or refused where its response is not determined."""
-        state, (rates, second_rates), z = end.state, self.rates(end), self.unknowns(end)
+        state, (rates, second_rates) = end.state, self.rates(end)
         if not self.has_moduli:
-            return replace(self.without_moduli(end, factor, rates, second_rates), z=z)
+            return replace(self.without_moduli(end, factor, rates, second_rates), z=self.unknowns(end))
         chosen = None if self.measure == "tensors" else strains_of(rates)
         volume, exact = state.network.volume, self.method == "newton"
         response = linear_response(state, volume, self.pattern, exact, factor, condition=False, strains=chosen)
         if not response.ok:
             return end.refused(response.status, response.reason)
+        return self.responding(end, response, rates, second_rates)
+
+    def responding(self, end: Point, response: LinearResponse, rates: Array, second_rates: Array) -> Point:
+        """The point with the moduli of a response, z, its velocity and d²E/dγ²."""
         # E_ab/V from the responses to all strains: no sums over edges.
-        C, weights = response.value, np.array([strain_components(0.5 * (A + A.T)) for A in rates])
-        E = np.array([[C.second(A, B) for B in rates] for A in rates])
+        C, symmetric = response.value, 0.5 * (rates + rates.swapaxes(1, 2))
+        weights = np.array([strain_components(A) for A in symmetric])
+        pairs = list(zip(rates, symmetric, strict=True))
+        turning = [[np.vdot(C.stress, A.T @ B - one @ other) for B, other in pairs] for A, one in pairs]
+        E = weights @ C.tensor @ weights.T + turning
         E[0] += [float(np.vdot(C.stress, A)) for A in second_rates]
         E[1:, 0] = E[0, 1:]
         along = self.along(E)
@@ -552,7 +588,7 @@ class Path:
         strain, size = along @ weights, np.abs(along @ weights)
         second = float(C.volume * (E[0] @ along)), C.volume * float(size @ C.errors.tensor @ size)
         velocity = self.velocity(end, response.relaxation(strain), along)
-        return replace(end, z=z, moduli=C, velocity=velocity, second=second)
+        return replace(end, z=self.unknowns(end), moduli=C, velocity=velocity, second=second)
 
     def without_moduli(self, end: Point, factor: Factor | None, rates: Array, second_rates: Array) -> Point:
         """As `measured`, velocity and d²E/dγ² alone."""
