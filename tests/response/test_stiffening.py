@@ -22,6 +22,7 @@ from critflow import (
     Deformation,
     Hookean,
     InputError,
+    Network,
     PowerLaw,
     Status,
     WormLike,
@@ -30,6 +31,7 @@ from critflow import (
     voronoi_network,
 )
 from critflow.growth import StrainedEnergy
+from critflow.manifold import critical_configuration
 from critflow.quantities import dilation, pure_shear
 from critflow.saddles import Saddle
 from critflow.springs import HOOKEAN
@@ -92,6 +94,29 @@ def test_coefficients_of_disconnected_taut_parts_add_up():
     solution = stiffening(critical, deformation="uniaxial")
     assert (solution.value.modulus_0, solution.value.C) == pytest.approx((1.0, -1.0), rel=1e-12)
     assert solution.value.bulk_0 == pytest.approx(0.25, rel=1e-13)
+
+
+@pytest.mark.parametrize("n_cells", [8, 20])
+def test_parts_joined_by_slack_edges_have_the_largest_residual_and_the_sum_of_errors(n_cells):
+    networks = [voronoi_network(n_cells, seed=seed) for seed in (1, 2)]
+    parts = [CriticalManifold(one).configuration(random_stress(one.n_edges, 3)) for one in networks]
+    a, b = networks
+    slack = np.array([[1, 1 + a.n_vertices], [2, 2 + a.n_vertices]])
+    edges, offsets = np.concatenate([a.edges, b.edges + a.n_vertices, slack]), [a.offsets, b.offsets, 0 * slack]
+    sigma = np.concatenate([*(part.sigma for part in parts), [0.0, 0.0]])
+    coordinates = np.concatenate([part.coordinates for part in parts])
+    whole = critical_configuration(Network(edges, np.concatenate(offsets), a.cell), sigma, coordinates)
+    found, alone = stiffening(whole), [stiffening(part) for part in backbone(whole).components]
+    residuals = [one.stats.residual for one in alone]
+    assert found.stats.residual == max(residuals) > 1.5 * min(residuals)
+    for total, each in (
+        (found.value, [s.value for s in alone]),
+        (found.stats.error_bound, [s.stats.error_bound for s in alone]),
+    ):
+        np.testing.assert_allclose(astuple(total), np.sum([astuple(one) for one in each], axis=0), rtol=1e-14)
+    np.testing.assert_allclose(
+        astuple(found.value), np.sum([astuple(stiffening(part).value) for part in parts], axis=0), rtol=1e-10
+    )
 
 
 def test_stiffening_of_an_unstable_stress_has_a_status():
