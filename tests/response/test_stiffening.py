@@ -30,7 +30,7 @@ from critflow import (
     stiffening,
     voronoi_network,
 )
-from critflow.growth import StrainedEnergy
+from critflow.growth import StrainedEnergy, coefficients, strains_of_growth
 from critflow.manifold import critical_configuration
 from critflow.quantities import dilation, pure_shear
 from critflow.saddles import Saddle
@@ -216,3 +216,25 @@ def test_elastic_responses_balance_to_rounding(n_vertices):
         assert np.abs(network.divergence @ pulls).max() < 5e-15 * size
         slip = np.sum(L * response.rate, axis=1) - response.amplitude * s * critical.lengths**2
         assert np.abs(slip).max() < 5e-15 * np.abs(response.rate).max()
+
+
+def test_the_condition_is_the_largest_amplification_of_errors_of_bond_vectors():
+    """Σ |∂C/∂L||L| over |C|, from differences of the derivatives of the energy at given bond vectors."""
+    network, path = SMALL_NETWORKS["voronoi"](), Deformation.uniaxial(2)
+    critical = CriticalManifold(network).configuration(random_stress(network.n_edges, 1))
+    strains, saddle, V = strains_of_growth(path), Saddle(network), network.volume
+
+    def thirds(L):
+        energy = StrainedEnergy(network, critical.sigma, L, saddle, HOOKEAN, strains)
+        values = coefficients(energy, V, path)[0]
+        return values[[2, 3, 6]] + values[[0, 1, 5]]  # without the change of the volume, of rate 1
+
+    L, slopes = critical.bond_vectors, np.zeros((3, *critical.bond_vectors.shape))
+    for at in np.ndindex(L.shape):
+        step = np.zeros(L.shape)
+        step[at] = 1e-6
+        slopes[:, *at] = (thirds(L + step) - thirds(L - step)) / 2e-6
+    growth = thirds(L) - np.array(astuple(stiffening(critical, deformation=path).value))[[0, 1, 5]]
+    amplified = np.sum(np.linalg.norm(slopes, axis=2) * critical.lengths, axis=1) / np.abs(growth)
+    assert amplified.max() > 2 * amplified.min()
+    assert stiffening(critical, deformation=path).stats.condition == pytest.approx(amplified.max(), rel=1e-5)
