@@ -215,6 +215,7 @@ def test_partial_files_of_a_killed_run_are_removed_and_other_files_are_not(tmp_p
     assert main(words_of(tmp_path)) == 0
     other = tmp_path / "download" / ".song.partial"
     ours = [tmp_path / folder / ".left.partial" for folder in (".", "shards", "figures")]
+    ours += [tmp_path / "failed" / ".left.trace", tmp_path / ".stop"]
     notes = tmp_path / "notes.txt"
     for path in (other, *ours, notes):
         path.parent.mkdir(exist_ok=True)
