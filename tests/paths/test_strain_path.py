@@ -178,6 +178,8 @@ def test_a_path_of_energies_has_their_second_derivative():
             bounds = path.modulus_error + exact.modulus_error
             assert (np.abs(path.modulus - exact.modulus) <= bounds).all() and bounds.max() < 1e-6
             assert np.isnan(path.bulk_modulus).all() and path.elasticity == ()
+            # The rounding of one modulus is a part of that of all.
+            assert "method" in options or (path.modulus_error > 0.25 * exact.modulus_error).all()
 
 
 def test_a_strain_that_loosens_is_floppy():
