@@ -245,3 +245,14 @@ def test_the_condition_is_the_largest_amplification_of_errors_of_bond_vectors():
     amplified = np.sum(np.linalg.norm(slopes, axis=2) * critical.lengths, axis=1) / np.abs(growth)
     assert amplified.max() > 2 * amplified.min()
     assert stiffening(critical, deformation=path).stats.condition == pytest.approx(amplified.max(), rel=1e-5)
+
+
+def test_the_residual_is_the_largest_of_all_strains():
+    """A path adds a strain to the dilation and the shear, which are solved for every path."""
+    pairs = []
+    for make in SMALL_NETWORKS.values():
+        network = make()
+        critical = CriticalManifold(network).configuration(random_stress(network.n_edges, 1))
+        pairs.append([stiffening(critical, deformation=path).stats.residual for path in ("dilation", "uniaxial")])
+    of_two, of_three = np.transpose(pairs)
+    assert (of_two <= of_three).all() and (of_two < of_three).any()
