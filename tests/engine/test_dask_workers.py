@@ -99,6 +99,41 @@ def test_a_case_whose_worker_died_once_is_computed(tmp_path, run, monkeypatch):
     assert (xr.load_dataset(tmp_path / "out" / "poisoned.nc").status == Status.ok).all()
 
 
+def test_deaths_are_counted_by_case_and_stored_cases_are_not_computed_again(tmp_path, run, source, forked):
+    """Seeds 1 and 2 kill their worker. The first death loses seed 0; then each case is stored at once."""
+    begins, bad = '    if kind != "none" and seed', 'seed == parameters["bad"]'
+    tally = tmp_path / "tally.txt"
+    counted = f"    with open({str(tally)!r}, 'a') as file:\n        file.write(str(seed))\n"
+    study = source(bad, bad.replace("==", ">="), begins, counted + begins, study="poisoned")
+    assert run(tmp_path / "out", "kinds=kills_itself", workers=1, study=study) == 3
+    assert tally.read_text() == "01021212"  # a case that died is the last one of its task
+    dataset = xr.load_dataset(tmp_path / "out" / "poisoned.nc")
+    assert dataset.status.values.ravel().tolist() == [Status.ok, Status.failed, Status.failed]
+
+
+def fatal():
+    """In the process of a run: a case fails at the first death of its worker."""
+    dask_workers.ATTEMPTS = 1
+
+
+def test_a_worker_that_is_killed_while_the_run_stops_fails_no_case(tmp_path):
+    out = tmp_path / "out"
+    run = begun(out, ["seeds=0:3"], workers=1, environment={"CRITFLOW_TEST_PAUSE": "20"}, prepare=fatal)
+    while not (traces := list((out / "failed").glob(".*.trace"))):
+        assert run.is_alive(), messages(out)
+        time.sleep(0.05)
+    os.kill(run.pid, signal.SIGINT)
+    while not (out / ".stop").exists():
+        assert run.is_alive(), messages(out)
+        time.sleep(0.05)
+    time.sleep(0.5)
+    children = psutil.Process(run.pid).children(recursive=True)
+    (worker,) = [one for one in children if str(traces[0]) in {file.path for file in one.open_files()}]
+    worker.kill()
+    assert ended(run, 60.0) == 130, messages(out)
+    assert not list((out / "failed").glob("*.txt")) and not stored_whole(out, ["seeds=0:3"])
+
+
 def test_the_record_of_a_failed_case_contains_its_parameters_and_the_command_that_runs_it_alone(tmp_path, run):
     setting = "label=a b's"
     assert run(tmp_path / "out", "kinds=none,raises", setting, study="poisoned") == 3

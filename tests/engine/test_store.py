@@ -1,5 +1,6 @@
 """A results folder: what is written is read back, one runner at a time, one account of what is stored."""
 
+import errno
 import json
 import os
 import platform
@@ -14,7 +15,7 @@ from disturbed import STUDY, begun, ended, stamps_of, words_of
 from critflow.command.main import main
 from critflow.engine import store
 from critflow.engine.settings import select
-from critflow.engine.store import Folder, StoredCase, read_shard, shard_path, write_shard
+from critflow.engine.store import Folder, StoredCase, read_shard, shard_path, write_shard, write_text
 from critflow.result import EnvironmentFailure, Status
 
 
@@ -99,6 +100,19 @@ def test_a_file_is_synchronised_before_it_is_renamed_and_the_folder_after(tmp_pa
         monkeypatch.setattr(os, name, recorded)
     write_shard(tmp_path, tiny.study, case, complete(case, Status.ok, arrays))
     assert calls == ["fsync", "replace", "fsync folder"]
+
+
+def test_a_text_that_cannot_be_synchronised_does_not_replace_the_old_one(tmp_path, monkeypatch):
+    path = tmp_path / "study.json"
+    write_text(path, "old")
+
+    def refused(descriptor):
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    monkeypatch.setattr(os, "fsync", refused)
+    with pytest.raises(EnvironmentFailure, match="cannot write"):
+        write_text(path, "new")
+    assert path.read_text() == "old" and list(tmp_path.iterdir()) == [path]
 
 
 SLOW = {"CRITFLOW_TEST_PAUSE": "100"}
@@ -215,6 +229,7 @@ def test_partial_files_of_a_killed_run_are_removed_and_other_files_are_not(tmp_p
     assert main(words_of(tmp_path)) == 0
     other = tmp_path / "download" / ".song.partial"
     ours = [tmp_path / folder / ".left.partial" for folder in (".", "shards", "figures")]
+    ours += [tmp_path / "failed" / ".left.trace", tmp_path / ".stop"]
     notes = tmp_path / "notes.txt"
     for path in (other, *ours, notes):
         path.parent.mkdir(exist_ok=True)

@@ -49,6 +49,12 @@ def test_one_step_equals_many_steps(end, measure):
     assert not one.inserted.any() and not many.inserted.any()
 
 
+def test_close_strains_are_predicted_to_rounding():
+    """By three points, where they predict better than two: equilibria without a step of Newton's method."""
+    path = strain_path(critical_of(voronoi(40, seed=1)), np.linspace(0.01, 0.5, 25)).value
+    assert path.steps[:2].all() and not path.steps[15:].any() and path.max_force.max() < 1e-13
+
+
 @pytest.mark.parametrize("end", [0.1, 0.5])
 def test_one_step_follows_the_branch_of_many_steps(end):
     critical = partly_compressed(20, 12)

@@ -11,7 +11,7 @@ from units import same_in_units
 from critflow import Cable, CriticalManifold, WormLike, equilibrium, lattice, spring_state, strain_path
 from critflow.deformation import deformation_of
 from critflow.manifold import critical_configuration
-from critflow.paths import balanced, keeps_lengths, loosened, weakly_stressed
+from critflow.paths import balanced, keeps_lengths, loosened, relaxation, weakly_stressed
 
 
 def of_path(solution, units):
@@ -59,7 +59,7 @@ def stretched(network, size):
 
 
 def judged(network, units):
-    """What is rounding: work that loosens, and stresses of a strain."""
+    """What is rounding: work that loosens, stresses of a strain, and corrections of a relaxation."""
     springs = stretched(network, 1 - 1e-9)
     shear = np.array([[0.0, 1.0], [0.0, 0.0]])
     loosens = [
@@ -71,7 +71,13 @@ def judged(network, units):
     weak = [[weakly_stressed(one, strain), keeps_lengths(one, strain)] for one in rest for strain in strains]
     noise = units.length * np.random.default_rng(1).standard_normal(springs.forces.shape)
     at_rest = [balanced(one.moved(part * noise)) for part in strains for one in rest[::9]]
-    return {"number": (loosens, weak, at_rest)}
+    # The Hessian of softer springs makes each correction larger than the one before it.
+    tense = stretched(network, 0.9)
+    others = [replace(tense, network=network.with_stiffness(part * network.stiffness)) for part in (0.25, 1, 1.5)]
+    factors = [other.factorize(other.pattern()) for other in others]
+    relaxes = [np.isfinite(relaxation(tense, factor, tense.bond_vectors @ shear.T)[1]) for factor in factors]
+    assert relaxes == [False, True, True]
+    return {"number": (loosens, weak, at_rest, relaxes)}
 
 
 def floppy(network, units, **options):

@@ -5,7 +5,7 @@ import pytest
 from problems import NETWORKS, strained
 
 from critflow import elasticity, equilibrium
-from critflow.linear_response import accumulated_rounding, form_rounding
+from critflow.linear_response import accumulated_rounding, elasticity_of_form, form_rounding
 
 
 @pytest.mark.parametrize("name", ["voronoi", "pinned grid", "voronoi 3D"])
@@ -26,3 +26,14 @@ def test_errors_far_from_the_transition_are_a_few_hundred_roundings(name):
     size, errors = np.abs(found.tensor).max(), found.errors
     for error in (errors.tensor.max(), errors.bulk, errors.shear, errors.shear_stress_corrected):
         assert 1e-17 * size < error < 1e-12 * size
+
+
+def test_the_energy_that_a_relaxation_leaves_is_an_error_of_its_modulus():
+    state = equilibrium(strained(NETWORKS["voronoi"](), 0.1)).value
+    volume, form, exact = state.network.volume, np.eye(3), np.zeros((3, 3))
+    for strain, name in ((0, "bulk"), (2, "shear")):  # the first strain is the dilation, the last one the shear
+        left = np.zeros((3, 3))
+        left[strain, strain] = 4.0
+        errors = (exact, np.zeros(state.network.n_edges), left)
+        found = elasticity_of_form(state, volume, (0, 1, 2), form, form, errors).errors
+        assert getattr(found, name) == pytest.approx(4 / volume, rel=1e-9)

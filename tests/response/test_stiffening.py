@@ -22,6 +22,7 @@ from critflow import (
     Deformation,
     Hookean,
     InputError,
+    Network,
     PowerLaw,
     Status,
     WormLike,
@@ -29,7 +30,8 @@ from critflow import (
     stiffening,
     voronoi_network,
 )
-from critflow.growth import StrainedEnergy
+from critflow.growth import StrainedEnergy, coefficients, strains_of_growth
+from critflow.manifold import critical_configuration
 from critflow.quantities import dilation, pure_shear
 from critflow.saddles import Saddle
 from critflow.springs import HOOKEAN
@@ -59,7 +61,14 @@ def test_exact_stiffening_is_the_limit_of_paths(name):
     assert_limit_of_paths(critical_of(UNPINNED[case](), 2), deformation, law=law)
 
 
-@pytest.mark.parametrize(("deformation", "word"), [("simple_shear", "no work"), ("uniaxial_free", "free component yy")])
+@pytest.mark.parametrize(
+    ("deformation", "word"),
+    [
+        ("simple_shear", "no work"),
+        ("uniaxial_free", "free component yy"),
+        (Deformation.uniaxial(2).freeing("xy", "yy"), "free component yy"),  # no shear stress to relax
+    ],
+)
 def test_paths_along_which_the_network_stays_floppy_have_a_status(deformation, word):
     # The stress of the honeycomb is isotropic, so that no shear works on it; a free side relaxes it.
     network = lattice("honeycomb", 3, 3)
@@ -92,6 +101,29 @@ def test_coefficients_of_disconnected_taut_parts_add_up():
     solution = stiffening(critical, deformation="uniaxial")
     assert (solution.value.modulus_0, solution.value.C) == pytest.approx((1.0, -1.0), rel=1e-12)
     assert solution.value.bulk_0 == pytest.approx(0.25, rel=1e-13)
+
+
+@pytest.mark.parametrize("n_cells", [8, 20])
+def test_parts_joined_by_slack_edges_have_the_largest_residual_and_the_sum_of_errors(n_cells):
+    networks = [voronoi_network(n_cells, seed=seed) for seed in (1, 2)]
+    parts = [CriticalManifold(one).configuration(random_stress(one.n_edges, 3)) for one in networks]
+    a, b = networks
+    slack = np.array([[1, 1 + a.n_vertices], [2, 2 + a.n_vertices]])
+    edges, offsets = np.concatenate([a.edges, b.edges + a.n_vertices, slack]), [a.offsets, b.offsets, 0 * slack]
+    sigma = np.concatenate([*(part.sigma for part in parts), [0.0, 0.0]])
+    coordinates = np.concatenate([part.coordinates for part in parts])
+    whole = critical_configuration(Network(edges, np.concatenate(offsets), a.cell), sigma, coordinates)
+    found, alone = stiffening(whole), [stiffening(part) for part in backbone(whole).components]
+    residuals = [one.stats.residual for one in alone]
+    assert found.stats.residual == max(residuals) > 1.5 * min(residuals)
+    for total, each in (
+        (found.value, [s.value for s in alone]),
+        (found.stats.error_bound, [s.stats.error_bound for s in alone]),
+    ):
+        np.testing.assert_allclose(astuple(total), np.sum([astuple(one) for one in each], axis=0), rtol=1e-14)
+    np.testing.assert_allclose(
+        astuple(found.value), np.sum([astuple(stiffening(part).value) for part in parts], axis=0), rtol=1e-10
+    )
 
 
 def test_stiffening_of_an_unstable_stress_has_a_status():
@@ -191,3 +223,36 @@ def test_elastic_responses_balance_to_rounding(n_vertices):
         assert np.abs(network.divergence @ pulls).max() < 5e-15 * size
         slip = np.sum(L * response.rate, axis=1) - response.amplitude * s * critical.lengths**2
         assert np.abs(slip).max() < 5e-15 * np.abs(response.rate).max()
+
+
+def test_the_condition_is_the_largest_amplification_of_errors_of_bond_vectors():
+    """Σ |∂C/∂L||L| over |C|, from differences of the derivatives of the energy at given bond vectors."""
+    network, path = SMALL_NETWORKS["voronoi"](), Deformation.uniaxial(2)
+    critical = CriticalManifold(network).configuration(random_stress(network.n_edges, 1))
+    strains, saddle, V = strains_of_growth(path), Saddle(network), network.volume
+
+    def thirds(L):
+        energy = StrainedEnergy(network, critical.sigma, L, saddle, HOOKEAN, strains)
+        values = coefficients(energy, V, path)[0]
+        return values[[2, 3, 6]] + values[[0, 1, 5]]  # without the change of the volume, of rate 1
+
+    L, slopes = critical.bond_vectors, np.zeros((3, *critical.bond_vectors.shape))
+    for at in np.ndindex(L.shape):
+        step = np.zeros(L.shape)
+        step[at] = 1e-6
+        slopes[:, *at] = (thirds(L + step) - thirds(L - step)) / 2e-6
+    growth = thirds(L) - np.array(astuple(stiffening(critical, deformation=path).value))[[0, 1, 5]]
+    amplified = np.sum(np.linalg.norm(slopes, axis=2) * critical.lengths, axis=1) / np.abs(growth)
+    assert amplified.max() > 2 * amplified.min()
+    assert stiffening(critical, deformation=path).stats.condition == pytest.approx(amplified.max(), rel=1e-5)
+
+
+def test_the_residual_is_the_largest_of_all_strains():
+    """A path adds a strain to the dilation and the shear, which are solved for every path."""
+    pairs = []
+    for make in SMALL_NETWORKS.values():
+        network = make()
+        critical = CriticalManifold(network).configuration(random_stress(network.n_edges, 1))
+        pairs.append([stiffening(critical, deformation=path).stats.residual for path in ("dilation", "uniaxial")])
+    of_two, of_three = np.transpose(pairs)
+    assert (of_two <= of_three).all() and (of_two < of_three).any()

@@ -36,6 +36,19 @@ def test_a_straight_chain_is_a_saddle_where_it_is_compressed(compression, method
 
 
 @pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("others", [(0.0,), (0.0, 0.0, 0.0)])
+def test_one_mode_that_rounding_hides_decides_next_to_floppy_ones(others, method):
+    """A straight chain compressed by 1e-14 next to chains at rest, which are floppy and undo nothing."""
+    compressions = np.array([1e-14, *others])
+    n = len(compressions)
+    edges = np.array([[0, 1], [1, 2]]) + 3 * np.arange(n)[:, None, None]
+    x = np.stack(np.broadcast_arrays([0, 0.5, 1], np.arange(n)[:, None]), axis=2).reshape(-1, 2)
+    network = Network(edges.reshape(-1, 2), pins={i: x[i] for i in range(3 * n) if i % 3 != 1})
+    state = spring_state(network, np.repeat((1 + compressions) / 2, 2), x)
+    assert equilibrium(state, method, throw=False).status is Status.undecided
+
+
+@pytest.mark.parametrize("method", METHODS)
 def test_compressed_lattices(method):
     network = lattice("honeycomb", 3, 3)
     critical = CriticalManifold(network).configuration(np.ones(network.n_edges))
