@@ -380,8 +380,8 @@ class Path:
 
     def follow(self, springs: SpringState) -> list[Point]:
         """The points at the strains, from springs at γ = 0; the last one alone may be refused."""
-        # A kind of path or of springs with other unknowns, forces or measurements takes general steps.
-        lean = type(self) is Path and type(springs) is SpringState and self.method == "newton" and self.has_moduli
+        # A kind of path or of springs with other unknowns or forces takes general steps.
+        lean = type(self) is Path and type(springs) is SpringState and self.method == "newton"
         self.lean = LeanSteps(springs, self.pattern) if lean and springs.law.convex else None
         reached = self.begin(springs)
         for strain in counted(self.strains[len(reached) :].tolist(), "strain"):
@@ -484,6 +484,8 @@ class Path:
         if end is None or weakly_stressed(end.state, strain):
             return None
         point = Point(strain, end.state, F, coordinate_error=end.error, steps=end.steps)
+        if not self.has_moduli:
+            return self.measured(point, end.factor)
         rates, second_rates = self.rates(point)
         strains = tuple(range(len(unit_strains(len(F))))) if self.measure == "tensors" else strains_of(rates)
         response = self.lean.response(end, strain, strains)
