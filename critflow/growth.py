@@ -155,7 +155,20 @@ def exact_stiffening(
         critical.require_same_geometry(manifold.network)
         critical = replace(critical, network=manifold.network)
     if path.free:
-        return failed(Status.floppy, relaxing_component(critical, path))
+        sigma, L = critical.sigma, critical.bond_vectors
+        stress = (sigma[:, None] * L).T @ L
+        works = np.abs(np.einsum("mij,ij->m", path.free_strains, stress))
+        if not works.max() > 1e-9 * np.linalg.norm(stress):
+            raise InputError(
+                "the free components of the cell do not relax the self-stress: fix the cell, or use strain_path() and "
+                "fit its moduli"
+            )
+        note = (
+            f"the free component {path.free[int(works.argmax())]} of the cell relaxes the only self-stress, so the "
+            "network is floppy along this path at the transition: fix the cell, or follow strain_path() from a rigid "
+            "state"
+        )
+        return failed(Status.floppy, note)
     # 2. Each taut part; the first failure decides the status
     solutions = [
         stiffening_of_part((manifold if part is critical else None) or part.manifold, part, law, path)
@@ -174,23 +187,6 @@ def exact_stiffening(
     residual = max(solution.stats.residual for solution in solutions)
     stats = replace(solutions[0].stats, residual=residual, error_bound=error)
     return replace(solutions[0], value=value, stats=stats)
-
-
-def relaxing_component(critical: CriticalConfiguration, path: Deformation) -> str:
-    """Which free component of the cell relaxes the self-stress, as a sentence; `InputError` where none does."""
-    sigma, L = critical.sigma, critical.bond_vectors
-    stress = (sigma[:, None] * L).T @ L
-    works = np.abs(np.einsum("mij,ij->m", path.free_strains, stress))
-    if works.max() > 1e-9 * np.linalg.norm(stress):
-        free = path.free[int(works.argmax())]
-        return (
-            f"the free component {free} of the cell relaxes the only self-stress, so the network is floppy along this "
-            "path at the transition: fix the cell, or follow strain_path() from a rigid state"
-        )
-    raise InputError(
-        "the free components of the cell do not relax the self-stress: fix the cell, or use strain_path() and fit its "
-        "moduli"
-    )
 
 
 def stiffening_of_part(
@@ -321,8 +317,8 @@ class Third(NamedTuple):
 class StrainedEnergy:
     """Second and third derivatives of the relaxed energy in strains A_a (d, d), with errors (estimates).
 
-    Springs on edges of the stress σ (N_b,) and bond vectors L (N_b, d); others override `second`, `third` and
-    `third_error`, and have `responses` to the strains with an amplitude, a work and a residual.
+    Springs on edges of the stress σ (N_b,) and bond vectors L (N_b, d); others override `third` and `third_error`, and
+    have D and `responses` to the strains with an amplitude, a work and a residual.
 
     system  the saddle system of the network at σ
     """

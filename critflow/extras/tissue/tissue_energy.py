@@ -117,10 +117,6 @@ class TissueEnergy(StrainedEnergy):
         rate = affine + system.network.free_incidence @ u
         return _Response(c, (abs(c) * self.D, rounding), rate, residual)
 
-    def second(self, a: int, b: int) -> tuple[float, float]:
-        """E_ab, without its error."""
-        return self.responses[a].amplitude * self.responses[b].amplitude * self.D, 0.0
-
     def third(self, terms: Sequence[Term]) -> Third:
         """E_abc, without its derivatives."""
         system, L, value, unknown = self.system, self.system.bond_vectors, 0.0, np.array([np.nan])
