@@ -31,7 +31,7 @@ import numpy as np
 from critflow.arguments import of_kind, of_known_kind
 from critflow.calls import running
 from critflow.deformation import Deformable, Deformation, deformation_of
-from critflow.extensions import extensible
+from critflow.extensions import extensible, provided
 from critflow.linear_response import TRUSTED_ERROR, accumulated_rounding
 from critflow.manifold import Balance, CriticalConfiguration, CriticalManifold
 from critflow.networks import Array, Network
@@ -155,20 +155,8 @@ def exact_stiffening(
         critical.require_same_geometry(manifold.network)
         critical = replace(critical, network=manifold.network)
     if path.free:
-        sigma, L = critical.sigma, critical.bond_vectors
-        stress = (sigma[:, None] * L).T @ L
-        works = np.abs(np.einsum("mij,ij->m", path.free_strains, stress))
-        if not works.max() > 1e-9 * np.linalg.norm(stress):
-            raise InputError(
-                "the free components of the cell do not relax the self-stress: fix the cell, or use strain_path() and "
-                "fit its moduli"
-            )
-        note = (
-            f"the free component {path.free[int(works.argmax())]} of the cell relaxes the only self-stress, so the "
-            "network is floppy along this path at the transition: fix the cell, or follow strain_path() from a rigid "
-            "state"
-        )
-        return failed(Status.floppy, note)
+        relaxing = provided("relaxing_component", "free components of the cell")
+        return failed(Status.floppy, relaxing(critical, path))
     # 2. Each taut part; the first failure decides the status
     solutions = [
         stiffening_of_part((manifold if part is critical else None) or part.manifold, part, law, path)
