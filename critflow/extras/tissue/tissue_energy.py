@@ -99,7 +99,7 @@ class _Response(NamedTuple):
 
 
 class TissueEnergy(StrainedEnergy):
-    """Second and third derivatives of the energy in strains A_a (d, d), without errors: `response` has samples."""
+    """Third derivatives of the energy in strains A_a (d, d), without errors: `response` has samples."""
 
     def __init__(self, system: PerimeterSystem, strains: Sequence[Array]):
         self.system, self.flexibility = system, 1 / system.tissue.faces.stiffness
