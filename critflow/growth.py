@@ -185,10 +185,10 @@ def stiffening_of_part(
     require_only_self_stress(critical, "follow strain_path() and fit its moduli")
     # 1. The stress stabilises the zero modes
     stable = stabilises(network, critical.coordinates, critical.bond_vectors, sigma)
+    if stable is None:
+        return failed(Status.undecided)
     if not stable:
-        undecided = stable is not False
-        note = "" if undecided else "the stress does not stabilise all zero modes"
-        return failed(Status.undecided if undecided else Status.unstable, note)
+        return failed(Status.unstable, "the stress does not stabilise all zero modes")
     # 2. The configuration in exact balance
     factor = manifold.prestress.factorize_signed(sigma)
     balance = exact_displacement(network, critical.coordinates, lambda _: sigma, factor.solve)
