@@ -218,9 +218,9 @@ def coefficients(energy: StrainedEnergy, volume: float, path: Deformation) -> tu
     shear, t = pure_shear(d), float(np.trace(A))
     # 1. E_ab = c_a c_b D, from works σ̂·ḣ = c D with rounding errors
     c, rounding = np.array([(response.amplitude, response.work[1]) for response in energy.responses]).T
-    size, second = np.abs(c), np.outer(c, c) * energy.D
-    mixed = np.outer(size, rounding)
-    second_error = mixed + mixed.T + 4 * EPS * np.abs(second) + np.outer(rounding, rounding) / energy.D
+    size, second = np.abs(c), c[:, None] * c * energy.D
+    mixed = size[:, None] * rounding
+    second_error = mixed + mixed.T + 4 * EPS * np.abs(second) + rounding[:, None] * rounding / energy.D
     # 2. E_abc, by the places of the path γ, the shear ε and the dilation δ among the strains
     g, e, b = 0, 1, 2 if len(c) > 2 else 0
     terms: list[list[Term]] = [
