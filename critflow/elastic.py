@@ -16,7 +16,6 @@ of edges s = σ, ḣ = L·E_a L, f = |L|²/k.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
@@ -27,12 +26,12 @@ from critflow.arguments import of_kind, of_known_kind
 from critflow.calls import running
 from critflow.deformation import strain_basis
 from critflow.extensions import extensible, provided
-from critflow.linear_response import Elasticity, Errors, linear_response
+from critflow.linear_response import Elasticity, Errors, LinearResponse, linear_response
 from critflow.manifold import CriticalConfiguration
 from critflow.networks import Array, Network
 from critflow.numerics import EPS, dot
 from critflow.quantities import dilation, pure_shear, transition_modulus_error
-from critflow.result import InputError, Solution, Stats, Status
+from critflow.result import InputError, Stats, Status
 from critflow.self_stress import count_self_stresses
 from critflow.springs import HOOKEAN, SpringLaw, SpringState
 from critflow.taut_part import backbone
@@ -42,16 +41,6 @@ from critflow.taut_part import backbone
 BALANCED = 0.1
 # What the error says that needs an extra.
 AT_REST = "moduli of springs at rest"
-
-
-@dataclass(frozen=True, kw_only=True, repr=False)
-class ElasticResponse(Solution[Elasticity]):
-    """Elasticity of springs without stress, which resist by their self-stresses.
-
-    n_self_stresses  independent self-stresses; those that no strain excites contribute nothing
-    """
-
-    n_self_stresses: int
 
 
 @running("elasticity")
@@ -64,7 +53,7 @@ def elasticity(
     law: SpringLaw = HOOKEAN,
     volume: float | None = None,
     tolerance: float = 1e-9,
-) -> Solution[Elasticity]:
+) -> LinearResponse:
     """Moduli and elasticity tensor of a critical configuration, a state, a network at coordinates, or a tissue.
 
     coordinates   (N_v, d) of a network
@@ -99,40 +88,41 @@ def elasticity(
     V = (springs if isinstance(springs, Network) else springs.network).volume if volume is None else volume
     if not 0 < V < np.inf:
         raise InputError(f"the volume must be positive and finite, not {V}")
-    options = {"coordinates": coordinates, "rest_lengths": rest_lengths, "taut": taut, "law": law}
-    response: Solution[Elasticity] = elastic_response(springs, V, tolerance=tolerance, **options)
+    response: LinearResponse = elastic_response(
+        springs, V, coordinates=coordinates, rest_lengths=rest_lengths, taut=taut, law=law, tolerance=tolerance
+    )
     return response
 
 
 @extensible
-def elastic_response(springs: Any, volume: float, **options: Any) -> Solution[Elasticity]:
+def elastic_response(springs: Any, volume: float, **options: Any) -> LinearResponse:
     """Elasticity by the kind of the springs, per volume V; networks at rest are registered by an extra.
 
     options  the other arguments of `elasticity`
     """
-    response: ElasticResponse = provided("response_at_rest", AT_REST)(springs, options["coordinates"], volume)
+    response: LinearResponse = provided("response_at_rest", AT_REST)(springs, options["coordinates"], volume)
     return response
 
 
 @elastic_response.register(CriticalConfiguration)
-def _at_transition(critical: CriticalConfiguration, volume: float, **_: Any) -> ElasticResponse:
+def _at_transition(critical: CriticalConfiguration, volume: float, **_: Any) -> LinearResponse:
     """The sum over the taut parts; at rest where a part has several self-stresses."""
-    parts: list[ElasticResponse] = []
+    parts: list[LinearResponse] = []
     for part in backbone(critical).components:
         if count_self_stresses(part) == 1:
             value = elasticity_at_transition(part, volume, roundings=1 if part is critical else 2)
             stats = Stats("transition", residual=part.residual)
-            parts.append(ElasticResponse(value, Status.ok, stats, n_self_stresses=1))
+            parts.append(LinearResponse(value, Status.ok, stats, n_self_stresses=1))
         else:
             parts.append(provided("response_at_rest", AT_REST)(part.network, part.coordinates, volume))
     return total_response(parts)
 
 
 @elastic_response.register(SpringState)
-def _of_state(state: SpringState, volume: float, *, tolerance: float, **_: Any) -> Solution[Elasticity]:
+def _of_state(state: SpringState, volume: float, *, tolerance: float, **_: Any) -> LinearResponse:
     if under_stress(state, tolerance):
         return linear_response(state, volume)
-    response: ElasticResponse = provided("state_at_rest", AT_REST)(state, volume)
+    response: LinearResponse = provided("state_at_rest", AT_REST)(state, volume)
     return response
 
 
@@ -166,13 +156,13 @@ def strain_rates(L: Array) -> Array:
 
 
 def tensor_of_self_stress(
-    stress: Array, rates: Array, flexibility: Array, dimension: int, volume: float, errors: Errors | None = None
+    stress: Array, rates: Array, flexibility: Array, dimension: int, volume: float, errors: Errors
 ) -> Elasticity:
     """C_ab by the stresses s (n,), flexibilities f (n,), and rates ḣ (1 + m, n) of the dilation and of all strains."""
     works = np.array([stress @ rate for rate in rates])
     tensor = np.outer(works, works / (stress**2 @ flexibility)) / volume
     affine, nothing = (rates[1:] / flexibility) @ rates[1:].T / volume, np.zeros((dimension, dimension))
-    return Elasticity(tensor[1:, 1:], affine, nothing, volume, errors, float(tensor[0, 0]))  # type: ignore[arg-type]
+    return Elasticity(tensor[1:, 1:], affine, nothing, volume, errors, float(tensor[0, 0]))
 
 
 def under_stress(state: SpringState, tolerance: float) -> bool:
@@ -186,7 +176,7 @@ def under_stress(state: SpringState, tolerance: float) -> bool:
     return balanced or bool((np.abs(state.sigma) > tolerance * state.edge_stiffness).any())
 
 
-def total_response(parts: Sequence[ElasticResponse]) -> ElasticResponse:
+def total_response(parts: Sequence[LinearResponse]) -> LinearResponse:
     """The response of parts that have no vertex in common: tensors add up, and the first failure decides the status."""
     if len(parts) == 1:
         return parts[0]
@@ -198,12 +188,12 @@ def total_response(parts: Sequence[ElasticResponse]) -> ElasticResponse:
     errors = Errors(*(partial(_summed_errors, values, name) for name in names))
     failed = [part for part in parts if not (part.ok or part.status is Status.floppy)]
     worst = (failed or [part for part in parts if part.ok] or parts)[0]
-    return ElasticResponse(
+    return LinearResponse(
         Elasticity(tensor, affine, stress, values[0].volume, errors, float(bulk)),
         worst.status,
         Stats("sum over the taut parts", len(parts)),
         worst.note,
-        n_self_stresses=sum(part.n_self_stresses for part in parts),
+        n_self_stresses=sum(part.n_self_stresses or 0 for part in parts),
     )
 
 

@@ -31,7 +31,7 @@ import numpy as np
 from critflow.arguments import of_kind, of_known_kind
 from critflow.calls import running
 from critflow.deformation import Deformable, Deformation, deformation_of
-from critflow.extensions import extensible
+from critflow.extensions import extensible, provided
 from critflow.linear_response import TRUSTED_ERROR, accumulated_rounding
 from critflow.manifold import Balance, CriticalConfiguration, CriticalManifold
 from critflow.networks import Array, Network
@@ -155,7 +155,8 @@ def exact_stiffening(
         critical.require_same_geometry(manifold.network)
         critical = replace(critical, network=manifold.network)
     if path.free:
-        return failed(Status.floppy, relaxing_component(critical, path))
+        relaxing = provided("relaxing_component", "free components of the cell")
+        return failed(Status.floppy, relaxing(critical, path))
     # 2. Each taut part; the first failure decides the status
     solutions = [
         stiffening_of_part((manifold if part is critical else None) or part.manifold, part, law, path)
@@ -176,23 +177,6 @@ def exact_stiffening(
     return replace(solutions[0], value=value, stats=stats)
 
 
-def relaxing_component(critical: CriticalConfiguration, path: Deformation) -> str:
-    """Which free component of the cell relaxes the self-stress, as a sentence; `InputError` where none does."""
-    sigma, L = critical.sigma, critical.bond_vectors
-    stress = (sigma[:, None] * L).T @ L
-    works = np.abs(np.einsum("mij,ij->m", path.free_strains, stress))
-    if works.max() > 1e-9 * np.linalg.norm(stress):
-        free = path.free[int(works.argmax())]
-        return (
-            f"the free component {free} of the cell relaxes the only self-stress, so the network is floppy along this "
-            "path at the transition: fix the cell, or follow strain_path() from a rigid state"
-        )
-    raise InputError(
-        "the free components of the cell do not relax the self-stress: fix the cell, or use strain_path() and fit its "
-        "moduli"
-    )
-
-
 def stiffening_of_part(
     manifold: CriticalManifold, critical: CriticalConfiguration, law: SpringLaw, path: Deformation
 ) -> StiffeningSolution:
@@ -201,10 +185,10 @@ def stiffening_of_part(
     require_only_self_stress(critical, "follow strain_path() and fit its moduli")
     # 1. The stress stabilises the zero modes
     stable = stabilises(network, critical.coordinates, critical.bond_vectors, sigma)
+    if stable is None:
+        return failed(Status.undecided)
     if not stable:
-        undecided = stable is not False
-        note = "" if undecided else "the stress does not stabilise all zero modes"
-        return failed(Status.undecided if undecided else Status.unstable, note)
+        return failed(Status.unstable, "the stress does not stabilise all zero modes")
     # 2. The configuration in exact balance
     factor = manifold.prestress.factorize_signed(sigma)
     balance = exact_displacement(network, critical.coordinates, lambda _: sigma, factor.solve)
@@ -217,12 +201,12 @@ def stiffening_of_part(
 
 
 def strains_of_growth(path: Deformation) -> list[Array]:
-    """A_a (d, d) of a dilation δ, a shear ε and the path γ; the latter is left out where it is the dilation itself."""
+    """A_a (d, d) of the path γ, a shear ε and a dilation δ; the latter is left out where it is the path itself."""
     d, A = path.dimension, path.rate(0.0)
     curvature = (1 / d) * (1 / d - 1) * np.eye(d)
     dilates = np.allclose(A, dilation(d), rtol=0, atol=1e-15)
     dilates = dilates and np.allclose(path.second_rate(0.0), curvature, rtol=0, atol=1e-15)
-    return [dilation(d), pure_shear(d)] if dilates else [dilation(d), pure_shear(d), A]
+    return [dilation(d), pure_shear(d)] if dilates else [A, pure_shear(d), dilation(d)]
 
 
 def coefficients(energy: StrainedEnergy, volume: float, path: Deformation) -> tuple[Array, Array, float]:
@@ -230,19 +214,28 @@ def coefficients(energy: StrainedEnergy, volume: float, path: Deformation) -> tu
 
     The last number is the largest factor by which relative errors of bond vectors are amplified in them.
     """
-    d, V, g, A, M = path.dimension, volume, energy.path, path.rate(0.0), path.second_rate(0.0)
+    d, V, A, M = path.dimension, volume, path.rate(0.0), path.second_rate(0.0)
     shear, t = pure_shear(d), float(np.trace(A))
+    # 1. E_ab = c_a c_b D, from works σ̂·ḣ = c D with rounding errors
+    c, rounding = np.array([(response.amplitude, response.work[1]) for response in energy.responses]).T
+    size, second = np.abs(c), c[:, None] * c * energy.D
+    mixed = size[:, None] * rounding
+    second_error = mixed + mixed.T + 4 * EPS * np.abs(second) + rounding[:, None] * rounding / energy.D
+    # 2. E_abc, by the places of the path γ, the shear ε and the dilation δ among the strains
+    g, e, b = 0, 1, 2 if len(c) > 2 else 0
     terms: list[list[Term]] = [
-        [(1, g, 0, 0, (1 / d) * (1 / d - 1) * np.eye(d)), (2, 0, g, 0, A / d)],  # E_δδγ
-        [(1, g, 1, 1, 0 * A), (2, 1, g, 1, shear @ A)],  # E_εεγ
+        [(1, g, b, b, (1 / d) * (1 / d - 1) * np.eye(d)), (2, b, g, b, A / d)],  # E_δδγ
+        [(1, g, e, e, 0 * A), (2, e, g, e, shear @ A)],  # E_εεγ
         [(3, g, g, g, M)],  # E_γγγ
     ]
     thirds = [energy.third(each) for each in terms]
     errors = [energy.third_error(each, third.by_length) for each, third in zip(terms, thirds, strict=True)]
-    zeroth, zeroth_error = np.array([energy.second(a, a) for a in (0, 1, g)]).T / V
+    # 3. Moduli, and their growth
+    own = [b, e, g]
+    zeroth, zeroth_error = second[own, own] / V, second_error[own, own] / V
     first = np.array([third.value for third in thirds]) / V - t * zeroth
     first_error = np.array(errors) / V + abs(t) * zeroth_error
-    half, half_error = 0.5 * np.array(energy.second(0, g)) / V
+    half, half_error = 0.5 * second[b, g] / V, 0.5 * second_error[b, g] / V
     change = np.array([float(np.sum(third.by_length)) for third in thirds]) / V
     values = np.array([*zeroth[:2], *first[:2], first[1] - half, zeroth[2], first[2]])
     error = np.array(
@@ -258,7 +251,7 @@ def with_status(energy: StrainedEnergy, values: Array, errors: Array, condition:
     stats = Stats("exact", 1, residual=residual, condition=condition, error_bound=bound)
     if not residual < CONSISTENT_RESPONSE:
         return failed(Status.singular, "", stats)
-    along = energy.responses[energy.path]
+    along = energy.responses[0]
     work, rounding = along.work
     if not work > NO_WORK * rounding:
         return failed(Status.floppy, "the strain does no work on the self-stress, so nothing resists it to first order")
@@ -319,10 +312,10 @@ class Third(NamedTuple):
 
 
 class StrainedEnergy:
-    """Second and third derivatives of the relaxed energy in strains A_a (d, d), with errors (estimates).
+    """Third derivatives of the relaxed energy in strains A_a (d, d), with errors (estimates).
 
-    Springs on edges of the stress σ (N_b,) and bond vectors L (N_b, d); others override `second`, `third` and
-    `third_error`, and have `responses` to the strains with an amplitude, a work and a residual.
+    Springs on edges of the stress σ (N_b,) and bond vectors L (N_b, d); others override `third` and `third_error`, and
+    have D and `responses` to the strains with an amplitude, a work and a residual.
 
     system  the saddle system of the network at σ
     """
@@ -345,11 +338,6 @@ class StrainedEnergy:
         # The system of σ instead of σ̂: lengths are of order one, so its two kinds of rows then have similar magnitude.
         factor = system.factorize(sigma, L)
         self.responses: Sequence[Any] = [self.respond(A, sigma, factor) for A in strains]
-
-    @property
-    def path(self) -> int:
-        """The index of γ among the strains δ, ε, γ; 0 where these have no third, since γ is then the first."""
-        return 2 if len(self.responses) > 2 else 0
 
     def respond(self, A: Array, sigma: Array, factor: SaddleFactor) -> Response:
         """The response to a strain: a solution, and a second one of what is left by the first."""
@@ -374,13 +362,6 @@ class StrainedEnergy:
         rounding = accumulated_rounding(2 * EPS * np.abs(s) * self.lengths * norms(affine))
         work = abs(c) * self.D, float(rounding)
         return Response(A, c, work, rate, speed, rounded, slip, slip_by_L, multiplier, error, residual)
-
-    def second(self, a: int, b: int) -> tuple[float, float]:
-        """E_ab and its error."""
-        one, other, D = self.responses[a], self.responses[b], self.D
-        c_a, c_b, (_, e_a), (_, e_b) = abs(one.amplitude), abs(other.amplitude), one.work, other.work
-        error = c_a * e_b + c_b * e_a + 4 * EPS * c_a * c_b * D + e_a * e_b / D
-        return one.amplitude * other.amplitude * D, error
 
     def third(self, terms: Sequence[Term]) -> Third:
         """E_abc of the terms, and its derivatives, with those by the amplitudes c_a, which are functions of σ̂, L, k."""

@@ -51,12 +51,6 @@ class Errors:
     def __init__(self, tensor: Any, bulk: Any, shear: Any, shear_stress_corrected: Any):
         self._tensor, self._bulk, self._shear, self._corrected = tensor, bulk, shear, shear_stress_corrected
 
-    @classmethod
-    def of_tensor(cls, errors: Array, dimension: int) -> Errors:
-        """Those of sums over a tensor with the errors (m, m)."""
-        bulk, shear = float(errors[:dimension, :dimension].sum()) / dimension**2, float(errors[-1, -1])
-        return cls(errors, bulk, shear, shear)
-
     @cached_property
     def tensor(self) -> Array:
         return np.asarray(self._tensor() if callable(self._tensor) else self._tensor)
@@ -86,15 +80,15 @@ class Elasticity(Record):
     stress  S, (d, d)
     volume  V, of the cell or as named for a pinned network
     errors  of both tensors and of the moduli; at the transition they are computed at their first use
-    bulk    B = V d²E/dV²; a response of its own where it is given, since the sum over the tensor may cancel
+    bulk    B = V d²E/dV², by a response of its own under stress, since the sum over the tensor may cancel
     """
 
     tensor: Array
     affine: Array
     stress: Array
     volume: float
-    errors: Errors = field(default=None, repr=False)  # type: ignore[assignment]
-    bulk: float = None  # type: ignore[assignment]
+    errors: Errors = field(repr=False)
+    bulk: float
 
     def __post_init__(self) -> None:
         d = len(self.stress)
@@ -103,11 +97,6 @@ class Elasticity(Record):
         for name in ("tensor", "affine", "stress"):
             # They are symmetric up to rounding.
             object.__setattr__(self, name, 0.5 * (getattr(self, name) + getattr(self, name).T))
-        if self.errors is None:
-            object.__setattr__(self, "errors", Errors.of_tensor(np.full((m, m), np.nan), d))
-        if self.bulk is None:
-            bulk = self.tensor[:d, :d].sum() / d**2 + (1 / d) * (1 / d - 1) * np.trace(self.stress)
-            object.__setattr__(self, "bulk", float(bulk))
 
     @property
     def dimension(self) -> int:
@@ -130,12 +119,6 @@ class Elasticity(Record):
         """G − ½ dE/dV; in the plane, and under isotropic stress, C_xyxy by derivatives in the Green–Lagrange strain."""
         return self.shear - 0.5 * float(np.trace(self.stress)) / self.dimension
 
-    def second(self, A: Array, B: Array) -> float:
-        """(1/V) ∂²E/∂α∂β of F = 1 + αA + βB."""
-        symmetric, other = 0.5 * (A + A.T), 0.5 * (B + B.T)
-        turning = np.vdot(self.stress, A.T @ B) - np.vdot(self.stress, symmetric @ other)
-        return float(strain_components(symmetric) @ self.tensor @ strain_components(other) + turning)
-
     def modulus(self, deformation: Deformable) -> float:
         """(1/V) d²E/dγ² at γ = 0 of any deformation, or of F = 1 + γA for a matrix A (d, d) that may rotate.
 
@@ -143,15 +126,17 @@ class Elasticity(Record):
         Raises `InputError` for what is not a deformation.
         """
         path = deformation_of(deformation, self.dimension)
-        A, W = path.velocity(0.0), path.acceleration(0.0)
-        value = self.second(A, A) + float(np.vdot(self.stress, W))
-        free = path.free_strains
-        if not len(free):
-            return value
-        # The free components multiply F from the left: ∂²F/∂q∂γ = E_m A.
-        coupling = np.array([self.second(E, A) + float(np.vdot(self.stress, E @ A)) for E in free])
-        resistance = np.array([[self.second(E, F) for F in free] for E in free])
-        return value - float(coupling @ np.linalg.pinv(resistance, hermitian=True) @ coupling)
+        S, A, free = self.stress, path.velocity(0.0), path.free_strains
+        # 1. (1/V) ∂²E/∂α_a∂α_b of F = 1 + Σ α_a A_a, of the path and the free components
+        rates = np.array([A, *free])
+        strains = 0.5 * (rates + rates.swapaxes(1, 2))
+        components = np.array([strain_components(E) for E in strains])
+        turning = np.einsum("ij,aki,bkj->ab", S, rates, rates) - np.einsum("ij,aik,bkj->ab", S, strains, strains)
+        second = components @ self.tensor @ components.T + turning
+        # 2. The free components multiply F from the left, ∂²F/∂q∂γ = E_m A, and relax
+        coupling = second[1:, 0] + np.einsum("ij,mij->m", S, free @ A)
+        relaxed = coupling @ np.linalg.pinv(second[1:, 1:], hermitian=True) @ coupling
+        return float(second[0, 0] + np.vdot(S, path.acceleration(0.0)) - relaxed)
 
     def young(self, direction: ArrayLike) -> float:
         """Young's modulus, stress over strain along a direction where no other stress changes; 0 where it is soft.
@@ -177,18 +162,21 @@ def no_elasticity(dimension: int, volume: float = np.nan, error: float = np.nan)
     """Tensors of NaN, with one error for all."""
     m = dimension * (dimension + 1) // 2
     unknown, errors = np.full((m, m), np.nan), Errors(np.full((m, m), error), error, error, error)
-    return Elasticity(unknown, unknown, np.full((dimension, dimension), np.nan), volume, errors)
+    return Elasticity(unknown, unknown, np.full((dimension, dimension), np.nan), volume, errors, np.nan)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)
 class LinearResponse(Solution[Elasticity]):
-    """The elasticity of a state under stress and the responses to strains.
+    """The elasticity of springs, by their self-stresses or by the responses to strains.
 
+    n_self_stresses     independent self-stresses of springs without stress, which resist by them; those that no strain
+                        excites contribute nothing.  None: under stress
     strains, responses  rows n of `unit_strains`, and dx/dε (n, d, n_free) under them; no rows where not known
     """
 
-    strains: tuple[int, ...]
-    responses: Array = field(repr=False)
+    n_self_stresses: int | None = None
+    strains: tuple[int, ...] = ()
+    responses: Array = field(default_factory=lambda: np.zeros((0, 0, 0)), repr=False)
 
     def relaxation(self, strain: Array) -> Array:
         """dx/dε (n_free, d) under a strain of components (m,) in `strain_basis`, relative to the affine motion."""
@@ -266,8 +254,7 @@ def linear_response(
         factor = state.factorize(pattern, FLOPPY_SHIFT * state.stiffness_scale)
         stable, note = (Status.unstable, "") if factor.indefinite else stability_of(state, pattern)
         if stable is not Status.ok:
-            nothing, stats = np.zeros((0, d, len(state.network.free))), Stats("linear response", 2)
-            return LinearResponse(no_elasticity(d, volume), stable, stats, note, strains=(), responses=nothing)
+            return LinearResponse(no_elasticity(d, volume), stable, Stats("linear response", 2), note)
         solution, last = responses(state, factor, volume, strains)
     assert solution is not None
     # 4. The change up to the exact equilibrium is part of the errors

@@ -94,7 +94,6 @@ test_responses_in_other_units = same_in_units(
         "stiffening": (growth, NETWORK),
         "stiffening in space": (growth, SPACE),
         "stiffening of a law": (partial(growth, law=PowerLaw(4.5), deformation="uniaxial"), NETWORK),
-        "no stiffening": (partial(growth, deformation="uniaxial_free"), NETWORK),
         "stiffening of worms": (partial(growth, law=WormLike(0.2)), lambda: lattice("honeycomb", 3, 3)),
         "stiffening of a taut part": (growth_of_a_taut_part, lambda: slack_lattice()[0]),
     },

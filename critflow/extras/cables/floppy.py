@@ -62,5 +62,5 @@ def _unstressed(path: Path, springs: SpringState, strain: float) -> Point:
     state = SpringState(network, springs.rest_lengths, network.all_coordinates(x), L, springs.law)
     moduli, zero = None, np.zeros((d * (d + 1) // 2,) * 2)
     if path.has_moduli:
-        moduli = Elasticity(zero, zero, np.zeros((d, d)), network.volume, Errors(zero, 0.0, 0.0, 0.0))
+        moduli = Elasticity(zero, zero, np.zeros((d, d)), network.volume, Errors(zero, 0.0, 0.0, 0.0), 0.0)
     return replace(path.point(strain, state, q), moduli=moduli, second=(0.0, 0.0))

@@ -20,10 +20,16 @@ import numpy as np
 import scipy.sparse as sp
 
 from critflow.deformation import strain_basis
-from critflow.elastic import ElasticResponse
 from critflow.extras.pruning.digits import rounding_note
 from critflow.extras.rest.stiffness_contrast import FormAtRest, hierarchical_response
-from critflow.linear_response import TRUSTED_ERROR, Elasticity, Errors, accumulated_rounding, no_elasticity
+from critflow.linear_response import (
+    TRUSTED_ERROR,
+    Elasticity,
+    Errors,
+    LinearResponse,
+    accumulated_rounding,
+    no_elasticity,
+)
 from critflow.networks import Array, Network
 from critflow.numerics import EPS
 from critflow.result import Stats, Status
@@ -62,7 +68,7 @@ def response_at_rest(
     coordinates: Array,
     volume: float,
     perimeters: Callable[[Springs], Springs] | None = None,
-) -> ElasticResponse:
+) -> LinearResponse:
     """Elasticity tensor of springs at rest at coordinates (N_v, d), any number of self-stresses and any stiffnesses.
 
     perimeters  the springs on perimeters of faces from those on edges; None: the edges are the springs
@@ -75,10 +81,10 @@ def response_at_rest(
     """
     d = network.dimension
 
-    def without_value(status: Status, note: str, solved: FormAtRest | None = None) -> ElasticResponse:
+    def without_value(status: Status, note: str, solved: FormAtRest | None = None) -> LinearResponse:
         n_self_stresses, residual = (solved.n_self_stresses, solved.largest_zero) if solved else (0, np.nan)
         value, stats = no_elasticity(d, volume), Stats("self-stress", 1, residual=residual)
-        return ElasticResponse(value, status, stats, note, n_self_stresses=n_self_stresses)
+        return LinearResponse(value, status, stats, note, n_self_stresses=n_self_stresses)
 
     L = network.bond_vectors(coordinates)
     length = np.linalg.norm(L, axis=1)
@@ -105,9 +111,16 @@ def response_at_rest(
             return without_value(Status.ill_conditioned, _ROUNDED, solved)
         # Self-stresses of small parts, which the boundary does not load: tensors of the size of squared roundings.
         status, note, tensor = Status.floppy, _LOCAL, np.zeros_like(tensor)
-    value = Elasticity(tensor, affine, np.zeros((d, d)), volume, Errors.of_tensor(errors, d))
+    bulk = float(tensor[:d, :d].sum()) / d**2
+    value = Elasticity(tensor, affine, np.zeros((d, d)), volume, errors_of(errors, d), bulk)
     stats = Stats("self-stress", 1, residual=solved.largest_zero)
-    return ElasticResponse(value, status, stats, note, n_self_stresses=solved.n_self_stresses)
+    return LinearResponse(value, status, stats, note, n_self_stresses=solved.n_self_stresses)
+
+
+def errors_of(tensor: Array, dimension: int) -> Errors:
+    """The errors of the moduli, which are sums over the tensor, by those of the tensor, (m, m)."""
+    bulk, shear = float(tensor[:dimension, :dimension].sum()) / dimension**2, float(tensor[-1, -1])
+    return Errors(tensor, bulk, shear, shear)
 
 
 def _springs(network: Network, coordinates: Array, L: Array, length: Array) -> Springs:

@@ -11,7 +11,9 @@ from typing import Any
 
 import numpy as np
 
+from critflow.deformation import Deformation
 from critflow.extras.rest.free_cell import FreeCellState, relaxed_with_cell, stretched
+from critflow.manifold import CriticalConfiguration
 from critflow.networks import Array
 from critflow.paths import FLOPPY, NONE_FREE, Path, Point, keeps_lengths, weakly_stressed
 from critflow.result import InputError, Status
@@ -83,3 +85,20 @@ class FreeCellPath(Path):
     def along(self, E: Array) -> Array:
         """(1, q̇); free components that no stress resists do not follow."""
         return np.concatenate([[1.0], -np.linalg.lstsq(E[1:, 1:], E[1:, 0], rcond=None)[0]])
+
+
+def relaxing_component(critical: CriticalConfiguration, path: Deformation) -> str:
+    """Which free component of the cell relaxes the self-stress, as a sentence; `InputError` where none does."""
+    sigma, L = critical.sigma, critical.bond_vectors
+    stress = (sigma[:, None] * L).T @ L
+    works = np.abs(np.einsum("mij,ij->m", path.free_strains, stress))
+    if works.max() > 1e-9 * np.linalg.norm(stress):
+        free = path.free[int(works.argmax())]
+        return (
+            f"the free component {free} of the cell relaxes the only self-stress, so the network is floppy along this "
+            "path at the transition: fix the cell, or follow strain_path() from a rigid state"
+        )
+    raise InputError(
+        "the free components of the cell do not relax the self-stress: fix the cell, or use strain_path() and fit its "
+        "moduli"
+    )

@@ -9,11 +9,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from critflow.elastic import ElasticResponse, elastic_response, total_response
-from critflow.extras.rest.at_rest import Springs, response_at_rest
-from critflow.linear_response import Elasticity, Errors
+from critflow.elastic import elastic_response, total_response
+from critflow.extras.rest.at_rest import Springs, errors_of, response_at_rest
+from critflow.linear_response import LinearResponse
 from critflow.networks import Network, validated_coordinates
-from critflow.result import InputError, Solution
+from critflow.result import InputError
 from critflow.springs import SpringLaw, SpringState, edge_directions, spring_state
 from critflow.taut_part import taut_mask, taut_networks
 
@@ -32,7 +32,7 @@ def _of_network(
     taut: ArrayLike | None,
     law: SpringLaw,
     **options: Any,
-) -> Solution[Elasticity]:
+) -> LinearResponse:
     """The response of springs at coordinates, at rest if they have no other rest lengths."""
     rest = rest_lengths
     if coordinates is None:
@@ -44,11 +44,11 @@ def _of_network(
     if rest is None:
         rest = np.linalg.norm(edge_directions(network, coordinates)[1], axis=1)
     state = spring_state(network, rest, coordinates, law)
-    response: Solution[Elasticity] = elastic_response(state, volume, **options)
+    response: LinearResponse = elastic_response(state, volume, **options)
     return response
 
 
-def _of_taut(network: Network, coordinates: ArrayLike, taut: ArrayLike, volume: float) -> ElasticResponse:
+def _of_taut(network: Network, coordinates: ArrayLike, taut: ArrayLike, volume: float) -> LinearResponse:
     """The response of all connected parts of the taut edges at rest."""
     x, mask = validated_coordinates(network, coordinates), taut_mask(network, taut)
     parts = taut_networks(network, mask)
@@ -59,7 +59,7 @@ def _of_taut(network: Network, coordinates: ArrayLike, taut: ArrayLike, volume: 
 
 def state_at_rest(
     state: SpringState, volume: float, perimeters: Callable[[Springs], Springs] | None = None
-) -> ElasticResponse:
+) -> LinearResponse:
     """The response of springs whose stress is rounding; its effect is part of the errors.
 
     perimeters  as of `response_at_rest`
@@ -69,4 +69,4 @@ def state_at_rest(
     if not stress:
         return response
     errors = value.errors.tensor + NEGLECTED * stress * np.abs(value.affine).max()
-    return replace(response, value=replace(value, errors=Errors.of_tensor(errors, state.network.dimension)))
+    return replace(response, value=replace(value, errors=errors_of(errors, state.network.dimension)))

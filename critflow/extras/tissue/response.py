@@ -7,24 +7,17 @@ from typing import Any
 import numpy as np
 
 from critflow.deformation import Deformation
-from critflow.elastic import (
-    AT_REST,
-    ElasticResponse,
-    elastic_response,
-    strain_rates,
-    tensor_of_self_stress,
-    under_stress,
-)
+from critflow.elastic import AT_REST, elastic_response, strain_rates, tensor_of_self_stress, under_stress
 from critflow.extensions import provided
 from critflow.extras.tissue.face_springs import FaceSprings
 from critflow.extras.tissue.state import TissueState
 from critflow.extras.tissue.tissue import CriticalTissue
 from critflow.extras.tissue.tissue_energy import PerimeterSystem, TissueEnergy, balanced_system
 from critflow.growth import StiffeningSolution, coefficients, exact_stiffening, failed, strains_of_growth, with_status
-from critflow.linear_response import Elasticity, linear_response
+from critflow.linear_response import Elasticity, Errors, LinearResponse, linear_response
 from critflow.manifold import CriticalManifold
 from critflow.numerics import EPS
-from critflow.result import InputError, Solution, Stats, Status
+from critflow.result import InputError, Stats, Status
 from critflow.springs import HOOKEAN, SpringLaw
 
 SLACK_FACE = 1e-9  # tension of a face without any, relative to the largest
@@ -35,25 +28,25 @@ _SAMPLES, _SAMPLE_MARGIN = 2, 10.0
 
 
 @elastic_response.register(CriticalTissue)
-def _at_transition(tissue: CriticalTissue, volume: float, **_: Any) -> ElasticResponse:
+def _at_transition(tissue: CriticalTissue, volume: float, **_: Any) -> LinearResponse:
     """The response of the perimeters in tension, at rest where these have several self-stresses."""
     critical, tense = tissue.configuration, tissue.face_tensions > SLACK_FACE * tissue.face_tensions.max()
     faces = FaceSprings(tissue.faces.sides[tense], tissue.faces.stiffness[tense])
     if not faces.several_self_stresses(critical.network, critical.bond_vectors):
         stats = Stats("transition", residual=critical.residual)
-        return ElasticResponse(_of_self_stress(tissue, volume), Status.ok, stats, n_self_stresses=1)
-    response: ElasticResponse = provided("response_at_rest", AT_REST)(
+        return LinearResponse(_of_self_stress(tissue, volume), Status.ok, stats, n_self_stresses=1)
+    response: LinearResponse = provided("response_at_rest", AT_REST)(
         critical.network, critical.coordinates, volume, faces.of_edges
     )
     return response
 
 
 @elastic_response.register(TissueState)
-def _of_state(state: TissueState, volume: float, *, tolerance: float, **_: Any) -> Solution[Elasticity]:
+def _of_state(state: TissueState, volume: float, *, tolerance: float, **_: Any) -> LinearResponse:
     """The response of perimeters under stress, or of those at rest."""
     if under_stress(state, tolerance):
         return linear_response(state, volume)
-    response: ElasticResponse = provided("state_at_rest", AT_REST)(state, volume, state.faces.of_edges)
+    response: LinearResponse = provided("state_at_rest", AT_REST)(state, volume, state.faces.of_edges)
     return response
 
 
@@ -61,7 +54,10 @@ def _of_self_stress(tissue: CriticalTissue, volume: float) -> Elasticity:
     """V C_ab = (T·ṗ_a)(T·ṗ_b)/Σ T²/κ of the tensions T and the rates ṗ_a of the perimeters; errors are unknown."""
     configuration, faces = tissue.configuration, tissue.faces
     rates = (strain_rates(configuration.bond_vectors) / configuration.lengths) @ faces.sides.T
-    return tensor_of_self_stress(tissue.face_tensions, rates, 1 / faces.stiffness, tissue.network.dimension, volume)
+    errors = Errors(np.full((len(rates) - 1,) * 2, np.nan), np.nan, np.nan, np.nan)
+    return tensor_of_self_stress(
+        tissue.face_tensions, rates, 1 / faces.stiffness, tissue.network.dimension, volume, errors
+    )
 
 
 @exact_stiffening.register(CriticalTissue)

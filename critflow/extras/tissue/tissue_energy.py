@@ -99,7 +99,7 @@ class _Response(NamedTuple):
 
 
 class TissueEnergy(StrainedEnergy):
-    """Second and third derivatives of the energy in strains A_a (d, d), without errors: `response` has samples."""
+    """Third derivatives of the energy in strains A_a (d, d), without errors: `response` has samples."""
 
     def __init__(self, system: PerimeterSystem, strains: Sequence[Array]):
         self.system, self.flexibility = system, 1 / system.tissue.faces.stiffness
@@ -116,10 +116,6 @@ class TissueEnergy(StrainedEnergy):
         rounding = float(accumulated_rounding(4 * EPS * system.tensions * (system.sides @ norms(affine))))
         rate = affine + system.network.free_incidence @ u
         return _Response(c, (abs(c) * self.D, rounding), rate, residual)
-
-    def second(self, a: int, b: int) -> tuple[float, float]:
-        """E_ab, without its error."""
-        return self.responses[a].amplitude * self.responses[b].amplitude * self.D, 0.0
 
     def third(self, terms: Sequence[Term]) -> Third:
         """E_abc, without its derivatives."""
