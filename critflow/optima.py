@@ -196,8 +196,8 @@ def known_optimum(
         # A configuration with no more compression than the signs allow is known.
         known = quantity.is_bulk or (not positive and manifold.network.dimension == 2)
         return best_modulus(manifold, quantity, positive) if known or method == "closed_form" else None
-    if positive and (stress := quantity.best_stress(manifold)) is not None:
-        return at_best_stress(manifold, quantity, stress)
+    if positive and isinstance(best := quantity.best_known(manifold), Optimum):
+        return best
     if method == "closed_form":
         raise InputError("a closed form is known for moduli without a penalty only: choose another method")
     if not isinstance(quantity, LengthVariance) or not positive or tolerance is None:
@@ -205,18 +205,6 @@ def known_optimum(
     optimum = equal_lengths(manifold, quantity, tolerance if tolerance * manifold.network.n_edges >= ROUGH else None)
     # Where edges fall slack the least variance is not zero.
     return optimum if optimum is not None and optimum.ok else None
-
-
-def at_best_stress(manifold: CriticalManifold, quantity: Quantity, stress: Array) -> Optimum:
-    """The optimum at a stress that attains the smallest or largest value of `Quantity.extreme`."""
-    solution = manifold.solve(stress)
-    if not solution.ok:
-        return Optimum(solution.value, solution.status, solution.stats, solution.note, objective=np.nan)
-    here = evaluate(manifold, quantity, solution.value.sigma)
-    best = quantity.extreme(manifold)[quantity.maximise]
-    stats = replace(solution.stats, method="closed_form", steps=0, residual=here.residual)
-    error = partial(float, abs(here.value - best) + EPS * manifold.network.n_edges * abs(best))
-    return Optimum(solution.value, Status.ok, stats, objective=here.value, error_of=error)
 
 
 def equal_lengths(manifold: CriticalManifold, quantity: Quantity, tolerance: float | None = None) -> Optimum | None:

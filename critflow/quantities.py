@@ -39,7 +39,7 @@ from critflow.double_double import Extended, add, divide, extended, multiply, to
 from critflow.manifold import Balance, CriticalConfiguration, CriticalManifold, StressedBonds
 from critflow.networks import Array, Network
 from critflow.numerics import EPS, dot, mean, norms, quasi_random
-from critflow.result import InputError, Record
+from critflow.result import InputError, Record, Solution
 
 DIFFERENCE = 1e-5  # relative step of central differences: their error is its square, and rounding leaves as many digits
 # Relative step of derivatives by complex numbers: its square vanishes beside one, and no product underflows.
@@ -83,20 +83,6 @@ class Quantity(Record, ABC):
     def evaluate(self, balance: Balanced) -> tuple[float, Partials]:
         """O, and ∂O/∂σ (N_b,) and ∂O/∂L (N_b, d), as (O, (∂σ, ∂L)), at the σ and L of a balance."""
 
-    def by_stiffness(self, balance: Balanced) -> Array:
-        """∂O/∂k (N_b,) at constant σ and L; by central differences unless a subclass knows better."""
-        network, rows = balance.network, np.empty(balance.network.n_edges)
-        for edge, k in enumerate(network.stiffness):
-            ends = []
-            for sign in (1, -1):
-                stiffness = network.stiffness.copy()
-                stiffness[edge] = k * (1 + sign * DIFFERENCE)
-                changed = network.with_stiffness(stiffness)
-                there = StressedBonds(CriticalManifold.of(changed), balance.sigma, balance.bond_vectors)
-                ends.append(self.evaluate(there)[0])
-            rows[edge] = (ends[0] - ends[1]) / (2 * DIFFERENCE * k)
-        return rows
-
     def error(self, critical: CriticalConfiguration) -> float:
         """Error (estimate) of the value at a configuration: |∂O/∂L| times the errors of the bonds, and rounding."""
         value, (by_sigma, by_L) = self.evaluate(critical)
@@ -111,8 +97,8 @@ class Quantity(Record, ABC):
         """
         return -np.inf, np.inf
 
-    def best_stress(self, manifold: CriticalManifold) -> Array | None:
-        """σ (N_b,) at which the best value over positive stresses is attained (proof), or None where none is known."""
+    def best_known(self, manifold: CriticalManifold) -> Solution[CriticalConfiguration] | None:
+        """The `Optimum` of positive stresses, with a proof and without a descent; None where none is known."""
         return None
 
     def in_part(self, network: Network, kept: NDArray[np.bool_]) -> Quantity | None:
@@ -235,9 +221,6 @@ class _RelativeVariance(Quantity):
             return variance, (derivative * length, (derivative * balance.sigma / divisors(length))[:, None] * L)
         return variance, (np.zeros_like(length), (derivative / divisors(length))[:, None] * L)
 
-    def by_stiffness(self, balance: Balanced) -> Array:
-        return np.zeros_like(balance.sigma)
-
     def extreme(self, manifold: CriticalManifold, positive: bool = True) -> tuple[float, float]:
         return 0.0, np.inf
 
@@ -277,7 +260,6 @@ def _mean(values: Array) -> float:
 #
 #     W = Σ σ L·A L,   D = Σ σ²|L|²/k,   μ_A = W²/(V D).
 # Scalars are squared by products: the power of a number is off by a last bit that depends on its unit.
-# The configuration does not depend on k, and ∂D/∂k = −σ²|L|²/k².
 #
 # Virtual work gives Σσ L·A L = Σσ L·A L* with L* the configuration at σ = k, so by the inequality of Cauchy and Schwarz
 #     μ_A ≤ (1/V) Σ k|F L*|²,   F = A + W,  Wᵀ = −W,  FM symmetric for the moments M = Σ k L*L*ᵀ,
@@ -311,12 +293,6 @@ class TransitionModulus(SpringResponse):
         by_sigma = 2 * ratio * hdot - 2 * ratio * ratio * sigma * flexibility
         by_L = (4 * ratio * sigma)[:, None] * AL - (2 * ratio * ratio * square / k)[:, None] * L
         return work * ratio / volume, (by_sigma / volume, by_L / volume)
-
-    def by_stiffness(self, balance: Balanced) -> Array:
-        sigma, L, k = balance.sigma, balance.bond_vectors, balance.network.stiffness
-        square, flexibility = sigma * sigma, dot(L, L) / k
-        ratio = (sigma @ dot(L, L @ self.symmetric)).item() / (square @ flexibility).item()
-        return np.asarray(square * flexibility / k * (ratio * ratio) / balance.network.volume)
 
     def extreme(self, manifold: CriticalManifold, positive: bool = True) -> tuple[float, float]:
         return 0.0, largest_value(manifold, self.symmetric)
@@ -355,23 +331,19 @@ class PenalisedModulus(SpringResponse):
     def evaluate(self, balance: Balanced) -> tuple[float, Partials]:
         value, (dO_dsigma, dO_dL) = self.modulus.evaluate(balance)
         sigma = balance.sigma
-        power, square = self._powers(balance)
+        power, square = self.powers(balance)
         total = np.add.reduce(power)
         # s scales as σ/|σ|, so the derivative in the direction of σ cancels.
         derivative = PENALTY_EXPONENT * (power / sigma - total * sigma / square) / len(sigma)
         return value - total.item() / len(sigma), (dO_dsigma + derivative, dO_dL)
 
-    def by_stiffness(self, balance: Balanced) -> Array:
-        # The unit is proportional to the mean stiffness.
-        return self.modulus.by_stiffness(balance) - self._powers(balance)[0].mean() / balance.network.stiffness.sum()
-
     def extreme(self, manifold: CriticalManifold, positive: bool = True) -> tuple[float, float]:
         return -np.inf, self.modulus.extreme(manifold)[1]
 
     def preconditioner(self, balance: Balanced) -> Array | float:
-        return PENALTY_EXPONENT**2 / len(balance.sigma) * self._powers(balance)[0]
+        return PENALTY_EXPONENT**2 / len(balance.sigma) * self.powers(balance)[0]
 
-    def _powers(self, balance: Balanced) -> tuple[Array, float]:
+    def powers(self, balance: Balanced) -> tuple[Array, float]:
         """u (s/r)^(−10), (N_b,), and Σσ²."""
         sigma = balance.sigma
         square = (sigma @ sigma).item()

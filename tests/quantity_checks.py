@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 from derivatives import assert_derivative
-from problems import PERIODIC_KINDS, at, random_stress
+from problems import PERIODIC_KINDS, random_stress
 
-from critflow import CriticalManifold, Quantity
+from critflow import CriticalManifold
 from critflow.quantities import evaluate, has_exact_hessian, takes_complex_steps
 
 KINDS = {name: make() for name, make in PERIODIC_KINDS.items()}
@@ -39,24 +39,6 @@ def assert_gradients_and_hessian_products(manifold, goal, sign):
     # No quantity depends on the scale of σ: H σ = −∇O.
     assert abs(here.gradient @ sigma) < 1e-11 * scale * len(sigma)
     assert evaluate(manifold, goal, 7 * sigma).value == pytest.approx(here.value, rel=1e-10, abs=1e-13)
-
-
-def assert_derivatives_by_stiffness(kind, goal):
-    network = KINDS[kind]
-    sigma = stress(network)
-    L = MANIFOLDS[kind].balance(sigma).bond_vectors
-    direction = np.random.default_rng(7).standard_normal(network.n_edges)
-
-    def value(k):
-        return goal.evaluate(at(network.with_stiffness(k), sigma, L))[0]
-
-    found = goal.by_stiffness(at(network, sigma, L))
-    assert_derivative(value, found, network.stiffness, [direction], 1e-3, 1e-7, 1e-9 * np.abs(found).max() + 1e-12)
-    if kind != "oblique":
-        return
-    # Without a formula of its own, by differences.
-    general = Quantity.by_stiffness(goal, at(network, sigma, L))
-    np.testing.assert_allclose(general, found, rtol=1e-6, atol=1e-8 * np.abs(found).max() + 1e-10)
 
 
 def assert_no_stress_exceeds_the_extreme_values(manifold, goals):
