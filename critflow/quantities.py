@@ -31,7 +31,6 @@ from typing import ClassVar
 
 import numpy as np
 import scipy.linalg
-from numpy.typing import NDArray
 
 from critflow.arguments import of_kind, shown
 from critflow.deformation import Deformable, deformation_of
@@ -101,14 +100,6 @@ class Quantity(Record, ABC):
         """The `Optimum` of positive stresses, with a proof and without a descent; None where none is known."""
         return None
 
-    def in_part(self, network: Network, kept: NDArray[np.bool_]) -> Quantity | None:
-        """The same quantity of the part of a network with the kept edges (N_b,), which has numbers of its own.
-
-        None where the part has lost an edge or a face that the quantity names by its number.  A quantity that names
-        none, as by default, is itself.
-        """
-        return self
-
     def unit(self, network: Network) -> float:
         """The natural unit of the values on a network (table of this module): 1 by default."""
         return 1.0
@@ -155,15 +146,8 @@ class Evaluation:
         """(∂²O/∂σ∂σ) σ̇, (N_b,), to nine digits, by the gradients at two stresses."""
         balance = self.balance
         step = DIFFERENCE / float(np.abs(dsigma / balance.sigma).max())
-        ends = [evaluate(balance.manifold, self.quantity, balance.sigma + s * dsigma) for s in (step, -step)]
+        ends = [evaluate(balance.manifold.balance(balance.sigma + s * dsigma), self.quantity) for s in (step, -step)]
         return (ends[0].gradient - ends[1].gradient) / (2 * step)
-
-
-def only_positive(signs: str) -> bool:
-    """Whether stresses are positive; `InputError` for other words than "positive" and "any"."""
-    if signs not in ("positive", "any"):
-        raise InputError(f"signs must be 'positive' or 'any', not {signs!r}")
-    return signs == "positive"
 
 
 def derivatives_along(quantity: Quantity, balance: Balanced, dsigma: Array, dL: Array) -> Partials:
@@ -174,26 +158,17 @@ def derivatives_along(quantity: Quantity, balance: Balanced, dsigma: Array, dL: 
     if size == 0:
         return np.zeros_like(sigma), np.zeros_like(L)
     h = IMAGINARY / size
-    there = StressedBonds(balance.manifold, _complex(sigma, h * dsigma), _complex(L, h * dL))
+    # Two parts, without the products of real + 1j imaginary.
+    shifted_sigma, shifted_L = sigma.astype(complex, "C"), L.astype(complex, "C")
+    shifted_sigma.imag, shifted_L.imag = h * dsigma, h * dL
+    there = StressedBonds(balance.manifold, shifted_sigma, shifted_L)
     # Division by NaN, the derivative of a length that vanishes, warns for complex numbers only.
     with np.errstate(invalid="ignore"):
         _, (by_sigma, by_L) = quantity.evaluate(there)
     return np.imag(by_sigma) / h, np.imag(by_L) / h
 
 
-def _complex(real: Array, imaginary: Array) -> NDArray[np.complex128]:
-    """Complex numbers of two parts, without the products of real + 1j imaginary."""
-    numbers = np.empty(real.shape, complex)
-    numbers.real, numbers.imag = real, imaginary
-    return numbers
-
-
-def evaluate(manifold: CriticalManifold, quantity: Quantity, sigma: Array) -> Evaluation:
-    """Value and gradient of a quantity at a stress σ (N_b,), unchecked, by one factorisation and 2d solves."""
-    return evaluate_at(manifold.balance(sigma), quantity)
-
-
-def evaluate_at(balance: Balance, quantity: Quantity) -> Evaluation:
+def evaluate(balance: Balance, quantity: Quantity) -> Evaluation:
     """Value and gradient of a quantity at a balance, by d solves."""
     value, partials = quantity.evaluate(balance)
     gradient, adjoint = balance.pull_back(*partials)
@@ -377,11 +352,6 @@ def force_map(network: Network, L_star: Array, A: Array) -> tuple[Array, Array]:
         return A, M
     W = scipy.linalg.solve_sylvester(M, M, M @ A - A @ M)
     return A + 0.5 * (W - W.T), M
-
-
-def vanishes(F: Array, moment: Array, A: Array) -> bool:
-    """Whether the bound Σk|FL*|² is zero up to rounding: the strain A (d, d) changes no length to first order."""
-    return bool(np.trace(F @ moment @ F.T) <= ISOTROPIC**2 * np.sum(A**2) * np.trace(moment))
 
 
 def dilation(dimension: int) -> Array:

@@ -177,7 +177,7 @@ def stress_hessian(critical: CriticalConfiguration, name: str | Quantity = "B_0"
     name = of_kind(str, Quantity, name=name)
     manifold, goal = critical.manifold, quantity(critical.network, name)
     require_valid(goal, critical)
-    evaluation = evaluate(manifold, goal, manifold.configuration(critical.sigma).sigma)
+    evaluation = evaluate(manifold.balance(manifold.configuration(critical.sigma).sigma), goal)
     product = evaluation.hessian_product if has_exact_hessian(manifold, goal) else evaluation.hessian_difference
 
     def apply(direction: Array) -> Array:

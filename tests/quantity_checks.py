@@ -21,13 +21,15 @@ def stress(network, sign=1.0):
 def assert_gradients_and_hessian_products(manifold, goal, sign):
     sigma, rng = stress(manifold.network, sign), np.random.default_rng(6)
     directions = 0.1 * rng.standard_normal((2, len(sigma)))
-    here = evaluate(manifold, goal, sigma)
+    here = evaluate(manifold.balance(sigma), goal)
     scale = float(np.abs(here.gradient).max())
     size = 1e-8 * scale + 1e-12 * abs(here.value)
-    assert_derivative(lambda s: evaluate(manifold, goal, s).value, here.gradient, sigma, directions, 1e-3, 1e-7, size)
+    assert_derivative(
+        lambda s: evaluate(manifold.balance(s), goal).value, here.gradient, sigma, directions, 1e-3, 1e-7, size
+    )
     if goal.analytic:
         assert takes_complex_steps(manifold, goal)
-        gradient = lambda s: evaluate(manifold, goal, s).gradient  # noqa: E731
+        gradient = lambda s: evaluate(manifold.balance(s), goal).gradient  # noqa: E731
         product = here.hessian_product(directions[0])
         np.testing.assert_allclose(1e-100 * here.hessian_product(1e100 * directions[0]), product, rtol=1e-9, atol=size)
         assert_derivative(gradient, here.hessian_product, sigma, directions, 1e-3, 1e-6, 1e-6 * scale)
@@ -38,7 +40,7 @@ def assert_gradients_and_hessian_products(manifold, goal, sign):
         assert u @ Hv == pytest.approx(v @ Hu, rel=1e-5, abs=1e-6 * np.linalg.norm(Hu) * np.linalg.norm(v))
     # No quantity depends on the scale of σ: H σ = −∇O.
     assert abs(here.gradient @ sigma) < 1e-11 * scale * len(sigma)
-    assert evaluate(manifold, goal, 7 * sigma).value == pytest.approx(here.value, rel=1e-10, abs=1e-13)
+    assert evaluate(manifold.balance(7 * sigma), goal).value == pytest.approx(here.value, rel=1e-10, abs=1e-13)
 
 
 def assert_no_stress_exceeds_the_extreme_values(manifold, goals):

@@ -92,7 +92,7 @@ def test_extreme_values_are_attained():
 @pytest.mark.parametrize("name", ["V_L", "V_tau"])
 def test_variances_need_no_cell(name):
     network = NETWORKS["pinned grid"]()
-    found = evaluate(CriticalManifold(network), quantity(network, name), np.ones(network.n_edges))
+    found = evaluate(CriticalManifold(network).balance(np.ones(network.n_edges)), quantity(network, name))
     assert found.value > 0 and np.isfinite(found.gradient).all()
 
 

@@ -24,7 +24,7 @@ NETWORK = voronoi_network(100, seed=1)
 def projected_gradient(network, objective, sigma) -> float:
     """The largest component of dO/dσ at Σσ² = N_b; scale invariance makes it tangent to that sphere."""
     goal = objective_of(network, objective)
-    return float(np.abs(evaluate(CriticalManifold(network), goal, sigma).gradient).max())
+    return float(np.abs(evaluate(CriticalManifold(network).balance(sigma), goal).gradient).max())
 
 
 METHODS = {

@@ -94,7 +94,7 @@ class StiffeningQuantity(SpringResponse):
         solution = manifold.solve(network.stiffness)
         if not solution.ok:
             return Optimum(solution.value, solution.status, solution.stats, solution.note, objective=np.nan)
-        here, best = evaluate(manifold, self, solution.value.sigma), self.extreme(manifold)[0]
+        here, best = evaluate(manifold.balance(solution.value.sigma), self), self.extreme(manifold)[0]
         stats = replace(solution.stats, method="closed_form", steps=0, residual=here.residual)
         error = partial(float, abs(here.value - best) + EPS * network.n_edges * abs(best))
         return Optimum(solution.value, Status.ok, stats, objective=here.value, error_of=error)
