@@ -178,47 +178,40 @@ def evaluate(balance: Balance, quantity: Quantity) -> Evaluation:
 # Variances of lengths and of tensions.
 
 
-class _RelativeVariance(Quantity):
-    """⟨(v − ⟨v⟩)²⟩/⟨v⟩² of v = w|L|, where the weights w are one, or the stresses; independent of the stiffness."""
+class LengthVariance(Quantity):
+    """V_L = ⟨(|L| − ⟨|L|⟩)²⟩/⟨|L|⟩² (`LengthVariance`)."""
 
-    of_tensions: ClassVar[bool]
+    name: ClassVar[str] = "V_L"
 
     def evaluate(self, balance: Balanced) -> tuple[float, Partials]:
         L = balance.bond_vectors
         length = norms(L)
-        values = balance.sigma * length if self.of_tensions else length
-        mean = _mean(values)
-        deviation = values - mean
-        square = mean * mean  # not a power, whose last bit depends on the units
-        variance = _mean(deviation * deviation) / square
-        derivative = 2 / (len(values) * square) * (deviation - variance * mean)
-        if self.of_tensions:
-            return variance, (derivative * length, (derivative * balance.sigma / divisors(length))[:, None] * L)
+        variance, derivative = _relative_variance(length)
         return variance, (np.zeros_like(length), (derivative / divisors(length))[:, None] * L)
 
     def extreme(self, manifold: CriticalManifold, positive: bool = True) -> tuple[float, float]:
         return 0.0, np.inf
 
 
-@dataclass(frozen=True, repr=False)
-class LengthVariance(_RelativeVariance):
-    """V_L = ⟨(|L| − ⟨|L|⟩)²⟩/⟨|L|⟩² (`LengthVariance`)."""
-
-    name: ClassVar[str] = "V_L"
-    of_tensions: ClassVar[bool] = False
-
-
-@dataclass(frozen=True, repr=False)
-class TensionVariance(_RelativeVariance):
+class TensionVariance(Quantity):
     """V_τ = ⟨(τ − ⟨τ⟩)²⟩/⟨τ⟩² of the tensions τ = σ|L| (`TensionVariance`)."""
 
     name: ClassVar[str] = "V_tau"
-    of_tensions: ClassVar[bool] = True
+    extreme = LengthVariance.extreme
+
+    def evaluate(self, balance: Balanced) -> tuple[float, Partials]:
+        sigma, L = balance.sigma, balance.bond_vectors
+        length = norms(L)
+        variance, derivative = _relative_variance(sigma * length)
+        return variance, (derivative * length, (derivative * sigma / divisors(length))[:, None] * L)
+
+
+VARIANCES = {kind.name: kind() for kind in (LengthVariance, TensionVariance)}
 
 
 def variance(network: Network, name: str) -> Quantity:
-    """V_L or V_tau."""
-    return LengthVariance() if name == LengthVariance.name else TensionVariance()
+    """V_L or V_tau: the same object at every call."""
+    return VARIANCES[name]
 
 
 def divisors(length: Array) -> Array:
@@ -226,9 +219,13 @@ def divisors(length: Array) -> Array:
     return np.where(length.real > 0, length, np.nan)
 
 
-def _mean(values: Array) -> float:
-    """The bits of `values.mean()`, which takes three times as long for small networks, also of complex numbers."""
-    return np.add.reduce(values).item() / len(values)
+def _relative_variance(values: Array) -> tuple[float, Array]:
+    """⟨(v − ⟨v⟩)²⟩/⟨v⟩² of numbers v (n,), and its derivatives by them, also of complex numbers."""
+    # The bits of `values.mean()`, which takes three times as long for small networks.
+    mean = np.add.reduce(values).item() / len(values)
+    deviation, square = values - mean, mean * mean  # not a power, whose last bit depends on the units
+    variance = np.add.reduce(deviation * deviation).item() / len(values) / square
+    return variance, 2 / (len(values) * square) * (deviation - variance * mean)
 
 
 # Moduli at the transition as quantities.
@@ -323,15 +320,11 @@ class PenalisedModulus(SpringResponse):
         sigma = balance.sigma
         square = (sigma @ sigma).item()
         scale = np.sqrt(len(sigma) / square) / self.threshold
-        return self.unit(balance.network) * _power(1.0 / (scale * sigma) ** 2, PENALTY_EXPONENT // 2), square
-
-
-def _power(x: Array, n: int) -> Array:
-    """xⁿ of an integer n ≥ 1 by squares, since a general power is ten times slower."""
-    if n == 1:
-        return x
-    half = _power(x, n // 2) ** 2
-    return x * half if n % 2 else half
+        # By squares, from the digits of half the exponent: a general power is ten times slower.
+        power = inverse = 1.0 / (scale * sigma) ** 2
+        for digit in f"{PENALTY_EXPONENT // 2:b}"[1:]:
+            power = inverse * power**2 if digit == "1" else power**2
+        return self.unit(balance.network) * power, square
 
 
 def is_dilation(A: Array) -> bool:
