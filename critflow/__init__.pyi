@@ -21,6 +21,7 @@ from .extras.graphs.regular_networks import regular_network as regular_network
 from .extras.inference.nearest import nearest_critical as nearest_critical
 from .extras.local.local_response import local_response as local_response
 from .extras.pruning.pruning import pruned as pruned
+from .extras.sensitivities.gradients import properties as properties
 from .extras.targets.targets import design as design
 from .extras.tensegrity.signed_stress import stability as stability
 from .extras.tissue.tissue import critical_from_perimeters as critical_from_perimeters
@@ -45,7 +46,6 @@ from .points import delaunay_network as delaunay_network
 from .points import foam_network as foam_network
 from .points import voronoi_network as voronoi_network
 from .quantities import Quantity as Quantity
-from .quantity_names import properties as properties
 from .quantity_names import quantity as quantity
 from .quantity_names import upper_bound as upper_bound
 from .result import CritflowError as CritflowError

@@ -209,7 +209,7 @@ class Descent(Function):
         # Trial points far from the optimum may overflow; a value that is not finite marks them.
         with np.errstate(all="ignore"):
             sigma = self.sigma(x)
-            evaluation = evaluate(self.manifold, self.quantity, sigma)
+            evaluation = evaluate(self.manifold.balance(sigma), self.quantity)
         residual = float(np.maximum.reduce(np.abs(evaluation.gradient))) / abs(self.unit)
         gradient = self.rate(x, sigma)[0] * evaluation.gradient / self.unit
         return Point(x, evaluation.value / self.unit, gradient, residual if residual < np.inf else np.inf, evaluation)

@@ -155,23 +155,21 @@ class Pairs:
     def __init__(self, memory: int, n: int):
         # The place of the oldest pair takes the next one.
         self._dx, self._dgradient, self._products = (np.empty((memory, size)) for size in (n, n, memory))
-        self._order: list[int] = []
-
-    def __len__(self) -> int:
-        return len(self._order)
+        self.order: list[int] = []
 
     def append(self, dx: Array, dgradient: Array) -> None:
-        place = self._order.pop(0) if len(self) == len(self._dx) else len(self)
-        self._order.append(place)
+        place = self.order.pop(0) if len(self.order) == len(self._dx) else len(self.order)
+        self.order.append(place)
         self._dx[place], self._dgradient[place] = dx, dgradient
-        self._products[: len(self), place] = self._dx[: len(self)] @ dgradient
+        stored = slice(len(self.order))
+        self._products[stored, place] = self._dx[stored] @ dgradient
 
     def direction(self, gradient: Array, diagonal: Array | float) -> Array:
         """−H⁻¹ g with the inverse Hessian implied by the pairs and a diagonal part of the Hessian that is known."""
-        if not len(self):
+        if not self.order:
             return -gradient
-        order, scattered = np.array(self._order), np.empty(len(self))
-        S, Y = self._dx[: len(self)], self._dgradient[: len(self)]
+        order, scattered = np.array(self.order), np.empty(len(self.order))
+        S, Y = self._dx[: len(order)], self._dgradient[: len(order)]
         R = self._products[order][:, order]
         first = dtrtrs(R, (S @ gradient)[order])[0]
         scattered[order] = first
@@ -199,7 +197,7 @@ def lbfgs(function: Function, point: Point) -> Iterator[tuple[Point, bool]]:
         if not slope < 0:
             pairs = Pairs(MEMORY, n)
             direction, slope = -point.gradient, -(point.gradient @ point.gradient)
-        length = min(1.0 if len(pairs) else np.inf, LONGEST / float(np.abs(direction).max()))
+        length = min(1.0 if pairs.order else np.inf, LONGEST / float(np.abs(direction).max()))
         trial = _backtrack(function, point, direction, float(slope), length)
         if trial is None:
             yield point, not fresh

@@ -28,22 +28,20 @@ from critflow.manifold import NO_LENGTH, CriticalConfiguration, CriticalManifold
 from critflow.networks import Array, Network
 from critflow.numerics import EPS, dot
 from critflow.quantities import (
+    ISOTROPIC,
     PENALTY_THRESHOLD,
     LengthVariance,
     PenalisedModulus,
     Quantity,
     TransitionModulus,
     evaluate,
-    evaluate_at,
     force_map,
     is_dilation,
-    only_positive,
     own,
     require_exact_hessian,
     require_valid,
     transition_modulus,
     transition_modulus_error,
-    vanishes,
 )
 from critflow.quantity_names import quantity
 from critflow.result import InputError, Solution, Status
@@ -111,7 +109,7 @@ def optimize(
     objective = of_kind(str, Quantity, objective=objective)
     starts, max_steps = of_kind(int, starts=starts), of_kind(int, None, max_steps=max_steps)
     _check_options(method, signs, threshold, tolerance, max_steps, observe, throw)
-    positive = only_positive(signs)
+    positive = signs == "positive"
     objective = objective_of(manifold.network, objective, threshold if positive else None)
     given = _starts(manifold.network.n_edges, start, starts, rng, positive)
     _check_objective(manifold, objective, method, positive, given[0])
@@ -146,6 +144,8 @@ def _check_options(
         raise InputError(f"the tolerance must be positive, not {tolerance}")
     if max_steps is not None and max_steps < 0:
         raise InputError(f"max_steps must be a whole number of at least 0, or None, not {max_steps!r}")
+    if signs not in ("positive", "any"):
+        raise InputError(f"signs must be 'positive' or 'any', not {signs!r}")
 
 
 def _check_objective(manifold: CriticalManifold, quantity: Quantity, method: str, positive: bool, start: Array) -> None:
@@ -196,8 +196,8 @@ def known_optimum(
         # A configuration with no more compression than the signs allow is known.
         known = quantity.is_bulk or (not positive and manifold.network.dimension == 2)
         return best_modulus(manifold, quantity, positive) if known or method == "closed_form" else None
-    if positive and (stress := quantity.best_stress(manifold)) is not None:
-        return at_best_stress(manifold, quantity, stress)
+    if positive and isinstance(best := quantity.best_known(manifold), Optimum):
+        return best
     if method == "closed_form":
         raise InputError("a closed form is known for moduli without a penalty only: choose another method")
     if not isinstance(quantity, LengthVariance) or not positive or tolerance is None:
@@ -205,18 +205,6 @@ def known_optimum(
     optimum = equal_lengths(manifold, quantity, tolerance if tolerance * manifold.network.n_edges >= ROUGH else None)
     # Where edges fall slack the least variance is not zero.
     return optimum if optimum is not None and optimum.ok else None
-
-
-def at_best_stress(manifold: CriticalManifold, quantity: Quantity, stress: Array) -> Optimum:
-    """The optimum at a stress that attains the smallest or largest value of `Quantity.extreme`."""
-    solution = manifold.solve(stress)
-    if not solution.ok:
-        return Optimum(solution.value, solution.status, solution.stats, solution.note, objective=np.nan)
-    here = evaluate(manifold, quantity, solution.value.sigma)
-    best = quantity.extreme(manifold)[quantity.maximise]
-    stats = replace(solution.stats, method="closed_form", steps=0, residual=here.residual)
-    error = partial(float, abs(here.value - best) + EPS * manifold.network.n_edges * abs(best))
-    return Optimum(solution.value, Status.ok, stats, objective=here.value, error_of=error)
 
 
 def equal_lengths(manifold: CriticalManifold, quantity: Quantity, tolerance: float | None = None) -> Optimum | None:
@@ -227,12 +215,12 @@ def equal_lengths(manifold: CriticalManifold, quantity: Quantity, tolerance: flo
     n_edges, slack = manifold.network.n_edges, {}
     if tolerance is None:
         solution: Any = critical_from_lengths(manifold, np.ones(n_edges), throw=False)
-        here = evaluate(manifold, quantity, solution.value.sigma) if solution.ok else None
+        here = evaluate(manifold.balance(solution.value.sigma), quantity) if solution.ok else None
         method, steps, slack = "conic", solution.stats.steps, {"slack_edges": solution.slack_edges}
     else:
         for step, (balance, deviation) in enumerate(iterate_lengths(manifold, np.ones(n_edges))):
             # The gradient, which costs as much as a step, is about two deviations an edge.
-            if deviation <= 2 * tolerance * n_edges and (here := evaluate_at(balance, quantity)).residual < tolerance:
+            if deviation <= 2 * tolerance * n_edges and (here := evaluate(balance, quantity)).residual < tolerance:
                 method, steps = "iteration", step
                 break
         else:
@@ -285,7 +273,9 @@ def largest_modulus(network: Network | CriticalManifold, strain: Deformable) -> 
         raise InputError("in three dimensions only the largest modulus of a dilation has a known configuration")
     balance = manifold.balance(k * np.sqrt(n_edges / (k @ k)))
     F, moment = force_map(network, balance.bond_vectors, A)
-    bound, zero = float(np.trace(F @ moment @ F.T)) / network.volume, vanishes(F, moment, A)
+    trace = np.trace(F @ moment @ F.T)
+    # Whether the strain changes no length to first order, up to rounding.
+    bound, zero = float(trace) / network.volume, trace <= ISOTROPIC**2 * np.sum(A**2) * np.trace(moment)
     if zero or is_dilation(A):
         # F = A of a dilation is isotropic: the configuration is L* itself.
         solution: Solution[CriticalConfiguration] = manifold.solve(balance.sigma, balance=balance)
@@ -301,7 +291,7 @@ def largest_modulus(network: Network | CriticalManifold, strain: Deformable) -> 
         note = f"edges {', '.join(map(str, edges))} have no length there" if len(edges) else ""
         if not np.array_equal(here.sigma, balance.sigma):
             balance = manifold.balance(here.sigma)
-        stats = replace(stats, residual=evaluate_at(balance, modulus).residual)
+        stats = replace(stats, residual=evaluate(balance, modulus).residual)
         return replace(optimum, stats=stats, collapsed_edges=edges, note=note)
     # Forces that are all parallel, or an edge that vanishes: the bound is approached, not attained.
     status = Status.edge_collapse if shortest <= NO_LENGTH else Status.singular if solution.ok else solution.status

@@ -31,7 +31,6 @@ from typing import ClassVar
 
 import numpy as np
 import scipy.linalg
-from numpy.typing import NDArray
 
 from critflow.arguments import of_kind, shown
 from critflow.deformation import Deformable, deformation_of
@@ -39,7 +38,7 @@ from critflow.double_double import Extended, add, divide, extended, multiply, to
 from critflow.manifold import Balance, CriticalConfiguration, CriticalManifold, StressedBonds
 from critflow.networks import Array, Network
 from critflow.numerics import EPS, dot, mean, norms, quasi_random
-from critflow.result import InputError, Record
+from critflow.result import InputError, Record, Solution
 
 DIFFERENCE = 1e-5  # relative step of central differences: their error is its square, and rounding leaves as many digits
 # Relative step of derivatives by complex numbers: its square vanishes beside one, and no product underflows.
@@ -83,20 +82,6 @@ class Quantity(Record, ABC):
     def evaluate(self, balance: Balanced) -> tuple[float, Partials]:
         """O, and ∂O/∂σ (N_b,) and ∂O/∂L (N_b, d), as (O, (∂σ, ∂L)), at the σ and L of a balance."""
 
-    def by_stiffness(self, balance: Balanced) -> Array:
-        """∂O/∂k (N_b,) at constant σ and L; by central differences unless a subclass knows better."""
-        network, rows = balance.network, np.empty(balance.network.n_edges)
-        for edge, k in enumerate(network.stiffness):
-            ends = []
-            for sign in (1, -1):
-                stiffness = network.stiffness.copy()
-                stiffness[edge] = k * (1 + sign * DIFFERENCE)
-                changed = network.with_stiffness(stiffness)
-                there = StressedBonds(CriticalManifold.of(changed), balance.sigma, balance.bond_vectors)
-                ends.append(self.evaluate(there)[0])
-            rows[edge] = (ends[0] - ends[1]) / (2 * DIFFERENCE * k)
-        return rows
-
     def error(self, critical: CriticalConfiguration) -> float:
         """Error (estimate) of the value at a configuration: |∂O/∂L| times the errors of the bonds, and rounding."""
         value, (by_sigma, by_L) = self.evaluate(critical)
@@ -111,17 +96,9 @@ class Quantity(Record, ABC):
         """
         return -np.inf, np.inf
 
-    def best_stress(self, manifold: CriticalManifold) -> Array | None:
-        """σ (N_b,) at which the best value over positive stresses is attained (proof), or None where none is known."""
+    def best_known(self, manifold: CriticalManifold) -> Solution[CriticalConfiguration] | None:
+        """The `Optimum` of positive stresses, with a proof and without a descent; None where none is known."""
         return None
-
-    def in_part(self, network: Network, kept: NDArray[np.bool_]) -> Quantity | None:
-        """The same quantity of the part of a network with the kept edges (N_b,), which has numbers of its own.
-
-        None where the part has lost an edge or a face that the quantity names by its number.  A quantity that names
-        none, as by default, is itself.
-        """
-        return self
 
     def unit(self, network: Network) -> float:
         """The natural unit of the values on a network (table of this module): 1 by default."""
@@ -169,15 +146,8 @@ class Evaluation:
         """(∂²O/∂σ∂σ) σ̇, (N_b,), to nine digits, by the gradients at two stresses."""
         balance = self.balance
         step = DIFFERENCE / float(np.abs(dsigma / balance.sigma).max())
-        ends = [evaluate(balance.manifold, self.quantity, balance.sigma + s * dsigma) for s in (step, -step)]
+        ends = [evaluate(balance.manifold.balance(balance.sigma + s * dsigma), self.quantity) for s in (step, -step)]
         return (ends[0].gradient - ends[1].gradient) / (2 * step)
-
-
-def only_positive(signs: str) -> bool:
-    """Whether stresses are positive; `InputError` for other words than "positive" and "any"."""
-    if signs not in ("positive", "any"):
-        raise InputError(f"signs must be 'positive' or 'any', not {signs!r}")
-    return signs == "positive"
 
 
 def derivatives_along(quantity: Quantity, balance: Balanced, dsigma: Array, dL: Array) -> Partials:
@@ -188,26 +158,17 @@ def derivatives_along(quantity: Quantity, balance: Balanced, dsigma: Array, dL: 
     if size == 0:
         return np.zeros_like(sigma), np.zeros_like(L)
     h = IMAGINARY / size
-    there = StressedBonds(balance.manifold, _complex(sigma, h * dsigma), _complex(L, h * dL))
+    # Two parts, without the products of real + 1j imaginary.
+    shifted_sigma, shifted_L = sigma.astype(complex, "C"), L.astype(complex, "C")
+    shifted_sigma.imag, shifted_L.imag = h * dsigma, h * dL
+    there = StressedBonds(balance.manifold, shifted_sigma, shifted_L)
     # Division by NaN, the derivative of a length that vanishes, warns for complex numbers only.
     with np.errstate(invalid="ignore"):
         _, (by_sigma, by_L) = quantity.evaluate(there)
     return np.imag(by_sigma) / h, np.imag(by_L) / h
 
 
-def _complex(real: Array, imaginary: Array) -> NDArray[np.complex128]:
-    """Complex numbers of two parts, without the products of real + 1j imaginary."""
-    numbers = np.empty(real.shape, complex)
-    numbers.real, numbers.imag = real, imaginary
-    return numbers
-
-
-def evaluate(manifold: CriticalManifold, quantity: Quantity, sigma: Array) -> Evaluation:
-    """Value and gradient of a quantity at a stress σ (N_b,), unchecked, by one factorisation and 2d solves."""
-    return evaluate_at(manifold.balance(sigma), quantity)
-
-
-def evaluate_at(balance: Balance, quantity: Quantity) -> Evaluation:
+def evaluate(balance: Balance, quantity: Quantity) -> Evaluation:
     """Value and gradient of a quantity at a balance, by d solves."""
     value, partials = quantity.evaluate(balance)
     gradient, adjoint = balance.pull_back(*partials)
@@ -217,50 +178,40 @@ def evaluate_at(balance: Balance, quantity: Quantity) -> Evaluation:
 # Variances of lengths and of tensions.
 
 
-class _RelativeVariance(Quantity):
-    """⟨(v − ⟨v⟩)²⟩/⟨v⟩² of v = w|L|, where the weights w are one, or the stresses; independent of the stiffness."""
+class LengthVariance(Quantity):
+    """V_L = ⟨(|L| − ⟨|L|⟩)²⟩/⟨|L|⟩² (`LengthVariance`)."""
 
-    of_tensions: ClassVar[bool]
+    name: ClassVar[str] = "V_L"
 
     def evaluate(self, balance: Balanced) -> tuple[float, Partials]:
         L = balance.bond_vectors
         length = norms(L)
-        values = balance.sigma * length if self.of_tensions else length
-        mean = _mean(values)
-        deviation = values - mean
-        square = mean * mean  # not a power, whose last bit depends on the units
-        variance = _mean(deviation * deviation) / square
-        derivative = 2 / (len(values) * square) * (deviation - variance * mean)
-        if self.of_tensions:
-            return variance, (derivative * length, (derivative * balance.sigma / divisors(length))[:, None] * L)
+        variance, derivative = _relative_variance(length)
         return variance, (np.zeros_like(length), (derivative / divisors(length))[:, None] * L)
-
-    def by_stiffness(self, balance: Balanced) -> Array:
-        return np.zeros_like(balance.sigma)
 
     def extreme(self, manifold: CriticalManifold, positive: bool = True) -> tuple[float, float]:
         return 0.0, np.inf
 
 
-@dataclass(frozen=True, repr=False)
-class LengthVariance(_RelativeVariance):
-    """V_L = ⟨(|L| − ⟨|L|⟩)²⟩/⟨|L|⟩² (`LengthVariance`)."""
-
-    name: ClassVar[str] = "V_L"
-    of_tensions: ClassVar[bool] = False
-
-
-@dataclass(frozen=True, repr=False)
-class TensionVariance(_RelativeVariance):
+class TensionVariance(Quantity):
     """V_τ = ⟨(τ − ⟨τ⟩)²⟩/⟨τ⟩² of the tensions τ = σ|L| (`TensionVariance`)."""
 
     name: ClassVar[str] = "V_tau"
-    of_tensions: ClassVar[bool] = True
+    extreme = LengthVariance.extreme
+
+    def evaluate(self, balance: Balanced) -> tuple[float, Partials]:
+        sigma, L = balance.sigma, balance.bond_vectors
+        length = norms(L)
+        variance, derivative = _relative_variance(sigma * length)
+        return variance, (derivative * length, (derivative * sigma / divisors(length))[:, None] * L)
+
+
+VARIANCES = {kind.name: kind() for kind in (LengthVariance, TensionVariance)}
 
 
 def variance(network: Network, name: str) -> Quantity:
-    """V_L or V_tau."""
-    return LengthVariance() if name == LengthVariance.name else TensionVariance()
+    """V_L or V_tau: the same object at every call."""
+    return VARIANCES[name]
 
 
 def divisors(length: Array) -> Array:
@@ -268,16 +219,19 @@ def divisors(length: Array) -> Array:
     return np.where(length.real > 0, length, np.nan)
 
 
-def _mean(values: Array) -> float:
-    """The bits of `values.mean()`, which takes three times as long for small networks, also of complex numbers."""
-    return np.add.reduce(values).item() / len(values)
+def _relative_variance(values: Array) -> tuple[float, Array]:
+    """⟨(v − ⟨v⟩)²⟩/⟨v⟩² of numbers v (n,), and its derivatives by them, also of complex numbers."""
+    # The bits of `values.mean()`, which takes three times as long for small networks.
+    mean = np.add.reduce(values).item() / len(values)
+    deviation, square = values - mean, mean * mean  # not a power, whose last bit depends on the units
+    variance = np.add.reduce(deviation * deviation).item() / len(values) / square
+    return variance, 2 / (len(values) * square) * (deviation - variance * mean)
 
 
 # Moduli at the transition as quantities.
 #
 #     W = Σ σ L·A L,   D = Σ σ²|L|²/k,   μ_A = W²/(V D).
 # Scalars are squared by products: the power of a number is off by a last bit that depends on its unit.
-# The configuration does not depend on k, and ∂D/∂k = −σ²|L|²/k².
 #
 # Virtual work gives Σσ L·A L = Σσ L·A L* with L* the configuration at σ = k, so by the inequality of Cauchy and Schwarz
 #     μ_A ≤ (1/V) Σ k|F L*|²,   F = A + W,  Wᵀ = −W,  FM symmetric for the moments M = Σ k L*L*ᵀ,
@@ -311,12 +265,6 @@ class TransitionModulus(SpringResponse):
         by_sigma = 2 * ratio * hdot - 2 * ratio * ratio * sigma * flexibility
         by_L = (4 * ratio * sigma)[:, None] * AL - (2 * ratio * ratio * square / k)[:, None] * L
         return work * ratio / volume, (by_sigma / volume, by_L / volume)
-
-    def by_stiffness(self, balance: Balanced) -> Array:
-        sigma, L, k = balance.sigma, balance.bond_vectors, balance.network.stiffness
-        square, flexibility = sigma * sigma, dot(L, L) / k
-        ratio = (sigma @ dot(L, L @ self.symmetric)).item() / (square @ flexibility).item()
-        return np.asarray(square * flexibility / k * (ratio * ratio) / balance.network.volume)
 
     def extreme(self, manifold: CriticalManifold, positive: bool = True) -> tuple[float, float]:
         return 0.0, largest_value(manifold, self.symmetric)
@@ -355,36 +303,28 @@ class PenalisedModulus(SpringResponse):
     def evaluate(self, balance: Balanced) -> tuple[float, Partials]:
         value, (dO_dsigma, dO_dL) = self.modulus.evaluate(balance)
         sigma = balance.sigma
-        power, square = self._powers(balance)
+        power, square = self.powers(balance)
         total = np.add.reduce(power)
         # s scales as σ/|σ|, so the derivative in the direction of σ cancels.
         derivative = PENALTY_EXPONENT * (power / sigma - total * sigma / square) / len(sigma)
         return value - total.item() / len(sigma), (dO_dsigma + derivative, dO_dL)
 
-    def by_stiffness(self, balance: Balanced) -> Array:
-        # The unit is proportional to the mean stiffness.
-        return self.modulus.by_stiffness(balance) - self._powers(balance)[0].mean() / balance.network.stiffness.sum()
-
     def extreme(self, manifold: CriticalManifold, positive: bool = True) -> tuple[float, float]:
         return -np.inf, self.modulus.extreme(manifold)[1]
 
     def preconditioner(self, balance: Balanced) -> Array | float:
-        return PENALTY_EXPONENT**2 / len(balance.sigma) * self._powers(balance)[0]
+        return PENALTY_EXPONENT**2 / len(balance.sigma) * self.powers(balance)[0]
 
-    def _powers(self, balance: Balanced) -> tuple[Array, float]:
+    def powers(self, balance: Balanced) -> tuple[Array, float]:
         """u (s/r)^(−10), (N_b,), and Σσ²."""
         sigma = balance.sigma
         square = (sigma @ sigma).item()
         scale = np.sqrt(len(sigma) / square) / self.threshold
-        return self.unit(balance.network) * _power(1.0 / (scale * sigma) ** 2, PENALTY_EXPONENT // 2), square
-
-
-def _power(x: Array, n: int) -> Array:
-    """xⁿ of an integer n ≥ 1 by squares, since a general power is ten times slower."""
-    if n == 1:
-        return x
-    half = _power(x, n // 2) ** 2
-    return x * half if n % 2 else half
+        # By squares, from the digits of half the exponent: a general power is ten times slower.
+        power = inverse = 1.0 / (scale * sigma) ** 2
+        for digit in f"{PENALTY_EXPONENT // 2:b}"[1:]:
+            power = inverse * power**2 if digit == "1" else power**2
+        return self.unit(balance.network) * power, square
 
 
 def is_dilation(A: Array) -> bool:
@@ -405,11 +345,6 @@ def force_map(network: Network, L_star: Array, A: Array) -> tuple[Array, Array]:
         return A, M
     W = scipy.linalg.solve_sylvester(M, M, M @ A - A @ M)
     return A + 0.5 * (W - W.T), M
-
-
-def vanishes(F: Array, moment: Array, A: Array) -> bool:
-    """Whether the bound Σk|FL*|² is zero up to rounding: the strain A (d, d) changes no length to first order."""
-    return bool(np.trace(F @ moment @ F.T) <= ISOTROPIC**2 * np.sum(A**2) * np.trace(moment))
 
 
 def dilation(dimension: int) -> Array:

@@ -1,7 +1,4 @@
-"""Values of quantities at a critical configuration, with their errors and exact gradients by stress and stiffness.
-
-The configuration x(σ) does not depend on k, so that dO/dk = ∂O/∂k at constant σ and L.  Gradients by σ take one solve
-with P.
+"""Names of quantities, their largest possible values, and their Hessians over stress.
 
 At the largest bulk modulus the Hessian ∂²B_0/∂σ∂σ is negative semidefinite.  Its null space is σ itself, because the
 configuration does not depend on the scale of σ, and σ̇ = −σ e/|L| for every isogonal mode e, which keeps the tensions:
@@ -12,8 +9,7 @@ change the configuration (`BulkModulusHessian`).
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from difflib import get_close_matches
 
 import numpy as np
@@ -23,30 +19,25 @@ from critflow.arguments import of_kind
 from critflow.calls import running
 from critflow.deformation import DEFORMATIONS, strain_basis
 from critflow.extensions import missing, named, quantities
-from critflow.manifold import CriticalConfiguration, CriticalManifold, require_one_self_stress
+from critflow.manifold import CriticalConfiguration, CriticalManifold
 from critflow.networks import Array, Network
 from critflow.quantities import Quantity, evaluate, has_exact_hessian, require_valid
 from critflow.result import InputError, Record
 
 # The vocabulary of quantities: one name each.
 #
-# B_0 G_0          bulk and shear modulus at the transition
-# C_B C_G          their derivatives with respect to volumetric strain past it
-# V_L V_tau        variances of lengths and of tensions
-# modulus[D]       modulus of a deformation D, such as modulus[uniaxial]
-# stiffening[D]    its derivative with respect to the strain
+# B_0 G_0       bulk and shear modulus at the transition
+# V_L V_tau     variances of lengths and of tensions
+# modulus[D]    modulus of a deformation D, such as modulus[uniaxial]
 #
-# Extras add names, such as onset[D], by their declarations.
+# Extras add names, such as C_B, C_G and onset[D], by their declarations.
 
 FACTORIES = {
     "B_0": "critflow.quantities:named_modulus",
     "G_0": "critflow.quantities:named_modulus",
-    "C_B": "critflow.growth:volumetric_stiffening",
-    "C_G": "critflow.growth:volumetric_stiffening",
     "V_L": "critflow.quantities:variance",
     "V_tau": "critflow.quantities:variance",
     "modulus[D]": "critflow.quantities:transition_modulus",
-    "stiffening[D]": "critflow.growth:stiffening_along",
 }
 """Factories by name, "module:function", of which a module is imported when one of its names is used.
 
@@ -120,14 +111,14 @@ def _unknown(network: Network, name: str) -> str:
     same_letters = [spelling for spelling in spellings if spelling.casefold() == name.casefold()]
     nearest = same_letters or get_close_matches(name, spellings, 1, 0.5)
     hint = f"did you mean {nearest[0]!r}? " if nearest else ""
-    short = [one for one in listed if len(one) < 6 and one[:2] not in ("S_", "C_")]
+    short = [one for one in listed if len(one) < 6 and not one.startswith("S_")]
     components = ["S_xx", "C_xxyy"] * ("S_AXES" in quantities())
     numbered = [f"{stem}[{kind}]" for stem, kind in kinds.items() if kind != "D"]
     *deformed, last = [f"{stem}[D]" for stem, kind in kinds.items() if kind == "D"]
     return (
         f"no quantity is called {name!r:.40}: {hint}choose from "
-        f"{', '.join([*short, 'C_B', 'C_G', *components, *numbered])}, "
-        f"and {', '.join(deformed)} or {last} of a deformation D: {', '.join(DEFORMATIONS)}"
+        f"{', '.join([*short, *components, *numbered])}, and "
+        f"{' or '.join([', '.join(deformed)] * bool(deformed) + [last])} of a deformation D: {', '.join(DEFORMATIONS)}"
     )
 
 
@@ -154,58 +145,6 @@ def upper_bound(network: Network | CriticalManifold, name: str | Quantity) -> fl
 
 FLAT = 1e-9  # eigenvalues of a stress Hessian below this part of the largest are zero; rounding leaves about 1e-13
 DENSE_EDGES = 2000  # most edges for all eigenvalues of a stress Hessian: 32 MB and some seconds
-
-
-@dataclass(frozen=True, eq=False, repr=False)
-class Properties(Record):
-    """Quantities of a critical configuration and their gradients (N_b,), by name.
-
-    values
-    errors        of the values (estimate)
-    by_stress     dO/dσ at constant k; orthogonal to σ, whose scale changes nothing.  NaN where edges are slack: a small
-                  stress on them would move vertices that nothing holds
-    by_stiffness  dO/dk at constant σ
-    """
-
-    values: dict[str, float]
-    errors: dict[str, float] = field(repr=False)
-    by_stress: dict[str, Array] = field(repr=False)
-    by_stiffness: dict[str, Array] = field(repr=False)
-
-
-@running("properties")
-def properties(critical: CriticalConfiguration, quantities: Sequence[str | Quantity] | str | Quantity) -> Properties:
-    """Quantities of a critical configuration with their errors and exact gradients by σ and by k.
-
-    quantities  names such as "B_0", "C_B", "S_xy" or "stiffening[uniaxial]", or `Quantity` objects
-
-    Raises `InputError` for unknown names, and for networks with several self-stresses where a quantity needs one.
-
-    >>> import critflow as cf
-    >>> best = cf.optimize(cf.voronoi_network(n_vertices=20, seed=1), 'B_0')
-    >>> bool(abs(cf.properties(best, ['B_0']).by_stress['B_0']).max() < 1e-12)
-    True
-    """
-    critical = of_kind(CriticalConfiguration, critical=critical)
-    given = [quantities] if isinstance(quantities, str | Quantity) else quantities
-    if not isinstance(given, list | tuple) or not given or not all(isinstance(one, str | Quantity) for one in given):
-        raise InputError("give a list of at least one quantity, such as ['B_0']")
-    parsed = {key if isinstance(key, str) else key.name: quantity(critical.network, key) for key in given}
-    if any(one.one_self_stress for one in parsed.values()):
-        require_one_self_stress(critical.network)
-    for one in parsed.values():
-        require_valid(one, critical)
-    balance = critical.manifold.balance(critical.sigma)
-    evaluated = {name: one.evaluate(critical) for name, one in parsed.items()}
-    rows = balance.pull_backs([partials for _, partials in evaluated.values()])
-    if not critical.sigma.all():
-        rows = np.full_like(rows, np.nan)
-    return Properties(
-        {name: float(value) for name, (value, _) in evaluated.items()},
-        {name: one.error(critical) for name, one in parsed.items()},
-        dict(zip(parsed, rows, strict=True)),
-        {name: one.by_stiffness(critical) for name, one in parsed.items()},
-    )
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -238,7 +177,7 @@ def stress_hessian(critical: CriticalConfiguration, name: str | Quantity = "B_0"
     name = of_kind(str, Quantity, name=name)
     manifold, goal = critical.manifold, quantity(critical.network, name)
     require_valid(goal, critical)
-    evaluation = evaluate(manifold, goal, manifold.configuration(critical.sigma).sigma)
+    evaluation = evaluate(manifold.balance(manifold.configuration(critical.sigma).sigma), goal)
     product = evaluation.hessian_product if has_exact_hessian(manifold, goal) else evaluation.hessian_difference
 
     def apply(direction: Array) -> Array:

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 from derivatives import assert_derivative
-from problems import PERIODIC_KINDS, at, random_stress
+from problems import PERIODIC_KINDS, random_stress
 
-from critflow import CriticalManifold, Quantity
+from critflow import CriticalManifold
 from critflow.quantities import evaluate, has_exact_hessian, takes_complex_steps
 
 KINDS = {name: make() for name, make in PERIODIC_KINDS.items()}
@@ -21,13 +21,15 @@ def stress(network, sign=1.0):
 def assert_gradients_and_hessian_products(manifold, goal, sign):
     sigma, rng = stress(manifold.network, sign), np.random.default_rng(6)
     directions = 0.1 * rng.standard_normal((2, len(sigma)))
-    here = evaluate(manifold, goal, sigma)
+    here = evaluate(manifold.balance(sigma), goal)
     scale = float(np.abs(here.gradient).max())
     size = 1e-8 * scale + 1e-12 * abs(here.value)
-    assert_derivative(lambda s: evaluate(manifold, goal, s).value, here.gradient, sigma, directions, 1e-3, 1e-7, size)
+    assert_derivative(
+        lambda s: evaluate(manifold.balance(s), goal).value, here.gradient, sigma, directions, 1e-3, 1e-7, size
+    )
     if goal.analytic:
         assert takes_complex_steps(manifold, goal)
-        gradient = lambda s: evaluate(manifold, goal, s).gradient  # noqa: E731
+        gradient = lambda s: evaluate(manifold.balance(s), goal).gradient  # noqa: E731
         product = here.hessian_product(directions[0])
         np.testing.assert_allclose(1e-100 * here.hessian_product(1e100 * directions[0]), product, rtol=1e-9, atol=size)
         assert_derivative(gradient, here.hessian_product, sigma, directions, 1e-3, 1e-6, 1e-6 * scale)
@@ -38,25 +40,7 @@ def assert_gradients_and_hessian_products(manifold, goal, sign):
         assert u @ Hv == pytest.approx(v @ Hu, rel=1e-5, abs=1e-6 * np.linalg.norm(Hu) * np.linalg.norm(v))
     # No quantity depends on the scale of σ: H σ = −∇O.
     assert abs(here.gradient @ sigma) < 1e-11 * scale * len(sigma)
-    assert evaluate(manifold, goal, 7 * sigma).value == pytest.approx(here.value, rel=1e-10, abs=1e-13)
-
-
-def assert_derivatives_by_stiffness(kind, goal):
-    network = KINDS[kind]
-    sigma = stress(network)
-    L = MANIFOLDS[kind].balance(sigma).bond_vectors
-    direction = np.random.default_rng(7).standard_normal(network.n_edges)
-
-    def value(k):
-        return goal.evaluate(at(network.with_stiffness(k), sigma, L))[0]
-
-    found = goal.by_stiffness(at(network, sigma, L))
-    assert_derivative(value, found, network.stiffness, [direction], 1e-3, 1e-7, 1e-9 * np.abs(found).max() + 1e-12)
-    if kind != "oblique":
-        return
-    # Without a formula of its own, by differences.
-    general = Quantity.by_stiffness(goal, at(network, sigma, L))
-    np.testing.assert_allclose(general, found, rtol=1e-6, atol=1e-8 * np.abs(found).max() + 1e-10)
+    assert evaluate(manifold.balance(7 * sigma), goal).value == pytest.approx(here.value, rel=1e-10, abs=1e-13)
 
 
 def assert_no_stress_exceeds_the_extreme_values(manifold, goals):

@@ -53,7 +53,7 @@ def test_a_quantity_of_an_extra_that_is_not_installed(without):
     network = lattice("honeycomb", 2, 2)
     with pytest.raises(InputError, match=r"onset\[uniaxial\]' is of the extra 'cables' of critflow, which is not"):
         quantity(network, "onset[uniaxial]")
-    with pytest.raises(InputError, match=r"and modulus\[D\] or stiffening\[D\] of a deformation D: ") as error:
+    with pytest.raises(InputError, match=r"and modulus\[D\].* of a deformation D: ") as error:
         quantity(network, "nonsense")
     assert "onset" not in str(error.value)
 
@@ -65,7 +65,7 @@ def test_components_of_an_extra_that_is_not_installed(without):
     for name in ("S_xy", "C_xxyy"):
         with pytest.raises(InputError, match=f"'{name}' is of the extra 'design_names' of critflow, which is not"):
             quantity(network, name)
-    with pytest.raises(InputError, match="C_B, C_G") as error:
+    with pytest.raises(InputError, match="choose from B_0, G_0") as error:
         quantity(network, "nonsense")
     assert "S_xx" not in str(error.value)
 
@@ -87,5 +87,5 @@ def test_what_an_extra_writes_in_brackets_goes_to_its_factory(monkeypatch):
     network = lattice("honeycomb", 2, 2)
     with pytest.raises(ValueError, match="3-5:1:0"):
         quantity(network, "share[3-5:1:0]")
-    with pytest.raises(InputError, match=r"did you mean 'share\[I-J\]'.*C_G, share\[I-J\], and modulus"):
+    with pytest.raises(InputError, match=r"did you mean 'share\[I-J\]'.*V_tau, share\[I-J\], and modulus\[D\] of a"):
         quantity(network, "shar[3-5]")

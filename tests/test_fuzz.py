@@ -50,7 +50,6 @@ CALLS = {
     "response": lambda p, r: CriticalManifold(p.network).response(critical_of(p)),
     "errors at the transition": lambda p, r: critflow.elasticity(critical_of(p)).value.errors.bulk,
     "upper_bound": lambda p, r: critflow.upper_bound(p.network, "B_0"),
-    "least C_B": lambda p, r: critflow.quantity(p.network, "C_B").extreme(CriticalManifold(p.network))[0],
     "upper_bound of a strain": lambda p, r: critflow.upper_bound(
         p.network, transition_modulus(p.network, strain_of(p, r))
     ),
@@ -86,7 +85,6 @@ CALLS = {
     "strain_path of a deformation": lambda p, r: critflow.strain_path(
         critical_of(p), [1e-4, 1e-3], deformation=a_deformation(p, r), measure=measured(p)
     ),
-    "properties": lambda p, r: critflow.properties(critical_of(p), r.choice([["V_tau", "V_L"], ["B_0", "C_B"]])),
     "quantity": lambda p, r: critflow.quantity(p.network, "V_L"),
 }
 

@@ -60,13 +60,12 @@ CALLS = {
             *(InputError, "'bulk_modulos'", "did you mean 'bulk_modulus'?"),
         ),
         "bound of a misspelt quantity": (lambda: cf.upper_bound(NETWORK, "B0"), InputError, "did you mean 'B_0'?"),
-        "quantity in lower case": (lambda: cf.quantity(NETWORK, "C_b"), InputError, "did you mean 'C_B'?"),
+        "quantity in lower case": (lambda: cf.quantity(NETWORK, "v_l"), InputError, "did you mean 'V_L'?"),
         "quantity of a deformation": (
             lambda: cf.quantity(NETWORK, "modulus[twist]"),
             *(InputError, "'modulus[twist]'", "did you mean 'modulus[dilation]'?", "simple_shear"),
         ),
         "quantity without its deformation": (lambda: cf.quantity(NETWORK, "modulus"), InputError, "modulus[D]"),
-        "property misspelt": (lambda: cf.properties(BEST, ["B0"]), InputError, "did you mean 'B_0'?"),
         "objective a number": (lambda: cf.optimize(NETWORK, 3), InputError, "objective must be a name or a Quantity"),
         "method misspelt": (
             lambda: cf.optimize(NETWORK, "G_0", "newtn"),
@@ -287,6 +286,12 @@ CALLS = {
             lambda: cf.certify(NETWORK),
             *(InputError, "critical must be a CriticalConfiguration, not a Network", MAKES_ONE),
         ),
+    },
+    "design_growth": {
+        "quantity in lower case": (lambda: cf.quantity(NETWORK, "C_b"), InputError, "did you mean 'C_B'?"),
+    },
+    "sensitivities": {
+        "property misspelt": (lambda: cf.properties(BEST, ["B0"]), InputError, "did you mean 'B_0'?"),
     },
     "design_names": {
         "quantity of no edge": (

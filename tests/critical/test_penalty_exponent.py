@@ -25,7 +25,7 @@ def test_value_gradient_and_first_matrix_follow_one_exponent(exponent, monkeypat
     def value(s):
         return penalised.evaluate(manifold.balance(s))[0]
 
-    here, random = evaluate(manifold, penalised, sigma), np.random.default_rng(0)
+    here, random = evaluate(manifold.balance(sigma), penalised), np.random.default_rng(0)
     assert_derivative(value, here.gradient, sigma, random.standard_normal((2, len(sigma))), 1e-3, 1e-6)
     s = sigma * np.sqrt(len(sigma) / np.sum(sigma**2))
     powers = penalised.unit(NETWORK) * np.sum((s / 0.5) ** -float(exponent)) / len(s)

@@ -1,4 +1,4 @@
-"""Configurations, quantities, errors and modes in other units of stiffness and length: the same digits."""
+"""Configurations, moduli, errors and modes in other units of stiffness and length: the same digits."""
 
 from functools import partial
 
@@ -6,18 +6,12 @@ import numpy as np
 from problems import NETWORKS, critical_of, random_stress, slack_lattice, voronoi_3d, with_random_stiffness
 from units import same_in_units
 
-from critflow import CriticalManifold, isogonal_modes, properties
+from critflow import CriticalManifold, isogonal_modes
 from critflow.isogonal import affine_bulk_modulus, face_modes
 from critflow.manifold import critical_configuration
 from critflow.quantities import PenalisedModulus, TransitionModulus, pure_shear, transition_modulus_error
-from critflow.quantity_names import flat_directions, quantity
+from critflow.quantity_names import flat_directions
 from critflow.taut_part import backbone
-
-# Quantities of a network, and the power of the unit of stiffness and of length that they have in d dimensions.
-POWERS = {
-    **dict.fromkeys(("B_0", "G_0", "C_B", "C_G", "modulus[uniaxial]"), lambda d: (1, 2 - d)),
-    **dict.fromkeys(("V_L", "V_tau"), lambda d: (0, 0)),
-}
 
 
 def configuration(network, units, signed=False):
@@ -31,23 +25,14 @@ def configuration(network, units, signed=False):
     }
 
 
-def quantities(network, units, signed=False):
-    d, manifold = network.dimension, CriticalManifold(network)
+def moduli(network, units, signed=False):
     sigma = random_stress(network.n_edges, 1)
     sigma[::6] *= -0.3 if signed else 1
-    critical = manifold.configuration(sigma)
-    found = properties(critical, list(POWERS))
-    one = {}
-    for name in POWERS:
-        k, length = POWERS[name](d)
-        unit, goal = units.stiffness**k * units.length**length, quantity(network, name)
-        numbers = (found.values[name], found.errors[name], found.by_stress[name], goal.unit(network))
-        one[name] = np.concatenate([np.ravel(value) / unit for value in (*numbers, goal.extreme(manifold, not signed))])
-        one[f"{name} by stiffness"] = found.by_stiffness[name] * (units.stiffness / unit)
+    d, critical = network.dimension, CriticalManifold(network).configuration(sigma)
     penalised = PenalisedModulus(TransitionModulus(pure_shear(d), "G_0"), 0.2).evaluate(critical)[0]
     modulus = "stiffness" if d == 2 else "pressure"
     error = transition_modulus_error(pure_shear(d), critical)
-    return {"number": [*one.values()], modulus: (penalised, error, affine_bulk_modulus(critical))}
+    return {modulus: (penalised, error, affine_bulk_modulus(critical))}
 
 
 def error_of_a_modulus(network, units):
@@ -85,8 +70,8 @@ NETWORK, SPACE = NETWORKS["voronoi, random stiffness"], lambda: with_random_stif
 test_the_transition_in_other_units = same_in_units(
     {name: (configuration, NETWORKS[name]) for name in ("oblique", "pinned grid", "own images")}
     | {"configuration, signed": (partial(configuration, signed=True), NETWORK)}
-    | {"quantities": (quantities, NETWORK), "quantities, signed": (partial(quantities, signed=True), NETWORK)}
-    | {"quantities in space": (quantities, SPACE), "modes": (modes, NETWORK)}
+    | {"moduli": (moduli, NETWORK), "moduli, signed": (partial(moduli, signed=True), NETWORK)}
+    | {"moduli in space": (moduli, SPACE), "modes": (modes, NETWORK)}
     | {"backbone": (of_a_backbone, lambda: slack_lattice()[0])},
     rtol=1e-14,
 )

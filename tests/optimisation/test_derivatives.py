@@ -115,8 +115,3 @@ def test_a_quantity_that_is_not_analytic_has_differences(goal, action):
         found = [optimize(network, goal, method) for method in ("auto", "lbfgs")]
     assert [one.status for one in found] == [Status.ok] * 2 and found[1].saddles == 0
     assert found[0].objective == pytest.approx(optimize(network, "V_tau").objective, rel=1e-13)
-
-
-def test_stiffening_has_no_second_derivatives():
-    with pytest.raises(InputError, match="C_B has none: choose method='lbfgs'"):
-        optimize(voronoi_network(40, seed=1), "C_B", "newton")

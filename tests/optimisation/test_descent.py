@@ -48,7 +48,7 @@ def test_all_edges_that_fall_slack_are_listed(method):
     manifold, variance = CriticalManifold(network), quantity(network, "V_L")
 
     def scaled(sigma):
-        there = evaluate(manifold, variance, sigma)
+        there = evaluate(manifold.balance(sigma), variance)
         return 1e5 * there.value, 1e5 * there.gradient
 
     # The reference has stresses of zero, which their logarithms exclude.
@@ -171,7 +171,7 @@ def largest_curvature(manifold, goal, x):
 
     def gradient(theta):
         sigma = np.exp(theta - theta.mean())
-        return sigma * evaluate(manifold, goal, sigma).gradient
+        return sigma * evaluate(manifold.balance(sigma), goal).gradient
 
     steps = 1e-5 * np.eye(len(x))
     hessian = np.array([gradient(x + step) - gradient(x - step) for step in steps]) / 2e-5

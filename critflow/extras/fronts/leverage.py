@@ -222,13 +222,24 @@ class Part:
         return manifold
 
 
+def in_part(measured: Quantity, network: Network, kept: Mask) -> Quantity | None:
+    """The same quantity of the part of a network with the kept edges (N_b,), which has numbers of its own.
+
+    A class of quantities that name an edge or a face by its number has a method `in_part(network, kept)`, which returns
+    None where the part has lost it.  A quantity that names none is itself.
+    """
+    method = getattr(measured, "in_part", None)
+    of_part: Quantity | None = method(network, kept) if method else measured
+    return of_part
+
+
 def value_of_part(measured: Quantity, network: Network, kept: Mask, sigma: Array, L: Array) -> float:
     """A quantity of the kept edges, with edges and faces numbered as in the network; NaN where it names a cut one."""
     length = norms(L)
     # Edges that hang on one vertex have no length: they are as good as cut.
     present = kept & (length > NO_LENGTH * length[kept].mean())
-    of_part = measured.in_part(network, kept)
-    if of_part is None or measured.in_part(network, present) is None:
+    of_part = in_part(measured, network, kept)
+    if of_part is None or in_part(measured, network, present) is None:
         return np.nan
     part: Any = Part(network, kept, sigma, L)
     with np.errstate(all="ignore"):

@@ -6,12 +6,12 @@ from problems import at, dense_bond_vectors
 from quantity_checks import (
     KINDS,
     MANIFOLDS,
-    assert_derivatives_by_stiffness,
     assert_gradients_and_hessian_products,
     assert_no_stress_exceeds_the_extreme_values,
     stress,
 )
 from refusals import refused
+from stiffness_checks import assert_derivatives_by_stiffness
 
 from critflow import quantity, upper_bound, voronoi_network
 from critflow.quantity_names import names

@@ -32,6 +32,7 @@ def test_the_nearest_configuration(tmp_path, capsys):
 
 
 def test_a_network_with_targets(tmp_path, capsys):
+    skip_without(["design_growth"])
     source, out = tmp_path / "v.csv", tmp_path / "made.csv"
     write_network(voronoi_network(n_vertices=16, seed=1), source)
     assert main(["make", str(source), "--target", "C_B=0", "--target", "B_0=0.2:0.25", "--out", str(out)]) == 0

@@ -251,7 +251,7 @@ def _remaining_gain(problem, name):
     value = problem.found.value
     goal = _goal(problem, name)
     sigma = problem.manifold.solve(value.sigma).value.sigma
-    slope = evaluate(problem.manifold, goal, sigma).gradient
+    slope = evaluate(problem.manifold.balance(sigma), goal).gradient
     # The objective does not depend on the scale of σ, but the product of the Hessian with σ is −dO/dσ.
     across = np.eye(len(sigma)) - np.outer(sigma, sigma) / (sigma @ sigma)
     hessian = across @ (stress_hessian(value, goal) @ across)

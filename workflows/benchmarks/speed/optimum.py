@@ -121,7 +121,7 @@ def _error(manifold: CriticalManifold, word: str, start: np.ndarray) -> Callable
     goal = objective_of(manifold.network, word)
 
     def slope(sigma: np.ndarray) -> float:
-        evaluation = evaluate(manifold, goal, sigma)
+        evaluation = evaluate(manifold.balance(sigma), goal)
         return float(np.abs(sigma * evaluation.gradient / evaluation.value).max())
 
     unit = slope(start)
@@ -129,7 +129,7 @@ def _error(manifold: CriticalManifold, word: str, start: np.ndarray) -> Callable
     def error(sigma: np.ndarray) -> float:
         if not (np.isfinite(sigma).all() and (sigma > 0).all()):
             return np.nan
-        evaluation = evaluate(manifold, goal, sigma)
+        evaluation = evaluate(manifold.balance(sigma), goal)
         if word == "V_L":
             return float(np.sqrt(evaluation.value))
         if word == "B_0":
