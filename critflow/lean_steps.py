@@ -42,7 +42,7 @@ from critflow.networks import Array, Network
 from critflow.numerics import EPS, largest, mean
 from critflow.refinement import CONTRACTION, MOST_CORRECTIONS, ROUNDED_FORCE, UNSEEN, leading_half
 from critflow.result import Stats, Status
-from critflow.sparse import Factor, FixedPattern, edge_blocks
+from critflow.sparse import Factor, edge_blocks
 from critflow.springs import TAUT, SpringState
 
 
@@ -72,14 +72,14 @@ class Relaxed(NamedTuple):
 
 
 class LeanSteps:
-    """What the steps of a path share: its springs at γ = 0, the pattern of their Hessian, and sums over edges of rows.
+    """What the steps of a path share: its springs at γ = 0 and sums over edges of rows.
 
     known  strains and responses of the last four steps
     """
 
-    def __init__(self, springs: SpringState, pattern: FixedPattern):
+    def __init__(self, springs: SpringState):
         network, g, d = springs.network, springs.network.free_incidence, springs.network.dimension
-        self.springs, self.pattern, self.ground = springs, pattern, springs.coordinates.T.copy()
+        self.springs, self.size, self.ground = springs, d * g.shape[1], springs.coordinates.T.copy()
         self.tail, self.head = np.ascontiguousarray(network.edges.T)
         self.offsets = np.ascontiguousarray(network.offsets.T, float)
         self.rest_squares, self.stiffness_mean = two_square(springs.rest_lengths), mean(springs.stiffness)
@@ -101,7 +101,7 @@ class LeanSteps:
 
     def forces(self, pulls: Array) -> Array:
         """−gᵀ p, (..., n_free·d), of edge vectors p (..., d, N_b)."""
-        total = np.zeros((*pulls.shape[:-2], self.pattern.size))
+        total = np.zeros((*pulls.shape[:-2], self.size))
         csc_matvec(total.size, pulls.size, self.starts, self.columns, self.signs, pulls.ravel(), total.ravel())
         return -total
 
@@ -148,7 +148,7 @@ class LeanSteps:
             reuse = factor is not None and (balanced or size < REUSE_AFTER * before)
             if not reuse:
                 K = (stiffness - at.sigma) / length**2
-                factor = self.pattern.factorize(edge_blocks(K, at.high.T, at.sigma))
+                factor = springs.pattern.factorize(edge_blocks(K, at.high.T, at.sigma))
                 if not np.minimum.reduce(at.sigma) > TAUT * scale and factor.indefinite:
                     return None
             assert factor is not None
@@ -162,7 +162,7 @@ class LeanSteps:
 
     def corrected(self, at: Balance, x: Array, factor: Factor, steps: int, network: Network) -> Relaxed | None:
         """2. The exact equilibrium by corrections D of coordinates x, which change; None where they do not converge."""
-        (L, low, excess, sigma, force), rest, law = at, self.springs.rest_lengths, self.springs.law
+        (L, low, excess, sigma, force), springs, rest = at, self.springs, self.springs.rest_lengths
         D, before, compliance, contraction = np.zeros_like(force), np.inf, 0.0, 1.0
         rounding, free = EPS * largest(x), network.free_rows
         for number in range(MOST_CORRECTIONS):
@@ -185,7 +185,7 @@ class LeanSteps:
             # Increments of |L|², σ and f have all digits that count.
             excess, moved, old = excess + np.add.reduce((L + L + change) * change), L + change, sigma
             length = np.sqrt(np.add.reduce(moved * moved))
-            sigma = law.tension(excess / (length + rest), rest, self.springs.stiffness) / length
+            sigma = springs.law.tension(excess / (length + rest), rest, springs.stiffness) / length
             force = force + self.forces((sigma - old) * moved + old * change)
             L, low = two_sum(L, low + change)
         else:
@@ -194,7 +194,8 @@ class LeanSteps:
         L = L + (low + change)
         x[:, free], low = two_sum(x[:, free], D.reshape(-1, len(x)).T)
         error = max(largest(low), 0.5 * EPS * largest(L)) + 2 * remainder
-        return Relaxed(SpringState(network, rest, x.T, L.T, law), L, error, steps, factor, contraction)
+        state = SpringState(network, rest, x.T, L.T, springs.law, backend=springs.backend)
+        return Relaxed(state, L, error, steps, factor, contraction)
 
     def response(self, end: Relaxed, strain: float, strains: tuple[int, ...]) -> LinearResponse | None:
         """The response to these rows of `unit_strains`; None where corrections do not converge or errors hide it."""
@@ -238,7 +239,7 @@ class LeanSteps:
 
     def extrapolated(self, strain: float, m: int) -> Array:
         """Responses (m, n_free·d) at a strain by the polynomial through the last ones; zero before there are any."""
-        last, u = [(here, known) for here, known in self.known if len(known) == m], np.zeros((m, self.pattern.size))
+        last, u = [(here, known) for here, known in self.known if len(known) == m], np.zeros((m, self.size))
         for here, known in last:
             u += math.prod((strain - other) / (here - other) for other, _ in last if other != here) * known
         return u

@@ -52,7 +52,7 @@ from critflow.manifold import COLLAPSED, CriticalConfiguration
 from critflow.networks import Array, Network
 from critflow.numerics import EPS, dot, largest, mean, norms
 from critflow.result import InputError, Record, Solution, Stats, Status
-from critflow.sparse import Factor, FixedPattern
+from critflow.sparse import Factor
 from critflow.springs import HOOKEAN, SpringLaw, SpringState, checked_law
 from critflow.taut_part import backbone
 
@@ -236,8 +236,7 @@ def strain_path(
         raise InputError(f"a path measures one of {', '.join(MEASURES)}, not {shown(measure)}")
     kind = provided("free_cell_path", "free components of the cell") if F.free else Path
     kind = provided("cable_path", "paths of cables")(kind) if springs.law.one_sided else kind
-    pattern = first.pattern or springs.pattern()
-    path = kind(springs.network, F, gamma, pattern, method, tolerance, measure, first.stress)
+    path = kind(springs.network, F, gamma, method, tolerance, measure, first.stress)
     result = _solution(path, first, path.follow(springs))
     return result.or_raise("the strain path stopped") if throw else result
 
@@ -364,14 +363,13 @@ class Path:
         network: Network,
         deformation: Deformation,
         strains: Array,
-        pattern: FixedPattern,
         method: str,
         tolerance: float,
         measure: str,
         stress: Array | None,
     ):
         """Raises `InputError` where a strain inverts the cell."""
-        self.network, self.deformation, self.strains, self.pattern = network, deformation, strains, pattern
+        self.network, self.deformation, self.strains = network, deformation, strains
         self.method, self.tolerance, self.measure, self.stress = method, tolerance, measure, stress
         self.points, self.stride, self.better = list[Point](), np.inf, -1
         self.lean: LeanSteps | None = None
@@ -382,7 +380,7 @@ class Path:
         """The points at the strains, from springs at γ = 0; the last one alone may be refused."""
         # A kind of path or of springs with other unknowns or forces takes general steps.
         lean = type(self) is Path and type(springs) is SpringState and self.method == "newton"
-        self.lean = LeanSteps(springs, self.pattern) if lean and springs.law.convex else None
+        self.lean = LeanSteps(springs) if lean and springs.law.convex else None
         reached = self.begin(springs)
         for strain in counted(self.strains[len(reached) :].tolist(), "strain"):
             if reached and not reached[-1].ok:
@@ -547,7 +545,7 @@ class Path:
 
     def corrected(self, start: Point) -> tuple[Point, Factor | None]:
         """The equilibrium from a prediction, H u = f by Newton's method or by FIRE, and a factor of H near it."""
-        solution, factor = relaxed(start.state, self.pattern, self.method, self.largest_force, condition=False)
+        solution, factor = relaxed(start.state, self.method, self.largest_force, condition=False)
         # FIRE at its step limit gains nothing from smaller strain steps.
         limited = self.method == "fire" and solution.status is Status.step_limit
         return start.relaxed_to(solution, final=limited), factor
@@ -570,7 +568,7 @@ class Path:
             return replace(self.without_moduli(end, factor, rates, second_rates), z=self.unknowns(end))
         chosen = None if self.measure == "tensors" else strains_of(rates)
         volume, exact = state.network.volume, self.method == "newton"
-        response = linear_response(state, volume, self.pattern, exact, factor, condition=False, strains=chosen)
+        response = linear_response(state, volume, exact, factor, condition=False, strains=chosen)
         if not response.ok:
             return end.refused(response.status, response.reason)
         return self.responding(end, response, rates, second_rates)
@@ -596,9 +594,9 @@ class Path:
         """As `measured`, velocity and d²E/dγ² alone."""
         state = end.state
         if factor is None:
-            factor = state.factorize(self.pattern)
+            factor = state.factorize()
             if factor.indefinite:
-                factor = state.factorize(self.pattern, FLOPPY_SHIFT * state.stiffness_scale)
+                factor = state.factorize(FLOPPY_SHIFT * state.stiffness_scale)
         end = self.with_tangent(end, factor, rates, second_rates)
         if self.method == "newton":
             return end
@@ -647,7 +645,7 @@ class Path:
         left = stressed.force_rates(affine)
         if len(rates) == 1 and largest(left) <= _BALANCED * springs.stiffness_scale * largest(affine):
             return self.velocity(here, np.zeros_like(left), np.ones(1))
-        factor = stressed.factorize(self.pattern, FLOPPY_SHIFT * springs.stiffness_scale)
+        factor = stressed.factorize(FLOPPY_SHIFT * springs.stiffness_scale)
         # Where all edges are tense the stress resists all motions.
         if not stressed.taut(0.0) and factor.indefinite:
             return None
@@ -745,14 +743,12 @@ class Beginning:
     """Springs at γ = 0.
 
     stress   tension over length of each spring at a transition, σ (N_b,) or T/p (N_f,); None for a state of springs
-    pattern  of the Hessian, where the manifold of the start has it
     total_strains  strains (n,) of the network as given, of strains (n,) along a path from here; None: the same
     """
 
     springs: SpringState
     stress: Array | None = None
     note: str = ""
-    pattern: FixedPattern | None = None
     total_strains: Callable[[Deformation, Array], Array] | None = None
 
 
@@ -786,11 +782,7 @@ def _(start: CriticalConfiguration, law: SpringLaw | None, taut_only: bool) -> B
         note = f"{n_slack} of {len(start.sigma)} edges are slack, so the path is that of the taut part alone"
     law = checked_law(HOOKEAN if law is None else law, part.lengths, part.network.stiffness)
     springs = SpringState(part.network, part.lengths, part.coordinates, part.bond_vectors, law)
-    if part is not start:
-        return Beginning(springs, part.sigma, note)
-    # A solver that was chosen for the manifold may not serve the Hessian.
-    shared = start.maker is not None and start.maker.backend == "auto"
-    return Beginning(springs, part.sigma, pattern=start.manifold.hessian if shared else None)
+    return Beginning(springs, part.sigma, note)
 
 
 @start_of.register

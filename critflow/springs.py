@@ -14,7 +14,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import pairwise
 from typing import Any, ClassVar, TypeAlias, TypeVar
@@ -247,6 +247,8 @@ class SpringState(Record):
 
     L is stored in addition to x: it has a relative rounding, while differences of coordinates have the rounding of the
     box size, which near the transition exceeds the extensions that cause the forces.
+
+    backend  sparse solver of the Hessian (`critflow.sparse`)
     """
 
     network: Network
@@ -254,6 +256,7 @@ class SpringState(Record):
     coordinates: Array
     bond_vectors: Array
     law: SpringLaw = HOOKEAN
+    backend: str = field(default="auto", kw_only=True, repr=False)
 
     def __post_init__(self) -> None:
         set_read_only(self, "rest_lengths", "coordinates", "bond_vectors")
@@ -330,17 +333,21 @@ class SpringState(Record):
         """K ḣ for changes ḣ of h, both (m, N_b)."""
         return np.asarray(self.modified_stiffness * hdot)
 
+    @property
     def pattern(self) -> FixedPattern:
         """The pattern of the Hessian, of this state and all others of the same graph."""
-        return block_laplacian(self.network)
+        patterns = self.network.original.matrices
+        if self.backend not in patterns:
+            patterns[self.backend] = block_laplacian(self.network, self.backend)
+        return patterns[self.backend]
 
-    def factorize(self, pattern: FixedPattern, shift: float = 0.0) -> Factor:
+    def factorize(self, shift: float = 0.0) -> Factor:
         """Factorise H + shift·1."""
-        return pattern.factorize(self.blocks(self.modified_stiffness, self.sigma), shift)
+        return self.pattern.factorize(self.blocks(self.modified_stiffness, self.sigma), shift)
 
-    def factorize_convex(self, pattern: FixedPattern, shift: float) -> Factor:
+    def factorize_convex(self, shift: float) -> Factor:
         """Factorise the convex part of H plus shift·1."""
-        return pattern.factorize(self.blocks(*self.convex_parts()), shift)
+        return self.pattern.factorize(self.blocks(*self.convex_parts()), shift)
 
     def blocks(self, K: EdgeMatrix, sigma: Array) -> Array:
         """Values for the pattern of K L Lᵀ + σ 1."""

@@ -59,13 +59,13 @@ class FreeCellPath(Path):
         """The equilibrium of vertices and cell; `Status.floppy` where springs keep their lengths in some cell."""
         strain, F = start.strain, super().gradient(start.strain)
         state = FreeCellState(start.state, start.free, self.free_strains)
-        solution, factor, q = relaxed_with_cell(state, self.network, F, self.pattern, self.largest_force)
+        solution, factor, q = relaxed_with_cell(state, self.network, F, self.largest_force)
         # The energy of cables is convex: in a floppy cell smaller steps gain nothing.
         final = solution.status is Status.floppy and solution.value.unique
         end = replace(start.relaxed_to(solution, final), gradient=self.gradient(strain, q), free=q)
         if end.status is Status.ill_conditioned and weakly_stressed(end.state, strain):
             # Nearly balanced stresses remain that the tolerance of the forces hides, though all lengths can be kept.
-            near = FreeCellState(end.state, q, self.free_strains).near_rest(self.pattern)
+            near = FreeCellState(end.state, q, self.free_strains).near_rest()
             if keeps_lengths(near.springs, strain):
                 end = end.refused(Status.floppy, FLOPPY.format(strain), final=True)
         return end, factor

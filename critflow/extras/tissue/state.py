@@ -76,9 +76,15 @@ class TissueState(SpringState):
         values[same] -= (sigma / length**2)[pairs.row[same]]
         return sp.coo_array((values, (pairs.row, pairs.col)), shape=pairs.shape)
 
+    @property
     def pattern(self) -> FixedPattern:
         """The pattern of the Hessian, with a block for each two edges of one face."""
-        return pair_laplacian(self.network, (self.faces.overlap.row, self.faces.overlap.col))
+        matrices = self.network.original.matrices
+        faces, pattern = matrices.get("faces", (None, None))
+        if faces is not self.faces:
+            pattern = pair_laplacian(self.network, (self.faces.overlap.row, self.faces.overlap.col), self.backend)
+            matrices["faces"] = self.faces, pattern
+        return pattern
 
     def blocks(self, K: sp.coo_array, sigma: Array) -> Array:
         """Values for the pattern of K L Lᵀ + σ 1."""
