@@ -172,7 +172,7 @@ def by_newton(
         state, steps, indefinite = end.value, steps + end.stats.steps, indefinite or end.indefinite
         solution = replace(end, stats=replace(end.stats, steps=steps), indefinite=indefinite)
         if not solution.ok:
-            return with_collapse(solution), None
+            return state.explained(solution), None
         if end.indefinite or (state.softens and compressed_edges(state).any()):
             # The path passed other branches, so the correction needs a factor at the last state.
             factor = minimum_factor(state)
@@ -262,7 +262,7 @@ def by_fire(state: State, tolerance: float, max_steps: int | None) -> Equilibriu
     last = state.moved(end.point.x.reshape(state.forces.shape))
     rough = Equilibrium(last, end.status, Stats("fire", end.steps, residual=end.point.residual))
     if not rough.ok:
-        return with_collapse(rough)
+        return last.explained(rough)
     bounded, _ = with_bounds(rough, None, corrected=False)
     if bounded.status is not Status.ill_conditioned or tolerance <= FINEST_TOLERANCE:
         return bounded
@@ -288,15 +288,6 @@ class Relaxation(Function):
         if not np.isfinite(unbalanced_force(state)):
             return Point(x, np.inf, np.zeros_like(x), np.inf)
         return Point(x, state.energy, -state.forces.ravel(), state.max_force)
-
-
-def with_collapse(failed: Equilibrium[State]) -> Equilibrium[State]:
-    """A failed relaxation, with `Status.edge_collapse` where the reason is an edge that shrinks to zero length."""
-    edge = failed.value.collapsing_edge()
-    if edge is None:
-        return failed
-    note = f"edge {edge} shrinks to zero length, where its tension has no direction"
-    return replace(failed, status=Status.edge_collapse, note=note)
 
 
 # The exact equilibrium, and whether it is a minimum

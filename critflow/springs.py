@@ -56,11 +56,6 @@ class SpringLaw(ABC):
     # Whether the energy is zero below the rest length: every equilibrium of a convex law is then the global minimum.
     one_sided: ClassVar[bool] = False
 
-    @property
-    def near_rest(self) -> SpringLaw:
-        """The law next to |L| = ℓ, where E'' = k: Hookean, but for springs that are slack below."""
-        return self if self.one_sided else HOOKEAN
-
     @abstractmethod
     def energy(self, extension: Array, rest: Array, k: Array) -> Array:
         """E, zero at rest."""
@@ -403,9 +398,9 @@ class SpringState(Record):
         """Whether all σ exceed `least` in units of k: the Hessian is then not below P(σ), of a connected network."""
         return not self.softens and bool(np.minimum.reduce(self.sigma) > least * self.stiffness_scale)
 
-    def collapsing_edge(self) -> int | None:
-        """An edge that shrinks to zero length in a relaxation that failed: none, since its spring resists that."""
-        return None
+    def explained(self, failed: Any) -> Any:
+        """A relaxation (`Equilibrium`) that failed at this state, with the reason if the state shows one."""
+        return failed
 
     @property
     def unique(self) -> bool:
