@@ -25,7 +25,7 @@ from critflow.networks import Array
 from critflow.numerics import EPS, largest, quasi_random
 from critflow.refinement import Displacement, inverse_norm
 from critflow.result import InputError, Solution, Stats, Status
-from critflow.sparse import Factor, FixedPattern
+from critflow.sparse import Factor
 from critflow.springs import SpringState, State
 
 # Newton's method
@@ -91,7 +91,6 @@ def equilibrium(
     method: str = "auto",
     tolerance: float = FINEST_TOLERANCE,
     max_steps: int | None = None,
-    pattern: FixedPattern | None = None,
     throw: bool = True,
 ) -> Equilibrium[State]:
     """Relax springs until no force component exceeds `tolerance`, in units of mean k times mean ℓ.
@@ -128,9 +127,8 @@ def equilibrium(
     of_kind(str, method=method)
     of_kind(float, tolerance=tolerance)
     max_steps = of_kind(int, None, max_steps=max_steps)
-    pattern = of_kind(FixedPattern, None, pattern=pattern)
     of_kind(bool, throw=throw)
-    solution, _ = relaxed(state, pattern or state.pattern(), relaxation_method(method), tolerance, max_steps)
+    solution, _ = relaxed(state, relaxation_method(method), tolerance, max_steps)
     return solution.or_raise("the springs found no equilibrium") if throw else solution
 
 
@@ -144,7 +142,6 @@ def relaxation_method(name: str) -> str:
 
 def relaxed(
     state: State,
-    pattern: FixedPattern,
     method: str,
     tolerance: float,
     max_steps: int | None = None,
@@ -160,26 +157,26 @@ def relaxed(
         note = "an edge is longer than its law allows: take smaller strain steps"
         return Equilibrium(state, Status.stalled, Stats(method), note), None
     if method == "newton":
-        return by_newton(state, pattern, tolerance, max_steps, condition)
-    return by_fire(state, pattern, tolerance, max_steps), None
+        return by_newton(state, tolerance, max_steps, condition)
+    return by_fire(state, tolerance, max_steps), None
 
 
 def by_newton(
-    state: State, pattern: FixedPattern, tolerance: float, max_steps: int | None, condition: bool = True
+    state: State, tolerance: float, max_steps: int | None, condition: bool = True
 ) -> tuple[Equilibrium[State], Factor | None]:
     """The equilibrium by Newton's method, corrected onto the exact one, with a factor near it."""
     tolerance, left = min(tolerance, LOOSEST_TOLERANCE), NEWTON_STEPS if max_steps is None else max_steps
     steps, indefinite = 0, False
     while True:
-        end, factor = newton(state, tolerance, left, pattern)
+        end, factor = newton(state, tolerance, left)
         state, steps, indefinite = end.value, steps + end.stats.steps, indefinite or end.indefinite
         solution = replace(end, stats=replace(end.stats, steps=steps), indefinite=indefinite)
         if not solution.ok:
-            return with_collapse(solution), None
+            return state.explained(solution), None
         if end.indefinite or (state.softens and compressed_edges(state).any()):
             # The path passed other branches, so the correction needs a factor at the last state.
-            factor = minimum_factor(state, pattern)
-        solution, factor = with_bounds(solution, pattern, factor, corrected=True, condition=condition)
+            factor = minimum_factor(state)
+        solution, factor = with_bounds(solution, factor, corrected=True, condition=condition)
         if solution.status is not Status.ill_conditioned or tolerance <= FINEST_TOLERANCE:
             return solution, factor
         # Too far from equilibrium for corrections by one factor: continue with factors at new states.
@@ -188,7 +185,7 @@ def by_newton(
 
 
 def newton(
-    state: State, tolerance: float, max_steps: int, pattern: FixedPattern, least_shift: float = 0.0
+    state: State, tolerance: float, max_steps: int, least_shift: float = 0.0
 ) -> tuple[Equilibrium[State], Factor | None]:
     """Relax until no force component exceeds `tolerance`, in units of stiffness times length.
 
@@ -210,17 +207,17 @@ def newton(
         if not reuse:
             convex = force >= convex_above and step < convex_until
             if not convex:
-                factor = state.factorize(pattern, max(shift, floppy_shift))
+                factor = state.factorize(max(shift, floppy_shift))
                 convex = not state.taut() and factor.indefinite
                 if convex and floppy_shift == 0.0:
                     floppy_shift = FLOPPY_SHIFT * k
-                    factor = state.factorize(pattern, max(shift, floppy_shift))
+                    factor = state.factorize(max(shift, floppy_shift))
                     convex = factor.indefinite
                 if convex:
                     convex_above, convex_until, floppy_shift = RETRY_FORCE * force, step + RETRY_STEPS, 0.0
             if convex:
                 shift = max(shift, FIRST_SHIFT * k)
-                factor = state.factorize_convex(pattern, shift)
+                factor = state.factorize_convex(shift)
             of_hessian = not convex and shift == 0.0
         # 2. A step, of which the first part counts that decreases the energy or the force
         assert factor is not None
@@ -251,7 +248,7 @@ def unbalanced_force(state: SpringState) -> float:
     return state.max_force if np.isfinite(state.energy) and np.isfinite(state.max_force) else np.inf
 
 
-def by_fire(state: State, pattern: FixedPattern, tolerance: float, max_steps: int | None) -> Equilibrium[State]:
+def by_fire(state: State, tolerance: float, max_steps: int | None) -> Equilibrium[State]:
     """The state at which FIRE ends, with its distance to the exact equilibrium, by Newton's method where it is far."""
     # No squared frequency exceeds twice the sum of the stiffnesses at a vertex.
     time_step, longest = TIME_STEP * 2 / np.sqrt(state.largest_stiffness), LONGEST_MOVE * float(state.lengths.mean())
@@ -265,11 +262,11 @@ def by_fire(state: State, pattern: FixedPattern, tolerance: float, max_steps: in
     last = state.moved(end.point.x.reshape(state.forces.shape))
     rough = Equilibrium(last, end.status, Stats("fire", end.steps, residual=end.point.residual))
     if not rough.ok:
-        return with_collapse(rough)
-    bounded, _ = with_bounds(rough, pattern, None, corrected=False)
+        return last.explained(rough)
+    bounded, _ = with_bounds(rough, None, corrected=False)
     if bounded.status is not Status.ill_conditioned or tolerance <= FINEST_TOLERANCE:
         return bounded
-    exact, _ = by_newton(last, pattern, max(REFINEMENT * tolerance, FINEST_TOLERANCE), None)
+    exact, _ = by_newton(last, max(REFINEMENT * tolerance, FINEST_TOLERANCE), None)
     if not exact.ok:
         return bounded
     apart = max(
@@ -293,21 +290,11 @@ class Relaxation(Function):
         return Point(x, state.energy, -state.forces.ravel(), state.max_force)
 
 
-def with_collapse(failed: Equilibrium[State]) -> Equilibrium[State]:
-    """A failed relaxation, with `Status.edge_collapse` where the reason is an edge that shrinks to zero length."""
-    edge = failed.value.collapsing_edge()
-    if edge is None:
-        return failed
-    note = f"edge {edge} shrinks to zero length, where its tension has no direction"
-    return replace(failed, status=Status.edge_collapse, note=note)
-
-
 # The exact equilibrium, and whether it is a minimum
 
 
 def with_bounds(
     solution: Equilibrium[State],
-    pattern: FixedPattern,
     factor: Factor | None,
     corrected: bool,
     judged: bool = True,
@@ -321,7 +308,7 @@ def with_bounds(
     """
     # 1. The displacement to the exact equilibrium
     state = solution.value
-    correction, factor = correction_of(state, pattern, factor)
+    correction, factor = correction_of(state, factor)
     error, corrected = correction.displacement, corrected and bool(np.isfinite(correction.remainder))
     if corrected:
         x, free = state.coordinates.copy(), state.network.free_rows
@@ -341,11 +328,11 @@ def with_bounds(
     solution = replace(solution, value=state, stats=stats)
     if judged:
         exact = state if corrected else state.placed(state.coordinates, correction.bond_vectors)
-        solution = as_minimum(solution, *stability_of(exact, pattern)) if exact.softens else solution
+        solution = as_minimum(solution, *stability_of(exact)) if exact.softens else solution
     return solution, factor
 
 
-def correction_of(state: SpringState, pattern: FixedPattern, factor: Factor | None) -> tuple[Displacement, Factor]:
+def correction_of(state: SpringState, factor: Factor | None) -> tuple[Displacement, Factor]:
     """The correction to the exact equilibrium, and the factor used: the first of three that makes corrections shrink.
 
     factor  of the Hessian near the state, if there is one
@@ -354,7 +341,7 @@ def correction_of(state: SpringState, pattern: FixedPattern, factor: Factor | No
         correction = state.exact_displacement(factor)
         if np.isfinite(correction.remainder):
             return correction, factor
-    factor = state.factorize(pattern)
+    factor = state.factorize()
     if state.taut() or (factor.sound and not factor.n_negative):
         # Small pivots may still be accurate; whether corrections shrink decides.
         correction = state.exact_displacement(factor)
@@ -362,7 +349,7 @@ def correction_of(state: SpringState, pattern: FixedPattern, factor: Factor | No
             return correction, factor
     # Some part may be floppy.
     for shift in CORRECTION_SHIFTS:
-        factor = state.factorize(pattern, shift * state.stiffness_scale)
+        factor = state.factorize(shift * state.stiffness_scale)
         correction = state.exact_displacement(factor, regularised=True)
         if np.isfinite(correction.remainder):
             break
@@ -383,13 +370,13 @@ def compressed_edges(state: SpringState) -> Array:
     return np.where(state.sigma < -ROUNDING_COMPRESSION * state.stress_rounding, -state.sigma, 0.0)
 
 
-def minimum_factor(state: SpringState, pattern: FixedPattern) -> Factor | None:
+def minimum_factor(state: SpringState) -> Factor | None:
     """A factor of H − δ, if that is positive definite: the state is then a minimum."""
-    factor = state.factorize(pattern, -HESSIAN_ROUNDING * state.largest_stiffness)
+    factor = state.factorize(-HESSIAN_ROUNDING * state.largest_stiffness)
     return factor if factor.sound and not factor.n_negative else None
 
 
-def stability_of(state: SpringState, pattern: FixedPattern) -> tuple[Status, str]:
+def stability_of(state: SpringState) -> tuple[Status, str]:
     """`ok` for a minimum, `unstable` for a saddle, `undecided` where rounding hides which, with the reason.
 
     Without compressed edges no eigenvalue of the Hessian H is negative.  With them H is compared with its convex part,
@@ -401,18 +388,18 @@ def stability_of(state: SpringState, pattern: FixedPattern) -> tuple[Status, str
         return Status.ok, ""
     # 1. The eigenvalues on both sides of zero
     delta = HESSIAN_ROUNDING * state.largest_stiffness
-    below = state.factorize(pattern, -delta)
+    below = state.factorize(-delta)
     near_zero = below.n_negative
     if below.sound and not near_zero:
         return Status.ok, ""
-    above = state.factorize(pattern, delta)
+    above = state.factorize(delta)
     if above.sound and above.n_negative:
         return Status.unstable, SADDLE
-    if near_zero > state.factorize_convex(pattern, -delta).n_negative:
+    if near_zero > state.factorize_convex(-delta).n_negative:
         return Status.undecided, UNDECIDED
     # 2. Orthonormal modes of the smallest eigenvalues, by inverse iteration, and their softening
     size, count = state.forces.size, min(near_zero, MOST_MODES)
-    modes, factor = quasi_random(size * count).reshape(count, size) - 0.5, state.factorize(pattern, delta)
+    modes, factor = quasi_random(size * count).reshape(count, size) - 0.5, state.factorize(delta)
     for _ in range(ITERATIONS):
         solved = np.stack([factor.solve(mode) for mode in modes], axis=1)
         modes = np.ascontiguousarray(np.linalg.qr(solved)[0].T)

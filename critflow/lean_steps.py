@@ -20,7 +20,7 @@ vertex.
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from typing import TypeAlias
 
 import numpy as np
 from scipy.sparse._sparsetools import csc_matvec, csr_matvec
@@ -42,44 +42,26 @@ from critflow.networks import Array, Network
 from critflow.numerics import EPS, largest, mean
 from critflow.refinement import CONTRACTION, MOST_CORRECTIONS, ROUNDED_FORCE, UNSEEN, leading_half
 from critflow.result import Stats, Status
-from critflow.sparse import Factor, FixedPattern, edge_blocks
+from critflow.sparse import Factor, edge_blocks
 from critflow.springs import TAUT, SpringState
 
+Balance: TypeAlias = tuple[Array, Array, Array, Array, Array]
+"""Edges and forces near the equilibrium: L = high + low, both (d, N_b), |L|² − ℓ² and σ (N_b,), f (n_free·d,)."""
 
-class Balance(NamedTuple):
-    """Edges and forces near the equilibrium: L = high + low (d, N_b), |L|² − ℓ² and σ (N_b,), f (n_free·d,)."""
-
-    high: Array
-    low: Array
-    excess: Array
-    sigma: Array
-    force: Array
-
-
-class Relaxed(NamedTuple):
-    """The exact equilibrium from a prediction, with the error (estimate) of its coordinates, and L as rows.
-
-    steps        of Newton's method
-    factor       of H near the equilibrium, by which corrections shrink by a `contraction`
-    """
-
-    state: SpringState
-    L: Array
-    error: float
-    steps: int
-    factor: Factor
-    contraction: float
+Relaxed: TypeAlias = tuple[SpringState, float, int, Factor, float]
+"""An equilibrium, the error (estimate) of its coordinates, steps of Newton's method, and a factor of H near it with the
+contraction of corrections by it."""
 
 
 class LeanSteps:
-    """What the steps of a path share: its springs at γ = 0, the pattern of their Hessian, and sums over edges of rows.
+    """What the steps of a path share: its springs at γ = 0 and sums over edges of rows.
 
     known  strains and responses of the last four steps
     """
 
-    def __init__(self, springs: SpringState, pattern: FixedPattern):
+    def __init__(self, springs: SpringState):
         network, g, d = springs.network, springs.network.free_incidence, springs.network.dimension
-        self.springs, self.pattern, self.ground = springs, pattern, springs.coordinates.T.copy()
+        self.springs, self.size, self.ground = springs, d * g.shape[1], springs.coordinates.T.copy()
         self.tail, self.head = np.ascontiguousarray(network.edges.T)
         self.offsets = np.ascontiguousarray(network.offsets.T, float)
         self.rest_squares, self.stiffness_mean = two_square(springs.rest_lengths), mean(springs.stiffness)
@@ -101,7 +83,7 @@ class LeanSteps:
 
     def forces(self, pulls: Array) -> Array:
         """−gᵀ p, (..., n_free·d), of edge vectors p (..., d, N_b)."""
-        total = np.zeros((*pulls.shape[:-2], self.pattern.size))
+        total = np.zeros((*pulls.shape[:-2], self.size))
         csc_matvec(total.size, pulls.size, self.starts, self.columns, self.signs, pulls.ravel(), total.ravel())
         return -total
 
@@ -124,7 +106,7 @@ class LeanSteps:
         pull = two_product(sigma, high)
         leading = leading_half(pull.high)
         force = self.forces(leading) + self.forces((pull.high - leading) + (pull.low + sigma * low))
-        return Balance(high, low, excess, sigma, force)
+        return high, low, excess, sigma, force
 
     def equilibrium(self, F: Array, y: Array) -> Relaxed | None:
         """The exact equilibrium in the cell of F from coordinates y (n_free·d,), x = F y, of springs in tension."""
@@ -139,7 +121,8 @@ class LeanSteps:
         # 1. Newton's method, with the factor of the last step while that brings forces down fast
         factor, steps, reuse, before = None, 0, False, np.inf
         while (at := self.balance(x, b)) is not None:
-            size, length = largest(at.force), np.sqrt(np.add.reduce(at.high * at.high))
+            L, _, _, sigma, force = at
+            size, length = largest(force), np.sqrt(np.add.reduce(L * L))
             if not size < (REUSE_DECREASE if reuse else FORCE_DECREASE) * before:
                 return None
             stiffness = law.stiffness(length - rest, rest, k)
@@ -147,14 +130,14 @@ class LeanSteps:
             balanced = size <= LOOSEST_TOLERANCE * (scale * springs.length_scale)
             reuse = factor is not None and (balanced or size < REUSE_AFTER * before)
             if not reuse:
-                K = (stiffness - at.sigma) / length**2
-                factor = self.pattern.factorize(edge_blocks(K, at.high.T, at.sigma))
-                if not np.minimum.reduce(at.sigma) > TAUT * scale and factor.indefinite:
+                K = (stiffness - sigma) / length**2
+                factor = springs.pattern.factorize(edge_blocks(K, L.T, sigma))
+                if not np.minimum.reduce(sigma) > TAUT * scale and factor.indefinite:
                     return None
             assert factor is not None
             if balanced:
                 return self.corrected(at, x, factor, steps, network)
-            u, before, steps = factor.solve(at.force), size, steps + 1
+            u, before, steps = factor.solve(force), size, steps + 1
             if not largest(u) <= LONGEST_STEP * mean(length):
                 return None
             x[:, free] += u.reshape(-1, len(F)).T
@@ -162,7 +145,7 @@ class LeanSteps:
 
     def corrected(self, at: Balance, x: Array, factor: Factor, steps: int, network: Network) -> Relaxed | None:
         """2. The exact equilibrium by corrections D of coordinates x, which change; None where they do not converge."""
-        (L, low, excess, sigma, force), rest, law = at, self.springs.rest_lengths, self.springs.law
+        (L, low, excess, sigma, force), springs, rest = at, self.springs, self.springs.rest_lengths
         D, before, compliance, contraction = np.zeros_like(force), np.inf, 0.0, 1.0
         rounding, free = EPS * largest(x), network.free_rows
         for number in range(MOST_CORRECTIONS):
@@ -185,7 +168,7 @@ class LeanSteps:
             # Increments of |L|², σ and f have all digits that count.
             excess, moved, old = excess + np.add.reduce((L + L + change) * change), L + change, sigma
             length = np.sqrt(np.add.reduce(moved * moved))
-            sigma = law.tension(excess / (length + rest), rest, self.springs.stiffness) / length
+            sigma = springs.law.tension(excess / (length + rest), rest, springs.stiffness) / length
             force = force + self.forces((sigma - old) * moved + old * change)
             L, low = two_sum(L, low + change)
         else:
@@ -194,18 +177,24 @@ class LeanSteps:
         L = L + (low + change)
         x[:, free], low = two_sum(x[:, free], D.reshape(-1, len(x)).T)
         error = max(largest(low), 0.5 * EPS * largest(L)) + 2 * remainder
-        return Relaxed(SpringState(network, rest, x.T, L.T, law), L, error, steps, factor, contraction)
+        state = SpringState(network, rest, x.T, L.T, springs.law, backend=springs.backend)
+        return state, error, steps, factor, contraction
 
-    def response(self, end: Relaxed, strain: float, strains: tuple[int, ...]) -> LinearResponse | None:
+    def response(
+        self, state: SpringState, factor: Factor, contraction: float, strain: float, strains: tuple[int, ...]
+    ) -> LinearResponse | None:
         """The response to these rows of `unit_strains`; None where corrections do not converge or errors hide it."""
-        state, L, m, volume = end.state, end.L, len(strains), end.state.network.volume
+        L, m, volume = state.bond_vectors.T, len(strains), state.network.volume
         d, K, sigma, least = len(L), state.modified_stiffness, state.sigma, NO_RELAXATION * self.springs.length_scale
         # 3. Responses: forces of all strains at once, and corrections of each u
         affine = (unit_strains(d)[list(strains)].reshape(m * d, d) @ L).reshape(m, d, -1)
         stretching = np.add.reduce(L * affine, axis=1)
         direct = (K * stretching) @ stretching.T + (sigma * affine).reshape(m, -1) @ affine.reshape(m, -1).T
-        u, before, contraction = self.extrapolated(strain, m), np.zeros(m), end.contraction
-        rate = self.rates(u, affine)
+        # The polynomial through the last ones
+        last, u = [(here, known) for here, known in self.known if len(known) == m], np.zeros((m, self.size))
+        for here, known in last:
+            u += math.prod((strain - other) / (here - other) for other, _ in last if other != here) * known
+        rate, before = self.rates(u, affine), np.zeros(m)
         for number in range(MOST_RESPONSES + 1):
             tension = K * np.add.reduce(L * rate, axis=1)
             pulls = sigma * rate + tension[:, None] * L
@@ -213,7 +202,7 @@ class LeanSteps:
             # Forces of rounding alone, as of a dilation where σ = k, need no solve.
             loaded, correction = _largest(force) > ROUNDED_FORCE * _largest(pulls.reshape(m, -1)), np.zeros_like(force)
             for each in loaded.nonzero()[0]:
-                correction[each] = end.factor.solve(force[each])
+                correction[each] = factor.solve(force[each])
             u, gained = u + correction, force @ correction.T
             gain = np.abs(gained.diagonal())
             # What a correction leaves is its gain times the contraction, at first that of the equilibrium.
@@ -235,13 +224,6 @@ class LeanSteps:
         if not hidden <= TRUSTED_ERROR * max(abs(C.bulk), abs(C.shear)):
             return None
         return LinearResponse(C, Status.ok, Stats("linear response", 1), strains=strains, responses=relaxations)
-
-    def extrapolated(self, strain: float, m: int) -> Array:
-        """Responses (m, n_free·d) at a strain by the polynomial through the last ones; zero before there are any."""
-        last, u = [(here, known) for here, known in self.known if len(known) == m], np.zeros((m, self.pattern.size))
-        for here, known in last:
-            u += math.prod((strain - other) / (here - other) for other, _ in last if other != here) * known
-        return u
 
 
 def _largest(vectors: Array) -> Array:

@@ -249,8 +249,8 @@ def _attempts(boundary: Boundary, lengths: Array) -> Iterator[tuple[OnsetState |
         L, size = balance.bond_vectors, norms(balance.bond_vectors)
         ratio = float(np.exp(np.average(np.log(size / lengths), weights=balance.sigma * size)))
         alike, x = network.with_stiffness(1.0), network.all_coordinates(balance.coordinates)
-        cables = SpringState(alike, ratio / (1 + CABLE_STRAIN) * lengths, x, L, Cable())
-        relaxed, _ = newton(cables, CABLE_TOLERANCE * CABLE_STRAIN, CABLE_STEPS, manifold.hessian, CABLE_SHIFT)
+        cables = SpringState(alike, ratio / (1 + CABLE_STRAIN) * lengths, x, L, Cable(), backend=manifold.backend)
+        relaxed, _ = newton(cables, CABLE_TOLERANCE * CABLE_STRAIN, CABLE_STEPS, CABLE_SHIFT)
         sigma = relaxed.value.sigma
         if (sigma <= 0).mean() <= FEW:
             scale = np.sqrt(len(sigma) / (sigma @ sigma))

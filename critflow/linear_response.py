@@ -27,7 +27,7 @@ from critflow.networks import Array
 from critflow.numerics import EPS, dot, product
 from critflow.refinement import ROUNDED_FORCE, inverse_norm
 from critflow.result import InputError, Record, Solution, Stats, Status
-from critflow.sparse import Factor, FixedPattern
+from critflow.sparse import Factor
 from critflow.springs import SpringState
 
 TRUSTED_ERROR = 0.1  # largest error of a result, relative to the largest modulus or coefficient: one digit is correct
@@ -215,7 +215,6 @@ def strains_of(rates: Array) -> tuple[int, ...]:
 def linear_response(
     state: SpringState,
     volume: float,
-    pattern: FixedPattern | None = None,
     exact: bool = False,
     factor: Factor | None = None,
     condition: bool = True,
@@ -240,19 +239,19 @@ def linear_response(
     d = state.network.dimension
     if d < 2:
         raise InputError("a shear needs at least two dimensions")
-    pattern, strains, solution = pattern or state.pattern(), strains or tuple(range(len(unit_strains(d)))), None
+    strains, solution = strains or tuple(range(len(unit_strains(d)))), None
     # 1. A factor near the state: without negative eigenvalues any will do, and convergence shows whether it is near
     if factor is not None and not state.softens:
         solution, last = responses(state, factor, volume, strains)
     # 2. A factor at the state
     if factor is None or not solution:
-        factor = state.factorize(pattern)
+        factor = state.factorize()
         if factor.sound and not factor.n_negative:
             solution, last = responses(state, factor, volume, strains)
     # 3. With a shift that floppy modes need, which hides eigenvalues that compression makes negative but small
     if floppy := not solution:
-        factor = state.factorize(pattern, FLOPPY_SHIFT * state.stiffness_scale)
-        stable, note = (Status.unstable, "") if factor.indefinite else stability_of(state, pattern)
+        factor = state.factorize(FLOPPY_SHIFT * state.stiffness_scale)
+        stable, note = (Status.unstable, "") if factor.indefinite else stability_of(state)
         if stable is not Status.ok:
             return LinearResponse(no_elasticity(d, volume), stable, Stats("linear response", 2), note)
         solution, last = responses(state, factor, volume, strains)

@@ -29,7 +29,7 @@ from critflow.numerics import dot, norms, product, read_only, restore_read_only,
 from critflow.refinement import Refined, Refinement
 from critflow.result import InputError, NetworkError, Record, Solution, Stats, Status, Value
 from critflow.saddles import Saddle
-from critflow.sparse import Factor, FixedPattern, block_laplacian, laplacian
+from critflow.sparse import Factor, laplacian
 
 # Edges without length: every limit below which a length counts as zero, in units of the mean length but where stated.
 # A descent that makes edges shorter and shorter passes these limits in turn (`critflow.descent`).
@@ -228,8 +228,8 @@ class ForceBalance(Solution[Value]):
 class CriticalManifold:
     """The map σ → configuration of one network, its pull-back and its tangents.
 
-    It also owns the patterns of the other matrices of the network, each made at its first use.  Functions that accept
-    a network or a manifold reuse them, and are faster with the manifold from the second call on.
+    It also owns the saddle systems and the refinement of the network, made at their first use.  Functions that accept a
+    network or a manifold reuse them, and are faster with the manifold from the second call on.
 
     prestress  the pattern of P
     backend    sparse solver of all matrices (`critflow.sparse`)
@@ -259,11 +259,6 @@ class CriticalManifold:
     def saddle(self) -> Saddle:
         """Systems of stresses and displacements."""
         return Saddle(self.network, self.backend)
-
-    @cached_property
-    def hessian(self) -> FixedPattern:
-        """The pattern of the elastic Hessian, of the network and all its strained copies."""
-        return block_laplacian(self.network, self.backend)
 
     @cached_property
     def refinement(self) -> Refinement:

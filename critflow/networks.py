@@ -11,6 +11,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any, ClassVar
+from weakref import ref
 
 import numpy as np
 import scipy.linalg
@@ -112,6 +113,10 @@ class Network:
             if isinstance(value, np.ndarray):
                 value.flags.writeable = False
         self.__dict__.update(state)
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Without the network it is a copy of and patterns of matrices, which are made again at their first use."""
+        return {name: value for name, value in self.__dict__.items() if name not in ("_original", "matrices")}
 
     def __repr__(self) -> str:
         parts = [f"{self.n_vertices:,} vertices", f"{self.n_edges:,} edges", f"{self.dimension} dimensions"]
@@ -231,6 +236,17 @@ class Network:
 
     # Copies
 
+    @property
+    def original(self) -> Network:
+        """The network of this graph of which this is a copy, while that is in memory, else this one."""
+        reference = self.__dict__.get("_original")
+        return (reference and reference()) or self
+
+    @cached_property
+    def matrices(self) -> dict[str, Any]:
+        """What an original keeps for all of its copies: patterns of matrices of the graph (`SpringState.pattern`)."""
+        return {}
+
     def with_stiffness(self, stiffness: ArrayLike) -> Network:
         """The same network with other stiffnesses k, (N_b,) or one number."""
         values = stiffnesses(stiffness, self.n_edges)
@@ -299,9 +315,10 @@ class Network:
     def _copied(self, **changed: Any) -> Network:
         """A copy with other values of the same graph, whose checks and matrices stay valid."""
         copied = object.__new__(type(self))
-        copied.__dict__.update(self.__dict__)
+        copied.__dict__.update(self.__dict__, _original=ref(self.original))
         copied.__setstate__(changed)
         copied.__dict__.pop("volume", None)
+        copied.__dict__.pop("matrices", None)
         return copied
 
     def part(self, kept_edges: NDArray[np.bool_], note: str = "") -> tuple[Network, IntArray]:

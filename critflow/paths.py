@@ -20,7 +20,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any, Literal
+from typing import Any, ClassVar, Literal, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -52,7 +52,7 @@ from critflow.manifold import COLLAPSED, CriticalConfiguration
 from critflow.networks import Array, Network
 from critflow.numerics import EPS, dot, largest, mean, norms
 from critflow.result import InputError, Record, Solution, Stats, Status
-from critflow.sparse import Factor, FixedPattern
+from critflow.sparse import Factor
 from critflow.springs import HOOKEAN, SpringLaw, SpringState, checked_law
 from critflow.taut_part import backbone
 
@@ -228,21 +228,21 @@ def strain_path(
     """
     of_kind(SpringLaw, None, law=law)
     of_kind(bool, taut_only=taut_only, throw=throw)
-    first, method = start_of(start, law, taut_only), relaxation_method(method)
-    tolerance, springs = of_kind(float, tolerance=tolerance), first.springs
-    gamma = check_strains(strains, signed=True, zero=first.stress is None)
+    springs, stress, note, total_strains = start_of(start, law, taut_only)
+    method, tolerance = relaxation_method(method), of_kind(float, tolerance=tolerance)
+    gamma = check_strains(strains, signed=True, zero=stress is None)
     F = deformation_of(deformation, springs.network.dimension)
     if not isinstance(measure, str) or measure not in MEASURES:
         raise InputError(f"a path measures one of {', '.join(MEASURES)}, not {shown(measure)}")
     kind = provided("free_cell_path", "free components of the cell") if F.free else Path
     kind = provided("cable_path", "paths of cables")(kind) if springs.law.one_sided else kind
-    pattern = first.pattern or springs.pattern()
-    path = kind(springs.network, F, gamma, pattern, method, tolerance, measure, first.stress)
-    result = _solution(path, first, path.follow(springs))
+    path = kind(springs.network, F, gamma, method, tolerance, measure, stress)
+    reached = path.follow(springs)
+    result = _solution(path, reached, gamma if total_strains is None else total_strains(F, gamma), note)
     return result.or_raise("the strain path stopped") if throw else result
 
 
-def _solution(path: Path, first: Beginning, reached: list[Point]) -> Solution[StrainPath]:
+def _solution(path: Path, reached: list[Point], total_strains: Array, note: str) -> Solution[StrainPath]:
     """The path up to the last strain that was reached, with the status of the last step."""
     gamma, F, last = path.strains, path.deformation, reached[-1]
     scalars = (
@@ -257,7 +257,7 @@ def _solution(path: Path, first: Beginning, reached: list[Point]) -> Solution[St
         strains=gamma,
         states=tuple(end.state for end in ends),
         deformation=F,
-        total_strains=gamma if first.total_strains is None else first.total_strains(F, gamma),
+        total_strains=total_strains,
         elasticity=tuple(end.moduli for end in ends if end.moduli and path.measure == "tensors"),
         **{name: np.array([row[name] for row in rows]) for name in missing},
     )
@@ -267,8 +267,7 @@ def _solution(path: Path, first: Beginning, reached: list[Point]) -> Solution[St
         residual=float(np.max(value.max_force[: len(ends)], initial=0.0)),
         error_bound=float(np.nanmax(value.coordinate_error[: len(ends)], initial=0.0)),
     )
-    note = first.note if last.ok else f"at strain {last.strain:g}, {last.note}"
-    return Solution(value, last.status, stats, note)
+    return Solution(value, last.status, stats, note if last.ok else f"at strain {last.strain:g}, {last.note}")
 
 
 @dataclass(frozen=True, eq=False)
@@ -289,8 +288,8 @@ class Point:
     strain: float
     state: SpringState
     gradient: Array
-    free: Array = field(default_factory=lambda: NONE_FREE)
-    z: Array = field(default_factory=lambda: NONE_FREE)
+    free: Array = field(default_factory=NONE_FREE.copy)
+    z: Array = field(default_factory=NONE_FREE.copy)
     velocity: Array | None = None
     moduli: Elasticity | None = None
     second: tuple[float, float] = (np.nan, np.nan)
@@ -357,21 +356,23 @@ class Path:
     points   the last three that were accepted, the newest last
     stride   length of the next step in strain
     better   which polynomial predicted the last point better: that of two points 0, of three −1
+    within_reach  whether the last correction of Newton's method reaches the equilibrium from predictions
     """
+
+    within_reach: ClassVar[bool] = True
 
     def __init__(
         self,
         network: Network,
         deformation: Deformation,
         strains: Array,
-        pattern: FixedPattern,
         method: str,
         tolerance: float,
         measure: str,
         stress: Array | None,
     ):
         """Raises `InputError` where a strain inverts the cell."""
-        self.network, self.deformation, self.strains, self.pattern = network, deformation, strains, pattern
+        self.network, self.deformation, self.strains = network, deformation, strains
         self.method, self.tolerance, self.measure, self.stress = method, tolerance, measure, stress
         self.points, self.stride, self.better = list[Point](), np.inf, -1
         self.lean: LeanSteps | None = None
@@ -382,7 +383,7 @@ class Path:
         """The points at the strains, from springs at γ = 0; the last one alone may be refused."""
         # A kind of path or of springs with other unknowns or forces takes general steps.
         lean = type(self) is Path and type(springs) is SpringState and self.method == "newton"
-        self.lean = LeanSteps(springs, self.pattern) if lean and springs.law.convex else None
+        self.lean = LeanSteps(springs) if lean and springs.law.convex else None
         reached = self.begin(springs)
         for strain in counted(self.strains[len(reached) :].tolist(), "strain"):
             if reached and not reached[-1].ok:
@@ -395,7 +396,7 @@ class Path:
         self.points = [self.point(0.0, springs)]
         if self.stress is not None:
             loose = loosened(springs, self.stress, self.deformation, self.strains[0])
-            return [self.refused(self.strains[0], Status.floppy, _LOOSENED)] if loose else []
+            return [replace(self.points[0].refused(Status.floppy, _LOOSENED), strain=self.strains[0])] if loose else []
         if not balanced(springs):
             raise InputError(
                 f"the springs are not in equilibrium, a force of {springs.max_force:.2g} is left: call equilibrium() "
@@ -410,7 +411,7 @@ class Path:
         """Step to a strain; the point that is reached, or refused, counts all steps since the last strain."""
         here = self.points[-1]
         if (self.gradient(target, here.free) == here.gradient).all():
-            return self.refused(target, Status.ill_conditioned, _UNRESOLVED)
+            return replace(here.refused(Status.ill_conditioned, _UNRESOLVED), strain=target, steps=0)
         if self.stress is not None:
             self.points = [replace(here, velocity=self.departure(here, target))]
         # F(γ) does not resolve smaller strains.
@@ -481,20 +482,16 @@ class Path:
             return None
         F = self.gradient(strain)
         end = self.lean.equilibrium(F, here.z + change)
-        if end is None or weakly_stressed(end.state, strain):
+        if end is None or weakly_stressed(end[0], strain):
             return None
-        point = Point(strain, end.state, F, coordinate_error=end.error, steps=end.steps)
+        state, error, steps, factor, contraction = end
+        point = Point(strain, state, F, coordinate_error=error, steps=steps)
         if not self.has_moduli:
-            return self.measured(point, end.factor)
+            return self.measured(point, factor)
         rates, second_rates = self.rates(point)
         strains = tuple(range(len(unit_strains(len(F))))) if self.measure == "tensors" else strains_of(rates)
-        response = self.lean.response(end, strain, strains)
+        response = self.lean.response(state, factor, contraction, strain, strains)
         return None if response is None else self.responding(point, response, rates, second_rates)
-
-    def refused(self, strain: float, status: Status, note: str) -> Point:
-        """The end of the path before a strain, without a step."""
-        here = self.points[-1]
-        return Point(strain, here.state, here.gradient, here.free, status=status, note=note)
 
     def accept(self, end: Point, changes: Array) -> None:
         """Make a point the last one, of which these changes of z were predicted; the last three are kept."""
@@ -528,8 +525,9 @@ class Path:
         """dz/dγ of dx/dγ − A x, (n_free, d), and of the rates (1, q̇) of γ and q by γ."""
         return np.asarray(relaxation @ point.inverse.T).ravel()
 
-    def point(self, strain: float, state: SpringState, free: Array = NONE_FREE) -> Point:
-        """The point of a state in the cell of a strain and of free components q (m,)."""
+    def point(self, strain: float, state: SpringState, free: Array | None = None) -> Point:
+        """The point of a state in the cell of a strain and of free components q (m,), zero by default."""
+        free = np.zeros(len(self.deformation.free)) if free is None else free
         point = Point(strain, state, self.gradient(strain, free), free)
         return replace(point, z=self.unknowns(point))
 
@@ -540,14 +538,10 @@ class Path:
         state = here.state.deformed_to(self.network.deformed(F), F @ here.inverse, displacement)
         return Point(strain, state, F, free)
 
-    @property
-    def largest_force(self) -> float:
-        """The tolerance of corrections: predictions for springs are within reach of the last one of Newton's method."""
-        return LOOSEST_TOLERANCE if self.method == "newton" else self.tolerance
-
     def corrected(self, start: Point) -> tuple[Point, Factor | None]:
         """The equilibrium from a prediction, H u = f by Newton's method or by FIRE, and a factor of H near it."""
-        solution, factor = relaxed(start.state, self.pattern, self.method, self.largest_force, condition=False)
+        tolerance = LOOSEST_TOLERANCE if self.within_reach and self.method == "newton" else self.tolerance
+        solution, factor = relaxed(start.state, self.method, tolerance, condition=False)
         # FIRE at its step limit gains nothing from smaller strain steps.
         limited = self.method == "fire" and solution.status is Status.step_limit
         return start.relaxed_to(solution, final=limited), factor
@@ -570,7 +564,7 @@ class Path:
             return replace(self.without_moduli(end, factor, rates, second_rates), z=self.unknowns(end))
         chosen = None if self.measure == "tensors" else strains_of(rates)
         volume, exact = state.network.volume, self.method == "newton"
-        response = linear_response(state, volume, self.pattern, exact, factor, condition=False, strains=chosen)
+        response = linear_response(state, volume, exact, factor, condition=False, strains=chosen)
         if not response.ok:
             return end.refused(response.status, response.reason)
         return self.responding(end, response, rates, second_rates)
@@ -596,9 +590,9 @@ class Path:
         """As `measured`, velocity and d²E/dγ² alone."""
         state = end.state
         if factor is None:
-            factor = state.factorize(self.pattern)
+            factor = state.factorize()
             if factor.indefinite:
-                factor = state.factorize(self.pattern, FLOPPY_SHIFT * state.stiffness_scale)
+                factor = state.factorize(FLOPPY_SHIFT * state.stiffness_scale)
         end = self.with_tangent(end, factor, rates, second_rates)
         if self.method == "newton":
             return end
@@ -641,13 +635,15 @@ class Path:
         tightened = springs.spring_lengths * (1 - _DEPARTING_STRESS * stress / np.abs(stress).max())
         # Slack edges resist nothing.
         rest = np.where(stress != 0, tightened, springs.rest_lengths)
-        stressed = replace(springs, rest_lengths=rest, law=springs.law.near_rest)
+        # All laws are Hookean next to rest, but for springs that are slack below.
+        law = springs.law if springs.law.one_sided else HOOKEAN
+        stressed = replace(springs, rest_lengths=rest, law=law)
         # Where the affine motion keeps the balance, as a dilation does where σ = k, vertices follow it.
         affine = 0.5 * (L @ (rates[0] + rates[0].T))
         left = stressed.force_rates(affine)
         if len(rates) == 1 and largest(left) <= _BALANCED * springs.stiffness_scale * largest(affine):
             return self.velocity(here, np.zeros_like(left), np.ones(1))
-        factor = stressed.factorize(self.pattern, FLOPPY_SHIFT * springs.stiffness_scale)
+        factor = stressed.factorize(FLOPPY_SHIFT * springs.stiffness_scale)
         # Where all edges are tense the stress resists all motions.
         if not stressed.taut(0.0) and factor.indefinite:
             return None
@@ -740,20 +736,10 @@ def balanced(springs: SpringState) -> bool:
     return springs.max_force <= BALANCED_START * springs.stiffness_scale * springs.length_scale
 
 
-@dataclass(frozen=True, eq=False)
-class Beginning:
-    """Springs at γ = 0.
-
-    stress   tension over length of each spring at a transition, σ (N_b,) or T/p (N_f,); None for a state of springs
-    pattern  of the Hessian, where the manifold of the start has it
-    total_strains  strains (n,) of the network as given, of strains (n,) along a path from here; None: the same
-    """
-
-    springs: SpringState
-    stress: Array | None = None
-    note: str = ""
-    pattern: FixedPattern | None = None
-    total_strains: Callable[[Deformation, Array], Array] | None = None
+Beginning: TypeAlias = tuple[SpringState, Array | None, str, Callable[[Deformation, Array], Array] | None]
+"""Springs at γ = 0; their tension over length at a transition, σ (N_b,) or T/p (N_f,); a note; and strains (n,) of the
+network as given, by the deformation and strains (n,) along the path, where they differ from those.
+"""
 
 
 @extensible
@@ -786,11 +772,7 @@ def _(start: CriticalConfiguration, law: SpringLaw | None, taut_only: bool) -> B
         note = f"{n_slack} of {len(start.sigma)} edges are slack, so the path is that of the taut part alone"
     law = checked_law(HOOKEAN if law is None else law, part.lengths, part.network.stiffness)
     springs = SpringState(part.network, part.lengths, part.coordinates, part.bond_vectors, law)
-    if part is not start:
-        return Beginning(springs, part.sigma, note)
-    # A solver that was chosen for the manifold may not serve the Hessian.
-    shared = start.maker is not None and start.maker.backend == "auto"
-    return Beginning(springs, part.sigma, pattern=start.manifold.hessian if shared else None)
+    return springs, part.sigma, note, None
 
 
 @start_of.register
@@ -801,7 +783,7 @@ def of_state(state: SpringState, law: SpringLaw | None, taut_only: bool) -> Begi
     if taut_only:
         raise InputError("a state of springs has no slack part to leave out: taut_only belongs to a configuration")
     require_directions(state.lengths == 0, "move its ends apart")
-    return Beginning(state)
+    return state, None, "", None
 
 
 def require_directions(short: NDArray[np.bool_], instead: str) -> None:

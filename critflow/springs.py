@@ -14,7 +14,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import pairwise
 from typing import Any, ClassVar, TypeAlias, TypeVar
@@ -55,11 +55,6 @@ class SpringLaw(ABC):
     convex: ClassVar[bool] = False
     # Whether the energy is zero below the rest length: every equilibrium of a convex law is then the global minimum.
     one_sided: ClassVar[bool] = False
-
-    @property
-    def near_rest(self) -> SpringLaw:
-        """The law next to |L| = ℓ, where E'' = k: Hookean, but for springs that are slack below."""
-        return self if self.one_sided else HOOKEAN
 
     @abstractmethod
     def energy(self, extension: Array, rest: Array, k: Array) -> Array:
@@ -247,6 +242,8 @@ class SpringState(Record):
 
     L is stored in addition to x: it has a relative rounding, while differences of coordinates have the rounding of the
     box size, which near the transition exceeds the extensions that cause the forces.
+
+    backend  sparse solver of the Hessian (`critflow.sparse`)
     """
 
     network: Network
@@ -254,6 +251,7 @@ class SpringState(Record):
     coordinates: Array
     bond_vectors: Array
     law: SpringLaw = HOOKEAN
+    backend: str = field(default="auto", kw_only=True, repr=False)
 
     def __post_init__(self) -> None:
         set_read_only(self, "rest_lengths", "coordinates", "bond_vectors")
@@ -330,17 +328,21 @@ class SpringState(Record):
         """K ḣ for changes ḣ of h, both (m, N_b)."""
         return np.asarray(self.modified_stiffness * hdot)
 
+    @property
     def pattern(self) -> FixedPattern:
         """The pattern of the Hessian, of this state and all others of the same graph."""
-        return block_laplacian(self.network)
+        patterns = self.network.original.matrices
+        if self.backend not in patterns:
+            patterns[self.backend] = block_laplacian(self.network, self.backend)
+        return patterns[self.backend]
 
-    def factorize(self, pattern: FixedPattern, shift: float = 0.0) -> Factor:
+    def factorize(self, shift: float = 0.0) -> Factor:
         """Factorise H + shift·1."""
-        return pattern.factorize(self.blocks(self.modified_stiffness, self.sigma), shift)
+        return self.pattern.factorize(self.blocks(self.modified_stiffness, self.sigma), shift)
 
-    def factorize_convex(self, pattern: FixedPattern, shift: float) -> Factor:
+    def factorize_convex(self, shift: float) -> Factor:
         """Factorise the convex part of H plus shift·1."""
-        return pattern.factorize(self.blocks(*self.convex_parts()), shift)
+        return self.pattern.factorize(self.blocks(*self.convex_parts()), shift)
 
     def blocks(self, K: EdgeMatrix, sigma: Array) -> Array:
         """Values for the pattern of K L Lᵀ + σ 1."""
@@ -396,9 +398,9 @@ class SpringState(Record):
         """Whether all σ exceed `least` in units of k: the Hessian is then not below P(σ), of a connected network."""
         return not self.softens and bool(np.minimum.reduce(self.sigma) > least * self.stiffness_scale)
 
-    def collapsing_edge(self) -> int | None:
-        """An edge that shrinks to zero length in a relaxation that failed: none, since its spring resists that."""
-        return None
+    def explained(self, failed: Any) -> Any:
+        """A relaxation (`Equilibrium`) that failed at this state, with the reason if the state shows one."""
+        return failed
 
     @property
     def unique(self) -> bool:

@@ -144,7 +144,7 @@ def path_through(points):
     network = lattice("square", 2, 2)
     state = spring_state(network, np.ones(network.n_edges), network.positions)
     deformation = deformation_of("dilation", 2)
-    path = Path(network, deformation, np.ones(1), state.pattern(), "newton", 1e-9, "energy", None)
+    path = Path(network, deformation, np.ones(1), "newton", 1e-9, "energy", None)
     for strain, z, velocity in points:
         point = Point(strain, state, np.eye(2), z=z, velocity=velocity)
         path.accept(point, path.predictions(strain) if path.points else np.zeros((1, len(z))))

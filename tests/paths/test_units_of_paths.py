@@ -74,7 +74,7 @@ def judged(network, units):
     # The Hessian of softer springs makes each correction larger than the one before it.
     tense = stretched(network, 0.9)
     others = [replace(tense, network=network.with_stiffness(part * network.stiffness)) for part in (0.25, 1, 1.5)]
-    factors = [other.factorize(other.pattern()) for other in others]
+    factors = [other.factorize() for other in others]
     relaxes = [np.isfinite(relaxation(tense, factor, tense.bond_vectors @ shear.T)[1]) for factor in factors]
     assert relaxes == [False, True, True]
     return {"number": (loosens, weak, at_rest, relaxes)}

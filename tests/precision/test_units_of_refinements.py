@@ -36,7 +36,7 @@ def displaced(network, units, size, shift=0.0, gain=1.0):
 
 def of_springs(network, units, gamma):
     state = equilibrium(strained(network, gamma)).value
-    factor = state.factorize(state.pattern())
+    factor = state.factorize()
     found = state.exact_displacement(factor)
     L = exact_bond_vectors(state.network, state.coordinates, found.displacement)
     return {

@@ -122,7 +122,7 @@ def test_one_correction_of_each_relaxation_is_enough(name):
     state = equilibrium(STATES[name](), tolerance=1e-15, throw=False).value
     # Two solves a strain; that the state is in equilibrium costs two more, and no response of another state.
     for exact, more in ((True, 0), (False, 2)):
-        factor = Counted(state.factorize(state.pattern()))
+        factor = Counted(state.factorize())
         linear_response(state, state.network.volume, exact=exact, factor=factor, condition=False)
         assert factor.count == 2 * len(strain_basis(state.network.dimension)[0]) + more
 
@@ -131,7 +131,7 @@ def test_a_strain_that_keeps_the_balance_needs_no_solve():
     network = voronoi_network(24, seed=1)
     critical = CriticalManifold(network).configuration(network.stiffness)
     state = strain_path(critical, [0.01]).value.states[0]
-    factor = Counted(state.factorize(state.pattern()))
+    factor = Counted(state.factorize())
     linear_response(state, network.volume, exact=True, factor=factor, condition=False)
     # The deviator and the shear, but not the dilation.
     assert factor.count == 2 * 2
@@ -201,7 +201,7 @@ def test_softening_springs_under_tension_are_unstable():
         # With a factor given, as on a path, whose corrections shrink whatever its inertia.
         state = spring_state(line, [length, length], [[0.0, 0.0], [1.65, 0.0], [3.3, 0.0]], Softening())
         assert (state.sigma > 0).all()
-        assert linear_response(state, 1.0, factor=state.factorize(state.pattern())).status is status
+        assert linear_response(state, 1.0, factor=state.factorize()).status is status
 
 
 # Errors under stress

@@ -21,10 +21,10 @@ class Stuck(SpringState):
     def moved(self, displacement):
         return self
 
-    def factorize(self, pattern, shift=0.0):
+    def factorize(self, shift=0.0):
         assert len(self.shifts) < 50
         self.shifts.append(shift / self.stiffness_scale)
-        return super().factorize(pattern, shift)
+        return super().factorize(shift)
 
 
 class Late(Stuck):
@@ -60,7 +60,7 @@ def test_damping_grows_tenfold_until_steps_are_shorter_than_rounding(unit):
 @UNITS
 def test_the_shift_is_never_below_the_least(unit):
     state = chain(Late, unit)
-    end, factor = newton(state, 1e-3, 100, state.pattern(), 1e-4)
+    end, factor = newton(state, 1e-3, 100, 1e-4)
     assert end.ok and factor is None and end.stats.steps > 5
     np.testing.assert_allclose(state.shifts[:4], [1e-4, 1e-3, 1e-2, 1e-3], rtol=1e-9)
     np.testing.assert_allclose(state.shifts[4:], 1e-4, rtol=1e-9)
@@ -69,5 +69,5 @@ def test_the_shift_is_never_below_the_least(unit):
 @pytest.mark.parametrize(("tolerance", "ok"), [(1e-14, True), (8e-15, False)])
 def test_rounding_within_ten_tolerances_is_convergence(tolerance, ok):
     state = chain(Almost)
-    end, _ = newton(state, tolerance, 100, state.pattern())
+    end, _ = newton(state, tolerance, 100)
     assert end.status is (Status.ok if ok else Status.stalled) and end.stats.steps == 0

@@ -1,12 +1,17 @@
 """Springs past the transition: energies, forces and Hessian."""
 
+import copy
+import gc
+import pickle
+import weakref
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from derivatives import assert_derivative
 from problems import NETWORKS, dense_free, grounded, random_stress, with_random_stiffness
 
 from critflow import Cable, CriticalManifold, Hookean, Network, PowerLaw, WormLike, spring_state, voronoi_network
-from critflow.sparse import block_laplacian
 
 
 class Undeclared(Hookean):
@@ -35,7 +40,7 @@ def test_forces_and_hessian_are_derivatives_of_the_energy(name, law):
     zero, u = np.zeros_like(free), rng.standard_normal(free.shape)
     assert state.energy == pytest.approx(energy(zero), rel=1e-13)
     assert_derivative(energy, -state.forces, zero, [u], rtol=1e-7, atol=1e-8)
-    factor = state.factorize(state.pattern())
+    factor = state.factorize()
     assert_derivative(
         lambda v: -state.moved(v).forces, lambda v: factor.multiply(v.ravel()).reshape(v.shape), zero, [u], rtol=1e-7
     )
@@ -49,13 +54,13 @@ def test_forces_and_hessian_are_derivatives_of_the_energy(name, law):
 def test_convex_part_is_the_hessian_without_compression(law):
     network = with_random_stiffness(voronoi_network(40, seed=2), 5)
     critical = CriticalManifold(network).configuration(random_stress(60, 2))
-    pattern, unit = block_laplacian(network), np.eye(78)
+    unit = np.eye(78)
     stretched = spring_state(network, critical.lengths / 1.1, critical.coordinates, law)
-    whole = stretched.factorize(pattern).multiply(unit)
-    np.testing.assert_allclose(stretched.factorize_convex(pattern, 0.0).multiply(unit), whole, rtol=0, atol=1e-13)
+    whole = stretched.factorize().multiply(unit)
+    np.testing.assert_allclose(stretched.factorize_convex(0.0).multiply(unit), whole, rtol=0, atol=1e-13)
     compressed = spring_state(network, critical.lengths / 0.9, critical.coordinates, law)
-    assert compressed.factorize(pattern).n_negative > 0
-    convex = compressed.factorize_convex(pattern, 1.0).multiply(unit) - unit
+    assert compressed.factorize().n_negative > 0
+    convex = compressed.factorize_convex(1.0).multiply(unit) - unit
     assert np.linalg.eigvalsh(convex).min() > -1e-12
     # Along an edge it keeps all of E''.
     g, _ = dense_free(network)
@@ -71,3 +76,20 @@ def test_convex_part_is_the_hessian_without_compression(law):
 def test_unique_is_an_equilibrium_of_a_convex_law_without_compression(law, rest, unique):
     network = Network([[0, 1], [1, 2]], pins={0: [0.0, 0.0], 2: [2.0, 0.0]})
     assert spring_state(network, rest, [[0.0, 0.0], [1.0, 0.0], [2.0, 0.0]], law).unique is unique
+
+
+def test_copies_of_a_network_share_the_pattern_of_the_hessian_while_the_first_is_in_memory():
+    network = voronoi_network(20, seed=1)
+    state = spring_state(network, np.ones(network.n_edges), network.positions)
+    moved = state.deformed(1.1 * np.eye(2)).deformed(1.1 * np.eye(2))
+    assert moved.pattern is state.pattern is moved.pattern
+    other = replace(state, backend="superlu")
+    assert other.pattern.backend == other.deformed(np.eye(2)).pattern.backend == "superlu"
+    for copied in (pickle.loads(pickle.dumps(moved)), copy.deepcopy(moved), copy.copy(moved.network)):
+        assert getattr(copied, "network", copied).original is not network
+    # What a copy makes afterwards is its own.
+    pattern = weakref.ref(state.pattern)
+    del network, state, other
+    gc.collect()
+    assert pattern() is None and moved.network.original is moved.network
+    assert moved.deformed(np.eye(2)).pattern is moved.pattern

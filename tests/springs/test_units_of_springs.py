@@ -32,10 +32,10 @@ def relaxation(network, units, method="auto", tolerance=1e-14, max_steps=None, *
 
 def matrices(network, units, **start):
     state = springs(network, **start)
-    pattern, one = state.pattern(), np.eye(state.forces.size)
+    one = np.eye(state.forces.size)
     return {
-        "number": (stability_of(state, pattern)[0], minimum_factor(state, pattern) is None),
-        "stiffness": (state.factorize(pattern).multiply(one),),
+        "number": (stability_of(state)[0], minimum_factor(state) is None),
+        "stiffness": (state.factorize().multiply(one),),
     }
 
 

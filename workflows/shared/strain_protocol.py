@@ -45,7 +45,7 @@ def critical_by_strain(
     (V/N_v)^(2/d).  Where the network is not rigid at γ = 0 but every edge will be stressed, the end does not depend on
     the path, and the steps of the floppy network are skipped.
     """
-    network, pattern = manifold.network, manifold.hessian
+    network = manifold.network
     unit = network.stiffness.mean() * (network.volume / network.n_vertices) ** (2 / network.dimension)
     step = skipped = steps = 0
     threshold, x = energy_threshold * unit, network.positions
@@ -53,7 +53,7 @@ def critical_by_strain(
         x = manifold.configuration(network.stiffness).coordinates
     state = spring_state(network, lengths, x)
     while True:
-        solution = equilibrium(state, pattern=pattern, throw=False)
+        solution = equilibrium(state, throw=False)
         state, steps = solution.value, steps + solution.stats.steps
         if not solution.ok or state.energy >= threshold:
             break
@@ -66,9 +66,9 @@ def critical_by_strain(
             step = skipped
         step += 1
         state = spring_state(network, lengths / (1 + strain_step * step), x)
-    state = equilibrium(state, tolerance=1e-16, max_steps=6, pattern=pattern, throw=False).value
+    state = equilibrium(state, tolerance=1e-16, max_steps=6, throw=False).value
     # From the coordinates: rounding of many steps separates the bond vectors of the state from them.
-    sigma = balanced_part(network, network.bond_vectors(state.coordinates), state.sigma, pattern)
+    sigma = balanced_part(network, network.bond_vectors(state.coordinates), state.sigma, state.pattern)
     # Edges of a part without stress are at their rest lengths, to rounding.
     sigma = np.where(np.abs(sigma) <= NO_STRESS * np.mean(np.abs(sigma)), 0.0, sigma)
     value = critical_configuration(network, sigma, state.coordinates)

@@ -25,9 +25,7 @@ def cable_path(springs: type[Path]) -> type[Path]:
 class CablePath(Path):
     """What cables change in a path of springs, of the vertices or of a free cell too."""
 
-    @property
-    def largest_force(self) -> float:
-        return self.tolerance
+    within_reach = False
 
     def begin(self, springs: SpringState) -> list[Point]:
         """The strains below the onset of cables that are floppy at γ = 0, which have no stress, and the onset."""

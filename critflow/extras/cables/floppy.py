@@ -41,11 +41,11 @@ def unstressed_part(path: Path, springs: SpringState) -> list[Point] | None:
         lower, upper = sorted((abs(onset.lower), abs(onset.upper)))
         critical, law = onset.configuration, springs.law
         assert critical.rest_lengths is not None
-        cables = cables_at_onset(critical, critical.rest_lengths, law)
-        path.points, path.stress = [path.point(onset.strain, cables.springs, onset.free)], cables.stress
+        cables, path.stress, *_ = cables_at_onset(critical, critical.rest_lengths, law)
+        path.points = [path.point(onset.strain, cables, onset.free)]
     reached = [_unstressed(path, springs, strain) for strain in gamma if abs(strain) < lower]
     if len(reached) < len(gamma) and abs(gamma[len(reached)]) <= upper:
-        reached.append(path.refused(gamma[len(reached)], Status.undecided, _AT_ONSET))
+        reached.append(replace(path.points[0].refused(Status.undecided, _AT_ONSET), strain=gamma[len(reached)]))
     return reached
 
 
@@ -55,7 +55,7 @@ def _unstressed(path: Path, springs: SpringState, strain: float) -> Point:
     still = Deformation.linear(np.zeros((here.dimension,) * 2)).freeing(*path.deformation.free)
     interior = floppy_start(BoundaryPath(CriticalManifold(here), still), springs.rest_lengths)
     if isinstance(interior, NotFloppy):
-        return path.refused(strain, Status.undecided, _AT_ONSET)
+        return replace(path.points[0].refused(Status.undecided, _AT_ONSET), strain=strain)
     q, x = interior
     network = path.network.deformed(path.gradient(strain, q))
     L, d = network.free_incidence @ x + network.boundary_vectors, network.dimension

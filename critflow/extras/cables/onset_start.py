@@ -23,10 +23,9 @@ OPENING = 1e-3  # displacements of floppy vertices that give collapsed slack edg
 @start_of.register
 def _(onset: CriticalStrain, law: SpringLaw | None, taut_only: bool) -> Beginning:
     """The configuration at the onset, from which strains count."""
-    first = start_of(onset.configuration, law, taut_only)
+    springs, stress, note, _ = start_of(onset.configuration, law, taut_only)
     counted = f"strains count from the onset at strain {onset.strain:.6g}: total_strains are those of the network given"
-    note = f"{first.note}; {counted}" if first.note else counted
-    return replace(first, note=note, total_strains=partial(total_strains, onset))
+    return springs, stress, f"{note}; {counted}" if note else counted, partial(total_strains, onset)
 
 
 def cables_at_onset(critical: CriticalConfiguration, rest: Array, law: SpringLaw | None) -> Beginning:
@@ -44,7 +43,7 @@ def cables_at_onset(critical: CriticalConfiguration, rest: Array, law: SpringLaw
     rest = np.where(taut, critical.lengths, rest)
     law = checked_law(law, rest, critical.network.stiffness)
     springs = SpringState(critical.network, rest, critical.coordinates, critical.bond_vectors, law)
-    return Beginning(springs, critical.sigma)
+    return springs, critical.sigma, "", None
 
 
 def _opened(critical: CriticalConfiguration, length: float) -> CriticalConfiguration:

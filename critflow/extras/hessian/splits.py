@@ -86,11 +86,10 @@ def bond_operator(state: SpringState, max_refinements: int = 10) -> LinearOperat
     max_refinements = of_kind(int, max_refinements=max_refinements)
     network = state.network
     R = spread_columns(network, state.bond_vectors / state.lengths[:, None])
-    pattern, shift = state.pattern(), 0.0
-    factor = state.factorize(pattern)
+    factor, shift = state.factorize(), 0.0
     if factor.indefinite:
         shift = FLOPPY_SHIFT * state.stiffness_scale
-        factor = state.factorize(pattern, shift)
+        factor = state.factorize(shift)
     if factor.indefinite:
         note = f"the Hessian has {factor.n_negative} negative eigenvalues, so the springs buckle: relax them first"
         raise SolveError(f"no bond operator: {note}", Solution(None, Status.unstable, Stats("bond operator"), note))

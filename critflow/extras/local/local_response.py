@@ -169,7 +169,7 @@ def _of_state(state: SpringState) -> Compliances | None:
         stable = saddle.factor.n_negative == int(np.count_nonzero(K > 0))
         return Compliances(network, sigma, L, saddle, 1 / K) if stable else None
     # Other kinds couple edges, or have energies besides those of edges.
-    factor = state.factorize(state.pattern())
+    factor = state.factorize()
     if factor.indefinite:
         return None
     return HessianCompliances(network, sigma, L, HessianFactor(factor), resisting=np.abs(state.edge_stiffness))

@@ -28,7 +28,7 @@ from critflow.equilibria import (
 from critflow.networks import Array, Network
 from critflow.numerics import EPS
 from critflow.result import Status
-from critflow.sparse import Factor, FixedPattern
+from critflow.sparse import Factor
 from critflow.springs import TAUT, EdgeMatrix, SpringState
 
 # Strain of the cell by the stress that is left, above which nothing fixes its free components.  In a cell that cables
@@ -144,7 +144,7 @@ class FreeCellState:
         springs = springs.deformed(step).moved(displacement[:-m].reshape(-1, d))
         return replace(self, springs=springs, stretch=stretch)
 
-    def near_rest(self, pattern: FixedPattern) -> FreeCellState:
+    def near_rest(self) -> FreeCellState:
         """A state near by without stress, where there is one, by Gauss-Newton steps to the rest lengths."""
         state = self
         for _ in range(_REST_STEPS):
@@ -153,7 +153,7 @@ class FreeCellState:
             springs = state.springs
             rest = np.where(springs.tension == 0, springs.rest_lengths, springs.spring_lengths)
             bare = replace(state, springs=replace(springs, rest_lengths=rest))
-            factor = bare.factorize(pattern, _REST_SHIFT * state.stiffness_scale)
+            factor = bare.factorize(_REST_SHIFT * state.stiffness_scale)
             state = state.moved(factor.solve(state.forces))
         return state
 
@@ -162,15 +162,15 @@ class FreeCellState:
         m = len(self.stretch)
         return self.springs.edge_rates(motion[:-m]) + np.tensordot(motion[-m:] / self.unit, self._stretches(), 1)
 
-    def factorize(self, pattern: FixedPattern, shift: float = 0.0) -> BorderedFactor:
+    def factorize(self, shift: float = 0.0) -> BorderedFactor:
         """Factorise the second derivatives in vertices and p, plus shift·1."""
         springs = self.springs
-        return self.bordered(springs.factorize(pattern, shift), springs.modified_stiffness, springs.sigma, shift)
+        return self.bordered(springs.factorize(shift), springs.modified_stiffness, springs.sigma, shift)
 
-    def factorize_convex(self, pattern: FixedPattern, shift: float) -> BorderedFactor:
+    def factorize_convex(self, shift: float) -> BorderedFactor:
         """Factorise their convex part plus shift·1."""
         springs = self.springs
-        return self.bordered(springs.factorize_convex(pattern, shift), *springs.convex_parts(), shift)
+        return self.bordered(springs.factorize_convex(shift), *springs.convex_parts(), shift)
 
     def bordered(self, vertices: Factor, axial: EdgeMatrix, isotropic: Array, shift: float = 0.0) -> BorderedFactor:
         """The factor for vertices and cell, from one for the vertices, of the stiffness c L Lᵀ + t 1 of the edges."""
@@ -186,7 +186,7 @@ class FreeCellState:
         """Bound of the changes of p (m,) by the conjugate stress that is left; infinite where nothing resists them."""
         return border.schur_bound((np.abs(self.conjugate_forces) + self.conjugate_rounding) / self.unit)
 
-    def fixes_cell(self, pattern: FixedPattern, left: Array) -> bool:
+    def fixes_cell(self, left: Array) -> bool:
         """Whether tension resists the free components, of whose p (m,) a change is left.
 
         Cables at their rest length resist extension but no contraction: they are judged as slack.
@@ -197,7 +197,7 @@ class FreeCellState:
             longer = np.maximum(springs.rest_lengths, 2 * springs.lengths)
             rest = np.where(springs.sigma > tension, springs.rest_lengths, longer)
             tense = replace(self, springs=replace(springs, rest_lengths=rest))
-            vertices = tense.factorize(pattern, FLOPPY_SHIFT * springs.stiffness_scale).vertices
+            vertices = tense.factorize(FLOPPY_SHIFT * springs.stiffness_scale).vertices
             border = tense.bordered(vertices, tense.springs.modified_stiffness, tense.springs.sigma)
             left = np.maximum(left, tense.stretch_errors(border) * (self.unit / tense.unit))
         with np.errstate(invalid="ignore"):
@@ -261,7 +261,7 @@ class BorderedFactor(Factor):
 
 
 def relaxed_with_cell(
-    state: FreeCellState, reference: Network, gradient: Array, pattern: FixedPattern, tolerance: float
+    state: FreeCellState, reference: Network, gradient: Array, tolerance: float
 ) -> tuple[Equilibrium[SpringState], Factor | None, Array]:
     """As `relaxed` by Newton's method, with the free components q (m,) of the cell (1 + Σ q E) F of a reference.
 
@@ -269,15 +269,15 @@ def relaxed_with_cell(
     """
     # To these functions the state is one of springs: it has their energy, forces, stress and factors.
     unknowns: Any = state
-    end, known = newton(unknowns, tolerance, NEWTON_STEPS, pattern)
+    end, known = newton(unknowns, tolerance, NEWTON_STEPS)
     q = end.value.stretch
     # The cell has the rounding of one deformation, not of many.
     network = reference.deformed(stretched(q, state.strains) @ gradient)
     solution: Equilibrium[SpringState] = replace(end, value=replace(end.value.springs, network=network))
     if not solution.ok:
         return solution, None, q
-    vertices = (known if isinstance(known, BorderedFactor) else end.value.factorize(pattern)).vertices
-    solution, factor = with_bounds(solution, pattern, vertices, corrected=True, judged=False)
+    vertices = (known if isinstance(known, BorderedFactor) else end.value.factorize()).vertices
+    solution, factor = with_bounds(solution, vertices, corrected=True, judged=False)
     there: Any = FreeCellState(solution.value, q, state.strains)
     # Of this state and without a shift, which resists every motion of the cell.
     border = there.bordered(vertices, solution.value.modified_stiffness, solution.value.sigma)
@@ -286,7 +286,7 @@ def relaxed_with_cell(
     moved = np.abs(affine.reshape(len(q), -1)).T + np.abs(border.response)
     with np.errstate(invalid="ignore"):
         bound = solution.stats.error_bound + float((moved @ left).max(initial=0.0))
-    if solution.ok and not (np.isfinite(bound) and there.fixes_cell(pattern, left)):
+    if solution.ok and not (np.isfinite(bound) and there.fixes_cell(left)):
         solution = replace(solution, status=Status.floppy, note=UNFIXED)
     solution = replace(solution, stats=replace(solution.stats, error_bound=bound))
-    return as_minimum(solution, *stability_of(there, pattern)), factor, q
+    return as_minimum(solution, *stability_of(there)), factor, q

@@ -18,7 +18,6 @@ from critflow.networks import Array
 from critflow.paths import FLOPPY, NONE_FREE, Path, Point, keeps_lengths, weakly_stressed
 from critflow.result import InputError, Status
 from critflow.sparse import Factor
-from critflow.springs import SpringState
 
 
 class FreeCellPath(Path):
@@ -30,17 +29,10 @@ class FreeCellPath(Path):
             raise InputError("free components of the cell need Newton's method: method='newton'")
         self.free_strains = self.deformation.free_strains
 
-    @property
-    def largest_force(self) -> float:
-        return self.tolerance
-
     def gradient(self, strain: float, free: Array = NONE_FREE) -> Array:
         """(1 + Σ q E) F(γ), with q = 0 where it is not given."""
         F = super().gradient(strain)
         return stretched(free, self.free_strains) @ F if len(free) else F
-
-    def point(self, strain: float, state: SpringState, free: Array = NONE_FREE) -> Point:
-        return super().point(strain, state, free if len(free) else np.zeros(len(self.free_strains)))
 
     def unknowns(self, point: Point) -> Array:
         """(y, q), (n_free·d + m,)."""
@@ -61,13 +53,13 @@ class FreeCellPath(Path):
         """The equilibrium of vertices and cell; `Status.floppy` where springs keep their lengths in some cell."""
         strain, F = start.strain, super().gradient(start.strain)
         state = FreeCellState(start.state, start.free, self.free_strains)
-        solution, factor, q = relaxed_with_cell(state, self.network, F, self.pattern, self.largest_force)
+        solution, factor, q = relaxed_with_cell(state, self.network, F, self.tolerance)
         # The energy of cables is convex: in a floppy cell smaller steps gain nothing.
         final = solution.status is Status.floppy and solution.value.unique
         end = replace(start.relaxed_to(solution, final), gradient=self.gradient(strain, q), free=q)
         if end.status is Status.ill_conditioned and weakly_stressed(end.state, strain):
             # Nearly balanced stresses remain that the tolerance of the forces hides, though all lengths can be kept.
-            near = FreeCellState(end.state, q, self.free_strains).near_rest(self.pattern)
+            near = FreeCellState(end.state, q, self.free_strains).near_rest()
             if keeps_lengths(near.springs, strain):
                 end = end.refused(Status.floppy, FLOPPY.format(strain), final=True)
         return end, factor

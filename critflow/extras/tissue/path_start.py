@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 from critflow.extras.tissue.tissue import CriticalTissue
 from critflow.manifold import COLLAPSED
 from critflow.paths import Beginning, of_state, require_directions, start_of
@@ -19,4 +17,5 @@ def _(tissue: CriticalTissue, law: SpringLaw | None, taut_only: bool) -> Beginni
         raise InputError(f"face {slack} has no tension, so its perimeter is not determined: narrow their spread")
     state = tissue.at_rest()
     require_directions(state.lengths <= COLLAPSED * state.lengths.mean(), "increase the perimeters of its faces")
-    return replace(of_state(state, law, taut_only), stress=tissue.face_tensions / state.spring_lengths)
+    of_state(state, law, taut_only)
+    return state, tissue.face_tensions / state.spring_lengths, "", None

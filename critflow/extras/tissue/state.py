@@ -6,8 +6,9 @@ edges, τ = Aᵀ T, and couple the edges of each face (`face_springs`).
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 import scipy.sparse as sp
@@ -18,6 +19,7 @@ from critflow.extras.tissue.face_springs import FaceSprings
 from critflow.extras.tissue.pair_laplacian import pair_laplacian
 from critflow.networks import Array
 from critflow.numerics import EPS
+from critflow.result import Status
 from critflow.sparse import FixedPattern
 from critflow.springs import TAUT, SpringState
 
@@ -76,9 +78,15 @@ class TissueState(SpringState):
         values[same] -= (sigma / length**2)[pairs.row[same]]
         return sp.coo_array((values, (pairs.row, pairs.col)), shape=pairs.shape)
 
+    @property
     def pattern(self) -> FixedPattern:
         """The pattern of the Hessian, with a block for each two edges of one face."""
-        return pair_laplacian(self.network, (self.faces.overlap.row, self.faces.overlap.col))
+        matrices = self.network.original.matrices
+        faces, pattern = matrices.get("faces", (None, None))
+        if faces is not self.faces:
+            pattern = pair_laplacian(self.network, (self.faces.overlap.row, self.faces.overlap.col), self.backend)
+            matrices["faces"] = self.faces, pattern
+        return pattern
 
     def blocks(self, K: sp.coo_array, sigma: Array) -> Array:
         """Values for the pattern of K L Lᵀ + σ 1."""
@@ -103,7 +111,10 @@ class TissueState(SpringState):
         """False: perimeters leave open the length of a single edge."""
         return False
 
-    def collapsing_edge(self) -> int | None:
-        """An edge that shrinks to zero length in a relaxation that failed: no perimeter resists that."""
+    def explained(self, failed: Any) -> Any:
+        """With `Status.edge_collapse` where an edge shrinks to zero length: no perimeter resists that."""
         edge = int(self.lengths.argmin())
-        return edge if self.lengths[edge] < COLLAPSING_LENGTH * self.lengths.mean() else None
+        if not self.lengths[edge] < COLLAPSING_LENGTH * self.lengths.mean():
+            return failed
+        note = f"edge {edge} shrinks to zero length, where its tension has no direction"
+        return replace(failed, status=Status.edge_collapse, note=note)

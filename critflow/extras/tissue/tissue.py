@@ -183,7 +183,7 @@ def _polish(network: Network, A: sp.csr_array, p0: Array, x: Array, T: Array) ->
     """
     penalty = np.full(len(p0), _PENALTY / float(np.mean(p0)))
     state = tissue(network, p0, x, stiffness=penalty, sides=A)
-    pattern, best = state.pattern(), (x, T, np.inf)
+    best = (x, T, np.inf)
     for _ in range(_MOST_ITERATIONS):
         T = T / T.mean()
         ratio = float(T @ state.spring_lengths / (T @ p0))
@@ -193,6 +193,6 @@ def _polish(network: Network, A: sp.csr_array, p0: Array, x: Array, T: Array) ->
             break
         best = (state.coordinates, T, error)
         state = replace(state, rest_lengths=ratio * p0 - T / penalty)
-        state = equilibrium(state, tolerance=1e-17, max_steps=10, pattern=pattern, throw=False).value
+        state = equilibrium(state, tolerance=1e-17, max_steps=10, throw=False).value
         T = state.tension
     return best

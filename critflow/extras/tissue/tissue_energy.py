@@ -46,7 +46,7 @@ class PerimeterSystem:
         self._constraints = faces.rates(self.network, bond_vectors)
         x = tissue.configuration.coordinates
         stiff = TissueState(self.network, perimeters, x, bond_vectors, faces=faces)
-        self._factor = stiff.pattern().factorize(stiff.blocks(stiff.couplings(self.sigma), self.sigma))
+        self._factor = stiff.pattern.factorize(stiff.blocks(stiff.couplings(self.sigma), self.sigma))
         self.soft = self._factor.indefinite
 
     def bent(self, rates: Array) -> Array:

@@ -7,7 +7,7 @@ branch that tension stabilises.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -24,7 +24,7 @@ from critflow.extras.weak.weak_pattern import WeakPattern
 from critflow.manifold import CriticalConfiguration
 from critflow.networks import Array, Network
 from critflow.result import InputError, Record, Solution, Stats, Status
-from critflow.sparse import Factor, FixedPattern
+from critflow.sparse import Factor
 from critflow.springs import HOOKEAN, TAUT, Cable, SpringLaw, SpringState, checked_law
 
 TOLERANCE = 1e-13  # of forces, in units of stiffness times length: ten roundings
@@ -42,6 +42,7 @@ class WeakSpringState(SpringState):
     weak: WeakFunction = None  # type: ignore[assignment]
     kappa: float = 0.0
     gradient: Array = None  # type: ignore[assignment]
+    pattern: WeakPattern = field(default=None, repr=False)  # type: ignore[assignment]
 
     @cached_property
     def _weak(self) -> tuple[float, Array, sp.csr_array]:
@@ -65,19 +66,15 @@ class WeakSpringState(SpringState):
         # Weak energies may soften motions.
         return False
 
-    def pattern(self) -> FixedPattern:
-        return WeakPattern(self.network, self._weak[2])
-
-    def factorize(self, pattern: FixedPattern, shift: float = 0.0) -> Factor:
-        assert isinstance(pattern, WeakPattern)
+    def factorize(self, shift: float = 0.0) -> Factor:
         springs = self.blocks(self.modified_stiffness, self.sigma)
-        return pattern.factorize(pattern.values(springs, self._weak[2]), shift)
+        return self.pattern.factorize(self.pattern.values(springs, self._weak[2]), shift)
 
-    def factorize_convex(self, pattern: FixedPattern, shift: float) -> Factor:
-        factor = self.factorize(pattern, shift)
+    def factorize_convex(self, shift: float) -> Factor:
+        factor = self.factorize(shift)
         while factor.indefinite and shift < 1 / shift:
             shift *= _RAISE
-            factor = self.factorize(pattern, shift)
+            factor = self.factorize(shift)
         return factor
 
 
@@ -177,13 +174,12 @@ def _followed(
     statuses = [Status.stalled] * len(gammas)
     network, here = state.network, sign * max(_TAUT_START, float(np.max(sign * gammas)))
     state = _strained(state, network, path, here)
-    pattern = state.pattern()
-    state, status = _relaxed(state, pattern)
+    state, status = _relaxed(replace(state, pattern=WeakPattern(network, state._weak[2])))
     for place in order:
         steps = max(1, int(np.ceil(abs(gammas[place] - here) / _LARGEST_STEP)))
         for strain in np.linspace(here, gammas[place], steps + 1)[1:]:
             if status is Status.ok:
-                state, status = _relaxed(_strained(state, network, path, float(strain)), pattern)
+                state, status = _relaxed(_strained(state, network, path, float(strain)))
         here = float(gammas[place])
         found[place], statuses[place] = (state if status is Status.ok else None), status
     return found, statuses
@@ -196,9 +192,9 @@ def _strained(state: WeakSpringState, network: Network, path: Deformation, strai
     return replace(state.deformed_to(network.deformed(F), change), gradient=F)
 
 
-def _relaxed(state: WeakSpringState, pattern: FixedPattern) -> tuple[WeakSpringState, Status]:
-    end, _ = newton(state, TOLERANCE, _MOST_STEPS, pattern)
-    saddle = end.ok and end.value.factorize(pattern).n_negative
+def _relaxed(state: WeakSpringState) -> tuple[WeakSpringState, Status]:
+    end, _ = newton(state, TOLERANCE, _MOST_STEPS)
+    saddle = end.ok and end.value.factorize().n_negative
     return end.value, Status.unstable if saddle else end.status
 
 

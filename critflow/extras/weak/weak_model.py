@@ -212,7 +212,7 @@ class ThermalModel(ExactModel):
         for gamma in np.array([1.0, 2.0]) * np.copysign(_STRAIN, rate):
             x, F = strain.moved(float(gamma))
             state = spring_state(self.system.network.deformed(F), self.system.lengths, x)
-            pivots = state.factorize(state.pattern()).pivots
+            pivots = state.factorize().pivots
             half_log = 0.5 * float(np.sum(np.log(np.abs(pivots))))
             values.append(half_log - 0.5 * self.system.n_floppy * np.log(rate * gamma))
         return (values[1] - values[0]) / (abs(rate) * _STRAIN)

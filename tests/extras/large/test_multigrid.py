@@ -8,7 +8,7 @@ from problems import random_stress
 from critflow import CriticalManifold, InputError, Status, voronoi_network
 from critflow import sparse as backends
 from critflow.extras.large import multigrid, pardiso
-from critflow.sparse import available_backends, choose_backend, choose_iteration, eliminating_backends
+from critflow.sparse import available_backends, block_laplacian, choose_backend, choose_iteration, eliminating_backends
 
 pytest.importorskip("pyamg")
 
@@ -53,7 +53,7 @@ def test_what_multigrid_cannot_serve_is_refused():
     for call in (
         lambda: manifold.solve(SIGNED),
         lambda: manifold.balance(STRESS).factor.pivots,
-        lambda: manifold.hessian.factorize(np.ones(6 * FOAM.n_edges)),
+        lambda: block_laplacian(FOAM, "pyamg").factorize(np.ones(6 * FOAM.n_edges)),
     ):
         with pytest.raises(InputError, match=r"pyamg.*positive stresses.*'(qdldl|superlu|pardiso)'"):
             call()
@@ -93,7 +93,7 @@ def test_the_choice_by_dimension_and_size():
 
 def test_planar_laplacians_and_other_matrices_are_eliminated(chosen):
     assert CriticalManifold(FOAM).prestress.backend == "pyamg"
-    assert CriticalManifold(FOAM).hessian.backend != "pyamg"
+    assert block_laplacian(FOAM).backend != "pyamg"
     assert CriticalManifold(voronoi_network(30, seed=1)).prestress.backend != "pyamg"
 
 

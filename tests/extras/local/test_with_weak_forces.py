@@ -20,7 +20,7 @@ PAIRS = (0, 9), [(4, 15), (3, 30)]
 
 def dense(state, found):
     """η by the dense Hessian of the factor of a state."""
-    factor, network = state.factorize(state.pattern()), state.network
+    factor, network = state.factorize(), state.network
     H = np.array([factor.multiply(one) for one in np.eye(2 * len(network.free))])
     rows, lengths = [], []
     for pair in (found.source, *found.targets):

@@ -90,7 +90,7 @@ def test_forces_and_hessian_are_derivatives_of_the_energy(name):
     zero, u = np.zeros_like(free), np.random.default_rng(3).standard_normal(free.shape)
     assert state.energy == pytest.approx(energy(zero), rel=1e-13)
     assert_derivative(energy, -state.forces, zero, [u], rtol=1e-7, atol=1e-8 * state.energy)
-    factor = state.factorize(state.pattern())
+    factor = state.factorize()
     assert_derivative(
         lambda v: -state.moved(v).forces, lambda v: factor.multiply(v.ravel()).reshape(v.shape), zero, [u], rtol=1e-7
     )
@@ -99,9 +99,9 @@ def test_forces_and_hessian_are_derivatives_of_the_energy(name):
 @pytest.mark.parametrize("name", FACES)
 def test_convex_part_has_no_negative_stiffness(name):
     compressed = deformed_tissue(name, 1.25, 1.25)
-    pattern, n = compressed.pattern(), compressed.forces.size
-    assert compressed.factorize(pattern).n_negative > 0
-    convex = compressed.factorize_convex(pattern, 1.0).multiply(np.eye(n)) - np.eye(n)
+    n = compressed.forces.size
+    assert compressed.factorize().n_negative > 0
+    convex = compressed.factorize_convex(1.0).multiply(np.eye(n)) - np.eye(n)
     assert np.linalg.eigvalsh(convex).min() > -1e-12 * np.abs(convex).max()
     # The couplings of edges are at most their stiffness.
     bound = np.diag(compressed.edge_stiffness) - compressed.faces.overlap.toarray()

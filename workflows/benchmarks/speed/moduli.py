@@ -95,10 +95,10 @@ def matscipy_springs(state: SpringState) -> Any:
 
 
 def _by_response(springs: StrainedSprings) -> Run:
-    relaxed, pattern = prepared(springs.relaxed)
+    relaxed = prepared(springs.relaxed)
 
     def run(level: float) -> Answer:
-        response = linear_response(replace(relaxed), relaxed.network.volume, pattern)
+        response = linear_response(replace(relaxed), relaxed.network.volume)
         return Answer([response.value.bulk, response.value.shear], response.status)
 
     return run
@@ -106,14 +106,14 @@ def _by_response(springs: StrainedSprings) -> Run:
 
 def _by_differences(springs: StrainedSprings, order: int) -> Run:
     """d²E of relaxed springs by central differences of E (order 2) or of dE, the work of the stress (order 1)."""
-    relaxed, pattern = prepared(springs.relaxed)
+    relaxed = prepared(springs.relaxed)
 
     def run(h: float) -> Answer:
         moduli, ends = [], []
         for path in (Deformation.dilation(2), Deformation.linear(pure_shear(2))):
             terms = []
             for strain in (-h, h):
-                end = equilibrium(relaxed.deformed(path.gradient(strain)), pattern=pattern, throw=False)
+                end = equilibrium(relaxed.deformed(path.gradient(strain)), throw=False)
                 L = end.value.bond_vectors
                 work = float(end.value.sigma @ np.einsum("ad,de,ae->a", L, path.velocity(strain), L))
                 terms.append(end.value.energy if order == 2 else work)
@@ -128,7 +128,7 @@ def _by_differences(springs: StrainedSprings, order: int) -> Run:
 
 def _by_matscipy(springs: StrainedSprings, preconditioner: dict[str, float] | None) -> Run:
     """With plain conjugate gradients, or with an incomplete LU factorisation that drops next to nothing."""
-    relaxed = prepared(springs.relaxed)[0]
+    relaxed = prepared(springs.relaxed)
     start, calculator = atoms_of(relaxed), matscipy_springs(relaxed)
 
     def run(residual: float) -> Answer:

@@ -9,7 +9,7 @@ import numpy as np
 from critflow import CriticalManifold, equilibrium, spring_state, voronoi_network
 from critflow.double_double import extended
 from critflow.engine import stable_rng
-from critflow.sparse import Factor, FixedPattern
+from critflow.sparse import Factor, block_laplacian
 from critflow.springs import SpringState
 
 from . import references
@@ -37,9 +37,9 @@ class StrainedSprings:
         critical = manifold.configuration(np.abs(rng.standard_normal(manifold.network.n_edges)))
         F = np.sqrt(1 + STRAIN) * np.eye(2)
         start = spring_state(manifold.network.deformed(F), critical.lengths, critical.coordinates @ F.T)
-        relaxed = equilibrium(start, pattern=manifold.hessian).value
+        relaxed = equilibrium(start).value
         near = relaxed.coordinates[start.network.free]
-        exact = references.equilibrium(start.network, extended(critical.lengths), near, manifold.hessian)
+        exact = references.equilibrium(start.network, extended(critical.lengths), near, start.pattern)
         return cls(start, relaxed, exact)
 
     @property
@@ -48,7 +48,8 @@ class StrainedSprings:
         return self.start.length_scale
 
 
-def prepared(state: SpringState) -> tuple[SpringState, FixedPattern]:
-    """A state with nothing computed from it or its network, and the pattern of its Hessian."""
-    state = replace(state, network=replace(state.network))
-    return state, CriticalManifold(state.network).hessian
+def prepared(state: SpringState) -> SpringState:
+    """A state with nothing computed from it or its network but the pattern of its Hessian."""
+    network = replace(state.network)
+    network.matrices["auto"] = block_laplacian(network)
+    return replace(state, network=network)

@@ -69,18 +69,18 @@ def peer_error(springs: StrainedSprings, coordinates: Array) -> float:
 
 
 def _by_equilibrium(springs: StrainedSprings, method: str, most_steps: int | None) -> Run:
-    start, pattern = prepared(springs.start)
+    start = prepared(springs.start)
 
     def run(tolerance: float) -> Answer:
         # A copy of the start has nothing that was computed from it.
-        solution = equilibrium(replace(start), method, tolerance, most_steps, pattern, throw=False)
+        solution = equilibrium(replace(start), method, tolerance, most_steps, throw=False)
         return Answer(solution.value.coordinates, solution.status)
 
     return run
 
 
 def _by_lbfgs(springs: StrainedSprings) -> Run:
-    start, limit = prepared(springs.start)[0], _most_steps(springs, "L-BFGS")
+    start, limit = prepared(springs.start), _most_steps(springs, "L-BFGS")
 
     def run(tolerance: float) -> Answer:
         state = replace(start)
@@ -91,7 +91,7 @@ def _by_lbfgs(springs: StrainedSprings) -> Run:
 
 
 def _by_lammps(springs: StrainedSprings, style: str, options: str) -> Run:
-    engine, most_steps = Lammps(prepared(springs.start)[0]), _most_steps(springs, "LAMMPS")
+    engine, most_steps = Lammps(prepared(springs.start)), _most_steps(springs, "LAMMPS")
 
     def run(tolerance: float) -> Answer:
         x, iterations, force = engine.relax(style, options, tolerance * springs.unit, most_steps)
