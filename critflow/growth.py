@@ -38,7 +38,7 @@ from critflow.networks import Array, Network
 from critflow.numerics import EPS, dot, norms, product
 from critflow.quantities import dilation, pure_shear
 from critflow.refinement import exact_displacement
-from critflow.result import InputError, Record, Solution, Stats, Status
+from critflow.result import Record, Solution, Stats, Status
 from critflow.saddles import Saddle, SaddleFactor
 from critflow.self_stress import require_only_self_stress, stabilises
 from critflow.springs import HOOKEAN, SpringLaw, checked_law

@@ -11,7 +11,6 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any, ClassVar
-from weakref import ref
 
 import numpy as np
 import scipy.linalg
@@ -66,6 +65,8 @@ class Network:
     faces: Faces | None = None
     note: str = ""
     reference_volume: float | None = None
+    # Patterns of matrices of the graph, by name: a network shares them with all of its copies.
+    matrices: dict[str, Any] = field(default_factory=dict, init=False, repr=False, compare=False)
     # Whether every edge must have a length under positive stresses.
     _supported: ClassVar[bool] = True
 
@@ -115,8 +116,8 @@ class Network:
         self.__dict__.update(state)
 
     def __getstate__(self) -> dict[str, Any]:
-        """Without the network it is a copy of and patterns of matrices, which are made again at their first use."""
-        return {name: value for name, value in self.__dict__.items() if name not in ("_original", "matrices")}
+        """Without patterns of matrices, which are made again at their first use."""
+        return self.__dict__ | {"matrices": {}}
 
     def __repr__(self) -> str:
         parts = [f"{self.n_vertices:,} vertices", f"{self.n_edges:,} edges", f"{self.dimension} dimensions"]
@@ -236,17 +237,6 @@ class Network:
 
     # Copies
 
-    @property
-    def original(self) -> Network:
-        """The network of this graph of which this is a copy, while that is in memory, else this one."""
-        reference = self.__dict__.get("_original")
-        return (reference and reference()) or self
-
-    @cached_property
-    def matrices(self) -> dict[str, Any]:
-        """What an original keeps for all of its copies: patterns of matrices of the graph (`SpringState.pattern`)."""
-        return {}
-
     def with_stiffness(self, stiffness: ArrayLike) -> Network:
         """The same network with other stiffnesses k, (N_b,) or one number."""
         values = stiffnesses(stiffness, self.n_edges)
@@ -315,10 +305,9 @@ class Network:
     def _copied(self, **changed: Any) -> Network:
         """A copy with other values of the same graph, whose checks and matrices stay valid."""
         copied = object.__new__(type(self))
-        copied.__dict__.update(self.__dict__, _original=ref(self.original))
+        copied.__dict__.update(self.__dict__)
         copied.__setstate__(changed)
         copied.__dict__.pop("volume", None)
-        copied.__dict__.pop("matrices", None)
         return copied
 
     def part(self, kept_edges: NDArray[np.bool_], note: str = "") -> tuple[Network, IntArray]:

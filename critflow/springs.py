@@ -331,7 +331,7 @@ class SpringState(Record):
     @property
     def pattern(self) -> FixedPattern:
         """The pattern of the Hessian, of this state and all others of the same graph."""
-        patterns = self.network.original.matrices
+        patterns = self.network.matrices
         if self.backend not in patterns:
             patterns[self.backend] = block_laplacian(self.network, self.backend)
         return patterns[self.backend]

@@ -81,7 +81,7 @@ class TissueState(SpringState):
     @property
     def pattern(self) -> FixedPattern:
         """The pattern of the Hessian, with a block for each two edges of one face."""
-        matrices = self.network.original.matrices
+        matrices = self.network.matrices
         faces, pattern = matrices.get("faces", (None, None))
         if faces is not self.faces:
             pattern = pair_laplacian(self.network, (self.faces.overlap.row, self.faces.overlap.col), self.backend)
