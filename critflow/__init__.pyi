@@ -11,6 +11,7 @@ from .extras.certificates.spaces import self_stresses as self_stresses
 from .extras.examine.examine import examine as examine
 from .extras.files.convert import network_from as network_from
 from .extras.files.convert import write_network as write_network
+from .extras.foams.foams import foam_network as foam_network
 from .extras.fronts.leverage import edge_leverage as edge_leverage
 from .extras.fronts.pareto import pareto as pareto
 from .extras.fronts.prune_towards import prune_towards as prune_towards
@@ -42,7 +43,6 @@ from .optima import optimize as optimize
 from .paths import strain_path as strain_path
 from .pictures import draw as draw
 from .points import delaunay_network as delaunay_network
-from .points import foam_network as foam_network
 from .points import voronoi_network as voronoi_network
 from .quantities import Quantity as Quantity
 from .quantity_names import properties as properties
