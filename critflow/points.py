@@ -358,7 +358,7 @@ def _delaunay_edges(points: Array, shape: Array) -> tuple[IntArray, IntArray, Ar
     return rows[:, :2], rows[:, 2:], points
 
 
-# Layers of images around the cell, in units of the spacing of points: enough for most independent points.
+# Layers of images around the cell, in units of the spacing of points: enough for independent points.
 LAYERS = 4.0
 # Centre of a simplex without volume: far outside of a cell of volume 1.
 _FAR = 1e12

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from matplotlib.collections import PathCollection
 from problems import critical_of, pinned_grid, random_stress
+from refusals import refused
 
 from critflow import CriticalManifold, InputError, draw, extensions, lattice, spring_state, voronoi_network
 
@@ -84,3 +85,11 @@ def test_without_this_extra_a_picture_says_so(monkeypatch):
         InputError, match="pictures of networks belong to the extra 'drawing' of critflow, which is not"
     ):
         extensions.provided("network_figure", "pictures of networks")
+
+
+test_things_that_cannot_be_drawn_are_refused = refused(
+    {
+        "nothing": (lambda: draw(3), "drawn"),
+        "few colours": (lambda: draw(lattice("honeycomb", 2, 2), color=[1, 2]), "color"),
+    }
+)
