@@ -8,9 +8,11 @@ from .extras.cables.rigidity_surface import rigidity_surface as rigidity_surface
 from .extras.certificates.certify import certify as certify
 from .extras.certificates.counts import rigidity as rigidity
 from .extras.certificates.spaces import self_stresses as self_stresses
+from .extras.drawing.draw import draw as draw
 from .extras.examine.examine import examine as examine
 from .extras.files.convert import network_from as network_from
 from .extras.files.convert import write_network as write_network
+from .extras.foams.foams import foam_network as foam_network
 from .extras.fronts.leverage import edge_leverage as edge_leverage
 from .extras.fronts.pareto import pareto as pareto
 from .extras.fronts.prune_towards import prune_towards as prune_towards
@@ -41,9 +43,7 @@ from .manifold import CriticalManifold as CriticalManifold
 from .networks import Network as Network
 from .optima import optimize as optimize
 from .paths import strain_path as strain_path
-from .pictures import draw as draw
 from .points import delaunay_network as delaunay_network
-from .points import foam_network as foam_network
 from .points import voronoi_network as voronoi_network
 from .quantities import Quantity as Quantity
 from .quantity_names import quantity as quantity

@@ -35,9 +35,16 @@ _CONTRADICTING = 0.1
 _NEARER = 0.5
 
 
-def edge_values(values: ArrayLike, n_edges: int, name: str, positive: bool = True, place: str = "edge") -> Array:
-    """Values per edge, or face, as floats (N_b,), finite and positive, else a `NetworkError` on the first bad one."""
+def edge_values(
+    values: ArrayLike, n_edges: int, name: str, positive: bool = True, place: str = "edge", equal: bool = False
+) -> Array:
+    """Values per edge, or face, as floats (N_b,), finite and positive, else a `NetworkError` on the first bad one.
+
+    equal  one number stands for all
+    """
     array = floats(values, name)
+    if equal and array.ndim == 0:
+        array = np.full(n_edges, float(array))
     if array.shape != (n_edges,):
         raise NetworkError(f"{name} must have one value per {place}, shape ({n_edges},), not {array.shape}")
     bad = ~np.isfinite(array) | (positive & ~(array > 0))
@@ -46,12 +53,6 @@ def edge_values(values: ArrayLike, n_edges: int, name: str, positive: bool = Tru
         rule = "positive and finite" if positive else "finite"
         raise NetworkError(f"{name} must be {rule} on every {place}, but {name}[{edge}] = {array[edge]}: correct it")
     return array
-
-
-def stiffnesses(values: ArrayLike, n_edges: int) -> Array:
-    """Stiffnesses (N_b,) from one number or one for each edge, else a `NetworkError`."""
-    array = floats(values, "stiffness")
-    return edge_values(np.full(n_edges, float(array)) if array.ndim == 0 else array, n_edges, "stiffness")
 
 
 def finite_rows(array: Array, name: str, shape: tuple[int, ...]) -> Array:
@@ -303,6 +304,8 @@ def check_support(
     Without a cell, a piece of several edges that hangs on one vertex may be a tensegrity, kept open by stresses of both
     signs: only bridges are refused, and `check_opened` refuses the rest where stresses must be positive.
     """
+    # Added where vertices are missing and their numbers seem to count from one.
+    from_zero = "; vertices count from 0: subtract 1 from their numbers" if edges.min() == 1 else ""
     # Before any array of n_vertices is made, whose number may be a typing error.
     if n_vertices - len(pins) > len(edges):
         used = np.union1d(edges, np.fromiter(pins, np.int64, len(pins)))
@@ -311,14 +314,14 @@ def check_support(
         if lone < n_vertices:
             raise NetworkError(
                 f"vertex {lone} hangs on no edge: {n_vertices:,} vertices need two edges each, and there are "
-                f"{len(edges):,} edges; remove it, or number the vertices without gaps{_from_zero(edges)}"
+                f"{len(edges):,} edges; remove it, or number the vertices without gaps{from_zero}"
             )
     degree = np.bincount(edges.ravel(), minlength=n_vertices)
     degree[list(pins)] = 2
     loose = np.flatnonzero(degree <= 1)
     if len(loose):
         support = "no edge" if degree[loose[0]] == 0 else "a single edge, which cannot carry tension"
-        raise NetworkError(f"vertex {loose[0]} hangs on {support}: remove it, or use pruned(...){_from_zero(edges)}")
+        raise NetworkError(f"vertex {loose[0]} hangs on {support}: remove it, or use pruned(...){from_zero}")
     if len(pins) == n_vertices or n_vertices == 1:
         raise NetworkError("no vertex is free to move, so there is nothing to find: add vertices or remove pins")
     # All pins belong to one support, so they count as joined.
@@ -355,11 +358,6 @@ def _refuse(edges: IntArray, collapsing: NDArray[np.bool_], advice: str) -> None
             f"edge {number[0]} between vertices {first} and {second}{also} no length under any positive stress, "
             f"because that part of the network hangs on a single vertex and wraps around nothing: {advice}"
         )
-
-
-def _from_zero(edges: IntArray) -> str:
-    """What to do where the numbers of vertices seem to count from one."""
-    return "; vertices count from 0: subtract 1 from their numbers" if edges.size and edges.min() == 1 else ""
 
 
 def _graph(edges: IntArray, n_vertices: int) -> sp.csr_array:

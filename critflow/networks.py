@@ -26,10 +26,10 @@ from critflow.checks import (
     check_support,
     checked_cell,
     checked_pins,
+    edge_values,
     finite_rows,
     floats,
     integers,
-    stiffnesses,
 )
 from critflow.faces import Faces, PlanarFaces
 from critflow.result import NetworkError
@@ -88,7 +88,7 @@ class Network:
             raise NetworkError("the cell vectors and the pinned positions must all have the same dimension")
         dimension = int(sizes.pop()[0])
         offsets = np.zeros((len(edges), dimension), int) if self.offsets is None else integers(self.offsets, "offsets")
-        stiffness = stiffnesses(self.stiffness, len(edges))
+        stiffness = edge_values(self.stiffness, len(edges), "stiffness", equal=True)
         positions = None if self.positions is None else floats(self.positions, "positions")
 
         if offsets.shape != (len(edges), dimension):
@@ -239,7 +239,7 @@ class Network:
 
     def with_stiffness(self, stiffness: ArrayLike) -> Network:
         """The same network with other stiffnesses k, (N_b,) or one number."""
-        values = stiffnesses(stiffness, self.n_edges)
+        values = edge_values(stiffness, self.n_edges, "stiffness", equal=True)
         values.flags.writeable = False
         return self._copied(stiffness=values)
 

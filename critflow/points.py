@@ -1,13 +1,11 @@
 """Networks of random points: their Voronoi and Delaunay tessellations in periodic cells of any shape.
 
 Random points have a hard core: none is nearer to another than ρ in units of (V/n)^(1/d).  The standard network is the
-Voronoi tessellation of n_cells = N_v/2 such points in the plane: three edges a vertex, N_b = 3 N_v/2, and V = N_v.  In
-space it is that of a foam: four edges a vertex, N_b = 2 N_v, and V = N_v.
+Voronoi tessellation of n_cells = N_v/2 such points in the plane: three edges a vertex, N_b = 3 N_v/2, and V = N_v.
 """
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Iterable
 from itertools import combinations, product
 from typing import Any
@@ -22,8 +20,8 @@ from critflow.checks import check_size, checked_cell
 from critflow.networks import Array, IntArray, Network, periodic_network
 from critflow.result import InputError
 
-# Hard core of the standard networks in the plane and in space.
-STANDARD_HARD_CORE, FOAM_HARD_CORE = 0.82, 0.87
+# Hard core of the standard networks.
+STANDARD_HARD_CORE = 0.82
 # Random sequential addition saturates at these ρ, which are coverages of 0.547 in the plane and 0.384 in space.
 _SATURATED = {2: 0.834, 3: 0.902}
 # No packing at all is denser than the hexagonal one of discs and the face-centred one of spheres.
@@ -96,7 +94,7 @@ def random_sequential_addition(n_points: int, distance: float, rng: np.random.Ge
     n_points, dimension = of_kind(int, n_points=n_points, dimension=dimension)
     of_kind(float, distance=distance)
     rng = of_kind(np.random.Generator, rng=rng)
-    _check_addition(n_points, distance, dimension)
+    check_addition(n_points, distance, dimension)
     return _added(n_points, distance, rng, dimension)
 
 
@@ -123,7 +121,7 @@ def points_in_cell(n_points: int, hard_core: float, rng: np.random.Generator, ce
     return (_added(n_points, distance, rng, dimension, shape) @ rows) % 1.0
 
 
-def _check_addition(n_points: int, distance: float, dimension: int) -> None:
+def check_addition(n_points: int, distance: float, dimension: int) -> None:
     """Raise `InputError` for points that cannot be placed, without placing any."""
     if n_points < 1 or not distance > 0:
         raise InputError(
@@ -314,7 +312,7 @@ def _voronoi_edges(points: Array, shape: Array) -> tuple[IntArray, IntArray, Arr
     Vertices are the circumcentres of the Delaunay simplices of the points, edges join simplices that share a facet.
     """
     n_points, dimension = points.shape
-    corners, centres = _delaunay_simplices(points, shape)
+    corners, centres = delaunay_simplices(points, shape)
     # A facet seen from its two simplices differs by a lattice shift, which is the image offset of the edge.
     keep = np.array([[k for k in range(dimension + 1) if k != opposite] for opposite in range(dimension + 1)])
     ids, images = corners[:, :, 0], corners[:, :, 1:]
@@ -346,7 +344,7 @@ def _voronoi_edges(points: Array, shape: Array) -> tuple[IntArray, IntArray, Arr
 def _delaunay_edges(points: Array, shape: Array) -> tuple[IntArray, IntArray, Array]:
     """Edges, offsets and positions of the Delaunay network, whose vertices are the points: N_b = 3 N_v in the plane."""
     n_points, dimension = points.shape
-    corners, _ = _delaunay_simplices(points, shape)
+    corners, _ = delaunay_simplices(points, shape)
     first, second = np.array(list(combinations(range(dimension + 1), 2))).T
     tail, head = (corners[:, ends].reshape(-1, 1 + dimension) for ends in (first, second))
     # Corners are sorted by point and image, so that an edge is seen from the same end in all its simplices.
@@ -360,14 +358,13 @@ def _delaunay_edges(points: Array, shape: Array) -> tuple[IntArray, IntArray, Ar
     return rows[:, :2], rows[:, 2:], points
 
 
-# Layers of images around the cell, in units of the spacing of points: enough for any, and for those of a hard core, in
-# which spheres without a point have radii up to 0.95, where a sixth of the images is enough.
-_LAYERS, _FEW_LAYERS = 4.0, 1.0
+# Layers of images around the cell, in units of the spacing of points: enough for independent points.
+LAYERS = 4.0
 # Centre of a simplex without volume: far outside of a cell of volume 1.
 _FAR = 1e12
 
 
-def _delaunay_simplices(points: Array, cell: Array, layers: float = _LAYERS) -> tuple[NDArray[np.int64], Array]:
+def delaunay_simplices(points: Array, cell: Array, layers: float = LAYERS) -> tuple[NDArray[np.int64], Array]:
     """Delaunay simplices of periodic points, once each: corners (n, d+1, 1+d) as point and image, centres (n, d).
 
     Points and centres are in units of the cell, which has volume 1 and short vectors.  Corners are sorted and shifted
@@ -533,65 +530,4 @@ def check_voronoi(n_vertices: int, hard_core: float = STANDARD_HARD_CORE) -> Non
         )
     check_size(n_vertices)
     if hard_core != 0:
-        _check_addition(n_vertices // 2, hard_core / np.sqrt(n_vertices // 2), dimension=2)
-
-
-# Mean number of vertices of a cell of a foam at the standard hard core, each counted in the four cells that share it.
-_VERTICES_A_CELL = 6.467
-_FEWEST_CELLS, _MAX_DRAWS = 8, 3000
-
-
-@running("foam_network")
-def foam_network(
-    n_vertices: int = 400, seed: int | np.random.Generator = 0, hard_core: float = FOAM_HARD_CORE
-) -> Network:
-    """The disordered network in three dimensions: exactly n_vertices, four edges a vertex, volume V = n_vertices.
-
-    A cell has about 6.47 vertices, not a fixed number, so points are drawn until the number of vertices is n_vertices:
-    about 13 draws for 400 vertices, and √10 times this number for ten times as many vertices.  The same seed gives the
-    same network, always.  Raises `InputError` for too few vertices and for a hard core (ρ, in units of 1/n_cells^(1/3))
-    that leaves too little space for all points.
-
-    >>> import critflow as cf
-    >>> cf.foam_network(n_vertices=60, seed=1).dimension
-    3
-    """
-    n_vertices = of_kind(int, n_vertices=n_vertices)
-    seed = of_kind(int, np.random.Generator, seed=seed)
-    of_kind(float, hard_core=hard_core)
-    check_foam(n_vertices, hard_core)
-    n_cells = round(n_vertices / _VERTICES_A_CELL)
-    rng = generator(seed)
-    for _ in range(_MAX_DRAWS):
-        points = random_sequential_addition(n_cells, hard_core / n_cells ** (1 / 3), rng, dimension=3)
-        if count_simplices(points) == n_vertices:
-            return _tessellation(points, None, _voronoi_edges)
-    raise InputError(
-        f"{n_cells} cells never had {n_vertices} vertices in {_MAX_DRAWS} draws: hard_core={hard_core:g} is far from "
-        f"its standard {FOAM_HARD_CORE}, so make the network by voronoi_network(points=...)"
-    )
-
-
-def check_foam(n_vertices: int, hard_core: float = FOAM_HARD_CORE) -> None:
-    """Raise `InputError` for arguments without a `foam_network`, without making one."""
-    if n_vertices < _FEWEST_CELLS * _VERTICES_A_CELL:
-        raise InputError(
-            f"n_vertices must be a whole number of at least {int(np.ceil(_FEWEST_CELLS * _VERTICES_A_CELL))}, "
-            f"not {n_vertices}: a foam of fewer cells meets images of itself"
-        )
-    check_size(n_vertices)
-    n_cells = round(n_vertices / _VERTICES_A_CELL)
-    _check_addition(n_cells, hard_core / n_cells ** (1 / 3), dimension=3)
-
-
-def count_simplices(points: Array) -> int:
-    """Number of Delaunay simplices of points (n, d) in the periodic unit cube, each a vertex of the Voronoi network."""
-    dimension = points.shape[1]
-    for layers in (_FEW_LAYERS, _LAYERS):
-        corners, _ = _delaunay_simplices(points, np.eye(dimension), layers)
-        places = points[corners[:, :, 0]] + corners[:, :, 1:]
-        volume = np.abs(np.linalg.det(places[:, 1:] - places[:, :1])).sum() / math.factorial(dimension)
-        # A hole wider than the layers would leave a part of the cell without simplices.
-        if abs(volume - 1) < 1e-9:
-            break
-    return len(corners)
+        check_addition(n_vertices // 2, hard_core / np.sqrt(n_vertices // 2), dimension=2)

@@ -26,6 +26,7 @@ from critflow import (
 from critflow.checks import blocks, components, opened_edges
 from critflow.manifold import critical_configuration
 from critflow.minimisers import Function, Point
+from critflow.points import random_sequential_addition
 from critflow.sparse import FixedPattern
 from workflows.benchmarks import reference
 
@@ -53,6 +54,15 @@ def random_stress(n_edges: int, seed: int) -> np.ndarray:
 def random_start(seed: int, n_edges: int = 150) -> np.ndarray:
     """|N(0, 1)|: positive stresses without a lower limit."""
     return np.abs(np.random.default_rng(seed).standard_normal(n_edges))
+
+
+def foam_network(n_vertices: int, seed: int) -> Network:
+    """The network of the function of this name, which is an extra, by functions of the scene."""
+    rng, n_cells, network = np.random.default_rng(seed), round(n_vertices / 6.467), None
+    while network is None or network.n_vertices != n_vertices:
+        points = random_sequential_addition(n_cells, 0.87 / n_cells ** (1 / 3), rng, dimension=3)
+        network = voronoi_network(points=points)
+    return network
 
 
 def with_random_stiffness(network: Network, seed: int) -> Network:

@@ -4,14 +4,13 @@ import sys
 
 import numpy as np
 import pytest
-from problems import Factorisations, forbidden
+from problems import Factorisations, foam_network, forbidden
 
 from critflow import (
     CriticalManifold,
     Status,
     critical_from_lengths,
     elasticity,
-    foam_network,
     optimize,
     stiffening,
     strain_path,

@@ -18,7 +18,7 @@ import shlex
 import subprocess
 import sys
 import tomllib
-from contextlib import redirect_stdout
+from contextlib import redirect_stderr, redirect_stdout
 from itertools import pairwise
 from pathlib import Path
 from typing import NamedTuple
@@ -97,7 +97,9 @@ def run_command(line: str) -> None:
     expected = int(comment.split()[1]) if comment.split()[:1] == ["exit"] else 0
     name, *words = shlex.split(command)
     assert name == "critflow", f"only critflow is executed in a console block, not {name}: use a text block"
-    assert main(words) == expected, command
+    with redirect_stderr(io.StringIO()) as stream:
+        code = main(words)
+    assert code == expected, f"{command}\n{stream.getvalue()}"
 
 
 def run_python(page: Path, group: list[Block], folder: Path) -> list[str]:

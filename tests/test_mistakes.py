@@ -231,15 +231,6 @@ CALLS = {
             lambda: cf.critical_from_lengths(NETWORK, WIDE),
             *(SolveError, "no all-tension critical configuration", "18 of 90 edges are slack", "narrow the lengths"),
         ),
-        # Pictures
-        "drawing of a dataset": (
-            lambda: cf.draw(DATASET),
-            *(InputError, "a Dataset cannot be drawn", "give a network, a configuration or a state"),
-        ),
-        "colour a word": (
-            lambda: cf.draw(BEST, color="red"),
-            *(InputError, "color must be an array of numbers", "not 'red'"),
-        ),
         # Python's own sentences
         "no such public name": (lambda: cf.optimise, AttributeError, "critflow", "optimise"),
         "argument missing": (lambda: cf.optimize(NETWORK), TypeError, "optimize() missing", "'objective'"),
@@ -271,10 +262,6 @@ CALLS = {
             lambda: cf.Network([[1, 2], [1, 2], [2, 1]], [[1, 0], [0, 1], [0, 0]], np.eye(2)),
             *(InputError, "vertex 0 hangs on no edge", "vertices count from 0: subtract 1"),
         ),
-        "a picture in place of axes": (
-            lambda: cf.draw(BEST, "x.png"),
-            *(InputError, "ax must be an Axes, not 'x.png'", "draw(...).figure.savefig('x.png')"),
-        ),
         "field of a value": (lambda: CRITICAL.stress, AttributeError, "CriticalConfiguration", "'stress'"),
         "field of a network": (lambda: NETWORK.nope, AttributeError, "Network", "'nope'"),
         "field of an elasticity": (lambda: cf.elasticity(BEST).value.bulkk, AttributeError, "Elasticity", "'bulkk'"),
@@ -297,6 +284,20 @@ CALLS = {
         "quantity of no edge": (
             lambda: cf.quantity(NETWORK, "length[500]"),
             *(InputError, "length[500]", "90 edges", "counted from 0"),
+        ),
+    },
+    "drawing": {
+        "drawing of a dataset": (
+            lambda: cf.draw(DATASET),
+            *(InputError, "a Dataset cannot be drawn", "give a network, a configuration or a state"),
+        ),
+        "colour a word": (
+            lambda: cf.draw(BEST, color="red"),
+            *(InputError, "color must be an array of numbers", "not 'red'"),
+        ),
+        "a picture in place of axes": (
+            lambda: cf.draw(BEST, "x.png"),
+            *(InputError, "ax must be an Axes, not 'x.png'", "draw(...).figure.savefig('x.png')"),
         ),
     },
     "rest": {
@@ -719,8 +720,6 @@ VALUES = {
     "a strain of zero": (lambda: cf.strain_path(CRITICAL, [0.0, 0.001]), r"0\.001"),
     "strains twice": (lambda: cf.strain_path(CRITICAL, [0.001, 0.001]), r"0\.001"),
     "strain infinite": (lambda: cf.strain_path(CRITICAL, [np.inf]), r"0\.001"),
-    "a drawing of nothing": (lambda: cf.draw(3), "drawn"),
-    "few colours": (lambda: cf.draw(cf.lattice("honeycomb", 2, 2), color=[1, 2]), "color"),
     "edge without length": (lambda: state(coordinates=np.zeros((60, 2))).sigma, "edge 0"),
 }
 

@@ -13,9 +13,9 @@ import numpy as np
 from critflow import foam_network
 from critflow.engine import Axis, Claim, Coordinate, Study, decimals
 from critflow.engine.study import plural
+from critflow.extras.foams.foams import FOAM_HARD_CORE, check_foam
 from critflow.paths import check_strains
 from critflow.pictures import COLOURS
-from critflow.points import FOAM_HARD_CORE, check_foam
 
 from .shared.checks import check_fit, check_network, check_positive
 from .shared.figures import counted, lettered, page, points_at

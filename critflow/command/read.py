@@ -177,7 +177,6 @@ def show_configuration(case: xr.Dataset, path: Path) -> str:
     from critflow.extensions import provided
     from critflow.manifold import CriticalConfiguration
     from critflow.networks import Network
-    from critflow.pictures import network_figure
 
     outcome = Status(int(case["status"]))
     if outcome in (Status.failed, Status.missing):
@@ -190,7 +189,8 @@ def show_configuration(case: xr.Dataset, path: Path) -> str:
     critical = CriticalConfiguration(network, sigma, x, network.bond_vectors(x))
     title = ", ".join(f"{axis} {case[axis].item()}" for axis in case.attrs["axes"].split())
     text = provided("certificate_text", "certificates")(critical, title, outcome)
-    figure = network_figure(network.edges, network.offsets, arrays["cell"], x, sigma, critical.lengths, title)
+    drawn = provided("network_figure", "pictures of networks")
+    figure = drawn(network.edges, network.offsets, arrays["cell"], x, sigma, critical.lengths, title)
     figure.savefig(path, dpi=200)
     plt.close(figure)
     return f"{text}\ndrawn in {path}"

@@ -1,17 +1,14 @@
 """Pictures: every edge is drawn once, whole and in its cell, in any units."""
 
-from dataclasses import replace
-
 import matplotlib
 import numpy as np
 import pytest
-from matplotlib.collections import PathCollection
 from matplotlib.figure import Figure
-from problems import NETWORKS, critical_of, oblique, pinned_grid, random_stress, sheared, slack_lattice
+from problems import NETWORKS, critical_of, oblique, random_stress, sheared, slack_lattice
 from scipy.spatial import cKDTree
 from units import same_in_units
 
-from critflow import CriticalManifold, draw, lattice, spring_state, voronoi_network
+from critflow import CriticalManifold, lattice, voronoi_network
 from critflow.pictures import (
     draw_network,
     face_polygons,
@@ -83,37 +80,6 @@ def clipped_length(ends: np.ndarray, cell: np.ndarray) -> float:
         a, b = sorted(((0 - s) / step, (1 - s) / step))
         low, high = max(low, a), min(high, b)
     return max(0.0, high - low) * float(np.linalg.norm(ends[1] - ends[0]))
-
-
-def stiff(network, low, high):
-    k = np.geomspace(low, high, network.n_edges)
-    return replace(network, stiffness=k), k
-
-
-@pytest.mark.parametrize("name", ["voronoi", "pinned", "diamond"])
-@pytest.mark.parametrize(("low", "high"), [(0.04, 20.0), (1.0, 2.0)])
-def test_a_network_at_rest_shows_its_stiffnesses(name, low, high):
-    """Where no edge carries tension, colour and width are those of k, with a bar whose ends are those of k."""
-    networks = {"pinned": pinned_grid, "diamond": lambda: lattice("diamond", 2, 2, 2)}
-    network, k = stiff({**CASES, **networks}[name](), low, high)
-    axes = draw(network)
-    bar = axes.figure.axes[-1]
-    assert bar.get_ylabel() == "stiffness k"
-    assert bar.get_ylim() == pytest.approx((low if high > 10 * low else 0.0, high))
-    widths = np.concatenate([lines.get_linewidths() for lines in axes.collections])
-    assert len(set(widths.round(6))) >= network.n_edges // 2
-    same = draw(replace(network, stiffness=np.full_like(k, 2.0)))
-    assert len(same.figure.axes) == 1
-
-
-def test_springs_at_rest_show_their_stiffness_and_springs_in_tension_their_tension():
-    network, k = stiff(voronoi_network(40, seed=1), 0.1, 10.0)
-    lengths = np.linalg.norm(network.bond_vectors(network.positions), axis=1)
-    rest = draw(spring_state(network, lengths * (1 + 1e-15), network.positions))
-    assert len(rest.figure.axes) == 2
-    critical = CriticalManifold(network).configuration(random_stress(network.n_edges, 1))
-    assert len(draw(critical).figure.axes) == 1
-    assert len(draw(network, color=k).figure.axes) == 1
 
 
 @pytest.mark.parametrize("moved", [0.0, 13.37], ids=["as it is", "far from the origin"])
@@ -209,38 +175,6 @@ def test_slack_edges_are_drawn_grey_below_the_taut_part():
     assert (np.asarray(taut.get_array()) > 0).all()
     assert slack.get_zorder() < taut.get_zorder()
     assert max(slack.get_linewidths()) < min(taut.get_linewidths()) + 0.1
-
-
-def test_pinned_networks_are_drawn_with_a_margin_and_their_pins(units):
-    critical = critical_of(units.network(pinned_grid()))
-    network, x = critical.network, critical.coordinates
-    for thing in (critical, network):
-        axes = draw(thing)
-        x = critical.coordinates if thing is critical else network.positions
-        margin = 0.03 * np.ptp(x, axis=0).max()
-        for limits, along in ((axes.get_xlim(), x[:, 0]), (axes.get_ylim(), x[:, 1])):
-            np.testing.assert_allclose(limits, (along.min() - margin, along.max() + margin), rtol=1e-12)
-        drawn = np.concatenate([each.get_segments() for each in axes.collections if len(each.get_segments())])
-        at = np.sort(x[network.edges].reshape(network.n_edges, -1), axis=0)
-        np.testing.assert_allclose(np.sort(drawn.reshape(network.n_edges, -1), axis=0), at, rtol=1e-12)
-        np.testing.assert_array_equal(axes.lines[0].get_xydata(), x[list(network.pins)])
-
-
-@pytest.mark.parametrize("make", [pinned_grid, lambda: voronoi_network(20, seed=1)], ids=["pins", "cell"])
-def test_values_of_vertices_are_areas_of_discs(make):
-    network = make()
-    values = np.linspace(-1.0, 2.0, network.n_vertices)
-    axes = draw(network, vertices=values)
-    discs = next(each for each in axes.collections if isinstance(each, PathCollection))
-    sizes, fraction = discs.get_sizes(), np.clip(values, 0, None) / 2
-    np.testing.assert_allclose(sizes, sizes.max() * fraction, rtol=1e-12)
-    assert 10 < sizes.max() <= 90
-    places = (
-        network.positions
-        if network.cell is None
-        else network.positions @ np.linalg.inv(network.cell) % 1 @ network.cell
-    )
-    np.testing.assert_allclose(discs.get_offsets(), places, rtol=0, atol=1e-12)
 
 
 def lines(network, units):

@@ -9,7 +9,6 @@ from critflow import (
     Deformation,
     Network,
     delaunay_network,
-    foam_network,
     lattice,
     three_bar_linkage,
     voronoi_network,
@@ -125,7 +124,6 @@ CASES = {
         for n, make in enumerate(
             (
                 lambda: voronoi_network(10**9),
-                lambda: foam_network(10**9),
                 lambda: lattice("honeycomb", 10**5, 10**5),
                 lambda: random_sequential_addition(10**9, 1e-5, np.random.default_rng(0)),
             )
@@ -138,10 +136,6 @@ CASES = {
     "lattice of few sizes": (lambda: lattice("kagome", 3), "directions"),
     "lattice of one vertex": (lambda: lattice("square", 1, 1), "single"),
     "no such lattice": (lambda: lattice("squares", 3, 3), "honeycomb, square"),
-    "foam of few": (lambda: foam_network(40), "52"),
-    "foam not whole": (lambda: foam_network(60.5), "whole"),
-    "foam of a large hard core": (lambda: foam_network(100, hard_core=1.2), "0.902"),
-    "foam of a negative hard core": (lambda: foam_network(100, hard_core=-1.0), "positive"),
     "one point": (lambda: voronoi_network(points=[[0.1, 0.2]]), "lattice"),
     "points of a lattice": (lambda: voronoi_network(points=np.argwhere(np.ones((4, 4))) / 4 + 0.1), "lattice"),
     "points in other units": (lambda: voronoi_network(points=20 * np.random.default_rng(1).random((30, 2))), "divide"),

@@ -2,7 +2,15 @@
 
 import numpy as np
 import pytest
-from problems import dense_bond_vectors, modulus_by_formula, oblique, square_octagon, voronoi_3d, with_random_stiffness
+from problems import (
+    dense_bond_vectors,
+    foam_network,
+    modulus_by_formula,
+    oblique,
+    square_octagon,
+    voronoi_3d,
+    with_random_stiffness,
+)
 from scipy.optimize import linprog, minimize_scalar
 
 from critflow import (

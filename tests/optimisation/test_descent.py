@@ -2,7 +2,15 @@
 
 import numpy as np
 import pytest
-from problems import Analytic, dense_bond_vectors, modulus_by_formula, quadratic, random_start, square_octagon
+from problems import (
+    Analytic,
+    dense_bond_vectors,
+    foam_network,
+    modulus_by_formula,
+    quadratic,
+    random_start,
+    square_octagon,
+)
 from scipy.optimize import minimize
 
 from critflow import (
@@ -11,7 +19,6 @@ from critflow import (
     Quantity,
     SolveError,
     Status,
-    foam_network,
     optimize,
     quantity,
     voronoi_network,

@@ -3,10 +3,10 @@
 from functools import partial
 
 import numpy as np
-from problems import NETWORKS, hung_ring
+from problems import NETWORKS, foam_network, hung_ring
 from units import Units, same_in_units
 
-from critflow import CriticalManifold, Network, foam_network, optimize, voronoi_network
+from critflow import CriticalManifold, Network, optimize, voronoi_network
 from critflow.descent import Descent
 from critflow.optima import largest_modulus, objective_of
 from critflow.quantities import pure_shear

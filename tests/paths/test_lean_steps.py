@@ -2,7 +2,15 @@
 
 import numpy as np
 import pytest
-from problems import critical_of, partly_compressed, pinned_grid, random_stress, voronoi_3d, with_own_images
+from problems import (
+    critical_of,
+    foam_network,
+    partly_compressed,
+    pinned_grid,
+    random_stress,
+    voronoi_3d,
+    with_own_images,
+)
 from problems import with_random_stiffness as stiffened
 
 from critflow import (
@@ -12,7 +20,6 @@ from critflow import (
     PowerLaw,
     WormLike,
     equilibrium,
-    foam_network,
     lattice,
     spring_state,
     strain_path,

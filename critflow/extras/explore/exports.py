@@ -8,10 +8,10 @@ import zipfile
 from io import BytesIO
 from pathlib import Path
 
+from critflow.extras.drawing.draw import draw, saved
 from critflow.extras.explore.picture import QUANTITIES, edge_values
 from critflow.extras.explore.session import Session
 from critflow.extras.files.convert import write_network
-from critflow.pictures import draw, saved
 from critflow.result import InputError
 
 # matplotlib keeps the current figure in one place.

@@ -10,10 +10,11 @@ from matplotlib.patches import Patch
 from numpy.typing import ArrayLike
 
 from critflow.arguments import of_kind
+from critflow.extras.drawing.draw import draw
 from critflow.extras.local.local_response import LocalResponse
 from critflow.manifold import CriticalConfiguration
 from critflow.networks import Array
-from critflow.pictures import COLOURS, add_cell, draw, periodic_segments
+from critflow.pictures import COLOURS, add_cell, periodic_segments
 from critflow.result import InputError
 
 # The arrow of the median motion and the longest one, in units of the spacing of vertices; widths of lines in points.

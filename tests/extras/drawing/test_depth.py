@@ -1,14 +1,13 @@
 """Networks in space: every edge is drawn once, by depth, in any units."""
 
 import numpy as np
-import pytest
 from matplotlib.figure import Figure
-from problems import critical_of, random_stress
+from problems import critical_of, foam_network, random_stress
 from units import same_in_units
 
-from critflow import CriticalManifold, InputError, draw, extensions, foam_network
-from critflow.extras.depth.depth import draw_in_depth
-from critflow.pictures import network_figure
+from critflow import CriticalManifold
+from critflow.extras.drawing.depth import draw_in_depth
+from critflow.extras.drawing.draw import network_figure
 
 
 def of_network(network):
@@ -52,10 +51,3 @@ def in_depth(network, units):
 
 
 test_drawings_in_other_units = same_in_units({"space": (in_depth, lambda: foam_network(60, seed=1))})
-
-
-def test_without_this_extra_a_drawing_in_space_says_so(monkeypatch):
-    rest = {name: one for name, one in extensions.extras().items() if name != "depth"}
-    monkeypatch.setattr(extensions, "extras", lambda: rest)
-    with pytest.raises(InputError, match="networks in space belong to the extra 'depth' of critflow, which is not ins"):
-        draw(foam_network(60, seed=1))

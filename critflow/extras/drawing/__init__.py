@@ -1,0 +1,1 @@
+"""Pictures of networks, configurations and states, in the plane and in space."""

@@ -1,0 +1,1 @@
+"""Disordered networks in space: the edges of random foams."""
