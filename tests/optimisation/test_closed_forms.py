@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 from problems import (
     dense_bond_vectors,
-    foam_network,
     modulus_by_formula,
     oblique,
     square_octagon,
