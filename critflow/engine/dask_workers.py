@@ -28,7 +28,8 @@ from distributed.scheduler import KilledWorker, NoWorkerError
 from distributed.security import Security
 
 from critflow.engine.settings import Workers
-from critflow.engine.store import Folder, Job, Outcome, compute_network, record_failure, take_trace
+from critflow.engine.store import Folder
+from critflow.engine.tasks import Job, Outcome, compute_network, record_failure, take_trace
 from critflow.result import EnvironmentFailure, InputError
 
 Task = Sequence[Mapping[str, int | str]]  # axis values of the cases of one network
@@ -41,70 +42,76 @@ _LOOK = 1.0  # seconds between two looks at the workers of a scheduler
 _AGAIN = "run the same command again to resume"
 _SUBMITTED = 1000  # tasks at the scheduler at once, where each takes 20 kB
 _UNEXPLAINED = 20  # deaths in a row without a running case: the workers cannot start
+_NO_CASE = ""  # of a death in which no case ran
+# Of the workers; those of a scheduler elsewhere have settings of their own.
+_SETTINGS = {
+    "distributed.worker.profile.enabled": False,
+    "distributed.scheduler.http.routes": [],
+    "distributed.worker.http.routes": [],
+    # A death is reported at once: trace files decide which case is tried again.
+    "distributed.scheduler.allowed-failures": 0,
+    # Arrays do not stay in workers: nothing to spill, and a paused worker would never continue.
+    **dict.fromkeys((f"distributed.worker.memory.{name}" for name in ("target", "spill", "pause")), False),
+    # Cases allocate the same arrays again and again: returning the memory each time costs 10 % of the time.
+    "distributed.nanny.pre-spawn-environ.MALLOC_TRIM_THRESHOLD_": str(2**28),
+    "distributed.nanny.pre-spawn-environ.MALLOC_MMAP_THRESHOLD_": str(2**28),
+}
 
 
 def compute_in_workers(
     job: Job, tasks: Sequence[Task], workers: Workers, stopped: threading.Event
 ) -> Iterator[list[Outcome]]:
     """Outcomes of the tasks in the order in which they end, empty while none ends; a stopped run ends earlier."""
-    with _client(workers, min(workers.processes, len(tasks))) as client:
-        try:
-            yield from _distributed(client, job, tasks, workers.scheduler, stopped)
-        except CommClosedError as error:
-            raise EnvironmentFailure(f"the scheduler ended: {_AGAIN}") from error
+    processes = min(workers.processes, len(tasks))
+    connected = _scheduler_client(workers) if workers.scheduler else _local_client(workers, processes)
+    with dask.config.set(_SETTINGS), _without_news(), connected as client:
+        completed = as_completed([], loop=client.loop)  # `with_results` never returns a result that a death deleted
+        running, deaths = dict[Future, Task](), Counter[str]()
+        waiting, cancelled, present = iter(tasks), False, _present(client, workers.scheduler)
 
+        def submit(task: Task, careful: bool = False) -> None:
+            # A new key for every attempt: dask answers a known key with the stored result.
+            future = client.submit(compute_network, job, task, careful, key=f"critflow-{uuid4().hex}", pure=False)
+            running[future] = task
+            completed.add(future)
 
-def _distributed(
-    client: Client, job: Job, tasks: Sequence[Task], address: str, stopped: threading.Event
-) -> Iterator[list[Outcome]]:
-    completed = as_completed([], loop=client.loop)  # `with_results` never returns a result that a death deleted
-    running: dict[Future, Task] = {}
-    deaths, present = _Deaths(job), _present(client, address)
-
-    def submit(task: Task, careful: bool = False) -> None:
-        # A new key for every attempt: dask answers a known key with the stored result.
-        future = client.submit(compute_network, job, task, careful, key=f"critflow-{uuid4().hex}", pure=False)
-        running[future] = task
-        completed.add(future)
-
-    waiting, cancelled = iter(tasks), False
-    while True:
-        # Submit as many tasks as the scheduler should have.
-        if not stopped.is_set():
-            for task in islice(waiting, max(0, _SUBMITTED - len(running))):
-                submit(task)
-        if not running:
-            return
-        if stopped.is_set() and not cancelled:
-            cancelled = True
-            # Cancel those that no worker has begun; those that ended meanwhile are still to be counted.
-            begun = {key for keys in client.processing().values() for key in keys}
-            begun |= {key for key, holders in client.who_has().items() if holders}
-            idle = [future for future in running if future.key not in begun]
-            client.cancel(idle)
-            for future in idle:
-                del running[future]
-        ended = completed.next_batch(block=False)
-        if not ended:
-            next(present)
-            time.sleep(0.05)
-            yield []
-        # Count what ended, and submit again what died.
-        for future in (future for future in ended if future in running):
-            task, again = running.pop(future), list[Mapping[str, int | str]]()
-            try:
-                outcomes = future.result(timeout=_ANSWER)
-                deaths.unexplained = 0
-            except (KilledWorker, NoWorkerError, CancelledError) as error:
-                outcomes, again = ([], []) if stopped.is_set() else deaths.explain(task, error)
-            except TimeoutError:  # its worker died with the result, and no other one is there
-                running[future] = task
-                completed.add(future)
+        while True:
+            # Submit as many tasks as the scheduler should have.
+            if not stopped.is_set():
+                for task in islice(waiting, max(0, _SUBMITTED - len(running))):
+                    submit(task)
+            if not running:
+                return
+            if stopped.is_set() and not cancelled:
+                cancelled = True
+                # Cancel those that no worker has begun; those that ended meanwhile are still to be counted.
+                begun = {key for keys in client.processing().values() for key in keys}
+                begun |= {key for key, holders in client.who_has().items() if holders}
+                idle = [future for future in running if future.key not in begun]
+                client.cancel(idle)
+                for future in idle:
+                    del running[future]
+            ended = completed.next_batch(block=False)
+            if not ended:
                 next(present)
-                continue
-            yield outcomes
-            if again:
-                submit(again, careful=True)
+                time.sleep(0.05)
+                yield []
+            # Count what ended, and submit again what died.
+            for future in (future for future in ended if future in running):
+                task, again = running.pop(future), list[Mapping[str, int | str]]()
+                try:
+                    outcomes = future.result(timeout=_ANSWER)
+                    deaths[_NO_CASE] = 0
+                except (KilledWorker, NoWorkerError, CancelledError) as error:
+                    outcomes, again = ([], []) if stopped.is_set() else _explained(job, task, deaths, error)
+                except TimeoutError:  # its worker died with the result, and no other one is there
+                    running[future] = task
+                    completed.add(future)
+                    next(present)
+                    continue
+                yield outcomes
+                if again:
+                    submit(again, careful=True)
 
 
 def _present(client: Client, address: str) -> Iterator[None]:
@@ -129,110 +136,93 @@ def _present(client: Client, address: str) -> Iterator[None]:
         yield
 
 
-class _Deaths:
-    """Decides which case killed its worker."""
+def _explained(
+    job: Job, task: Task, deaths: Counter[str], error: Exception
+) -> tuple[list[Outcome], list[Mapping[str, int | str]]]:
+    """Failed cases of a task without a result, and those to submit again; raises errors of the run.
 
-    def __init__(self, job: Job):
-        self.job, self.study, self.folder = job, job.study(), Folder(Path(job.folder))
-        self.of_case: Counter[str] = Counter()
-        self.unexplained = 0  # in a row
-
-    def explain(self, task: Task, error: Exception) -> tuple[list[Outcome], list[Mapping[str, int | str]]]:
-        """Failed cases of a task without a result, and those to submit again; raises errors of the run."""
-        if not isinstance(error, KilledWorker):
-            ended = "all workers" if isinstance(error, NoWorkerError) else "the scheduler"
-            raise EnvironmentFailure(f"{ended} ended: {_AGAIN}") from error
-        failed, again, last = list[Outcome](), list[Mapping[str, int | str]](), list[Mapping[str, int | str]]()
-        for values in task:
-            case = self.job.case(self.study, values)
-            trace = take_trace(self.folder, case)
-            self.of_case[case.id] += trace is not None
-            if trace and self.of_case[case.id] == ATTEMPTS:
-                failed.append(record_failure(self.job, self.study, case, f"{trace}, in {ATTEMPTS} attempts"))
-            else:
-                (last if trace else again).append(values)
-        # Without a trace the task waited in a worker that died, or the worker cannot start.
-        self.unexplained = 0 if failed or last else self.unexplained + 1
-        if self.unexplained == _UNEXPLAINED:
-            raise EnvironmentFailure("the worker processes end before they begin a case: try fewer, or --workers 0")
-        return failed, [*again, *last]
+    deaths  of each case, and those in a row without a case
+    """
+    if not isinstance(error, KilledWorker):
+        ended = "all workers" if isinstance(error, NoWorkerError) else "the scheduler"
+        raise EnvironmentFailure(f"{ended} ended: {_AGAIN}") from error
+    selection, folder = job.selection(), Folder(Path(job.folder))
+    failed, again, last = list[Outcome](), list[Mapping[str, int | str]](), list[Mapping[str, int | str]]()
+    for values in task:
+        case = selection.case(**values)
+        trace = take_trace(folder, case)
+        deaths[case.id] += trace is not None
+        if trace and deaths[case.id] == ATTEMPTS:
+            failed.append(record_failure(job, selection.study, case, f"{trace}, in {ATTEMPTS} attempts"))
+        else:
+            (last if trace else again).append(values)
+    # Without a trace the task waited in a worker that died, or the worker cannot start.
+    deaths[_NO_CASE] = 0 if failed or last else deaths[_NO_CASE] + 1
+    if deaths[_NO_CASE] == _UNEXPLAINED:
+        raise EnvironmentFailure("the worker processes end before they begin a case: try fewer, or --workers 0")
+    return failed, [*again, *last]
 
 
 @contextmanager
-def _client(workers: Workers, processes: int) -> Iterator[Client]:
-    """A client of the workers."""
-    cluster = None
-    with dask.config.set(_dask_settings(workers)), _without_news():
+def _local_client(workers: Workers, processes: int) -> Iterator[Client]:
+    """A client of worker processes on this machine, which are killed where the run ends with an error."""
+    settings = {
+        # A worker that does not answer, for example a stopped process, is restarted.
+        "distributed.scheduler.worker-ttl": f"{workers.case_seconds + _GRACE:.3f}s",
+        "distributed.scheduler.no-workers-timeout": f"{_WORKERS_START}s",
+        # The nanny restarts a worker as often as it dies; this would dismiss a slow one.
+        "distributed.deploy.lost-worker-timeout": "365 days",
+    }
+    with dask.config.set(settings):
         try:
             with _without_interrupts():
-                cluster = None if workers.scheduler else _local_cluster(workers, processes)
-                client = Client(cluster, set_as_default=False) if cluster else _scheduler_client(workers)
+                cluster = LocalCluster(
+                    n_workers=processes,
+                    threads_per_worker=1,
+                    processes=True,
+                    memory_limit="auto" if workers.gigabytes is None else int(workers.gigabytes * 1e9),
+                    host="127.0.0.1",
+                    security=True,
+                    scheduler_kwargs={"dashboard": False, "dashboard_address": "127.0.0.1:0"},
+                    silence_logs=logging.CRITICAL,
+                )
+        except Exception as error:
+            raise EnvironmentFailure(
+                f"cannot start {processes} worker processes ({error}): try fewer, or --workers 0"
+            ) from error
+        try:
+            with _without_interrupts():
+                client = Client(cluster, set_as_default=False)
             with client:  # an open one delays the end of the interpreter by a minute
-                if workers.scheduler:
-                    client.wait_for_workers(1, timeout=_WORKERS_START)
                 yield client
-        except TimeoutError as error:
-            raise EnvironmentFailure(f"the scheduler at {workers.scheduler} has no worker: start some") from error
         except BaseException:
-            for nanny in cluster.workers.values() if cluster else ():  # stored cases are complete
+            for nanny in cluster.workers.values():  # stored cases are complete
                 nanny.auto_restart = False
                 if nanny.pid is not None:
                     os.kill(nanny.pid, signal.SIGKILL)
             raise
         finally:
-            if cluster is not None:
-                cluster.close(timeout=10)
+            cluster.close(timeout=10)
 
 
-def _dask_settings(workers: Workers) -> dict[str, object]:
-    settings: dict[str, object] = {
-        "distributed.worker.profile.enabled": False,
-        "distributed.scheduler.http.routes": [],
-        "distributed.worker.http.routes": [],
-        # A death is reported at once: trace files decide which case is tried again.
-        "distributed.scheduler.allowed-failures": 0,
-        # A worker that does not answer, for example a stopped process, is restarted.
-        "distributed.scheduler.worker-ttl": f"{workers.case_seconds + _GRACE:.3f}s",
-        # Arrays do not stay in workers: nothing to spill, and a paused worker would never continue.
-        **dict.fromkeys((f"distributed.worker.memory.{name}" for name in ("target", "spill", "pause")), False),
-        # Cases allocate the same arrays again and again: returning the memory each time costs 10 % of the time.
-        "distributed.nanny.pre-spawn-environ.MALLOC_TRIM_THRESHOLD_": str(2**28),
-        "distributed.nanny.pre-spawn-environ.MALLOC_MMAP_THRESHOLD_": str(2**28),
-    }
-    if not workers.scheduler:
-        settings["distributed.scheduler.no-workers-timeout"] = f"{_WORKERS_START}s"
-        # The nanny restarts a worker as often as it dies; this would dismiss a slow one.
-        settings["distributed.deploy.lost-worker-timeout"] = "365 days"
-    return settings
-
-
-def _local_cluster(workers: Workers, processes: int) -> LocalCluster:
-    try:
-        return LocalCluster(
-            n_workers=processes,
-            threads_per_worker=1,
-            processes=True,
-            memory_limit="auto" if workers.gigabytes is None else int(workers.gigabytes * 1e9),
-            host="127.0.0.1",
-            security=True,
-            scheduler_kwargs={"dashboard": False, "dashboard_address": "127.0.0.1:0"},
-            silence_logs=logging.CRITICAL,
-        )
-    except Exception as error:
-        raise EnvironmentFailure(
-            f"cannot start {processes} worker processes ({error}): try fewer, or --workers 0"
-        ) from error
-
-
-def _scheduler_client(workers: Workers) -> Client:
+@contextmanager
+def _scheduler_client(workers: Workers) -> Iterator[Client]:
+    """A client of the scheduler of the user, which has a worker."""
     address, security = workers.scheduler, Security(require_encryption=not workers.insecure)
     # A client that fails without certificates is closed by the garbage collector, which may block the start of another.
     if address.startswith("tls://") and security.get_connection_args("client").get("ssl_context") is None:
         raise InputError(f"{address} needs certificates: set distributed.comm.tls in dask's configuration")
     try:
-        return Client(address, timeout=10, security=security, set_as_default=False)
+        with _without_interrupts():
+            client = Client(address, timeout=10, security=security, set_as_default=False)
     except (OSError, ValueError) as error:
         raise EnvironmentFailure(f"no scheduler answers at {address}: start one, or give another address") from error
+    with client:
+        try:
+            client.wait_for_workers(1, timeout=_WORKERS_START)
+        except TimeoutError as error:
+            raise EnvironmentFailure(f"the scheduler at {address} has no worker: start some") from error
+        yield client
 
 
 @contextmanager
@@ -244,6 +234,8 @@ def _without_news() -> Iterator[None]:
         logger.disabled = True
     try:
         yield
+    except CommClosedError as error:
+        raise EnvironmentFailure(f"the scheduler ended: {_AGAIN}") from error
     finally:
         for logger in enabled:
             logger.disabled = False

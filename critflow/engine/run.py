@@ -14,10 +14,10 @@ import sys
 import threading
 import time
 from collections import Counter
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager, suppress
+from collections.abc import Iterator, Mapping
+from contextlib import closing, contextmanager, suppress
 from dataclasses import dataclass, replace
-from itertools import groupby
+from itertools import groupby, takewhile
 from pathlib import Path
 from types import FrameType
 
@@ -36,13 +36,11 @@ from critflow.engine.store import (
     CaseState,
     Folder,
     Interrupted,
-    Job,
-    Outcome,
-    compute_network,
     reason_lines,
     refuse_sizes,
 )
 from critflow.engine.study import plural
+from critflow.engine.tasks import Job, compute_network
 from critflow.extensions import named
 from critflow.result import CritflowError, EnvironmentFailure, IntegrityError, Status, StudyError
 
@@ -57,7 +55,7 @@ class RunPlan:
     states: list[CaseState]
     todo: list[Case]
     messages: list[str]
-    kept: int  # requested cases that are stored
+    requested: set[str]  # ids of the cases of the command, which may be fewer
 
 
 def plan_run(folder: Folder, requested: Selection, retry_failed: bool, other: str) -> RunPlan:
@@ -80,9 +78,10 @@ def plan_run(folder: Folder, requested: Selection, retry_failed: bool, other: st
         )
     again = {DAMAGED, CHANGED, *([OTHER] if other == "recompute" else [])}
     open_states = {MISSING, *([FAILED] if retry_failed else [])}
-    mine = {one.case.id for one in states if _selects(requested, one.case)}
+    axes = requested.axes.items()
+    mine = {one.case.id for one in states if all(one.case.values[name] in values for name, values in axes)}
     todo = [one.case for one in states if one.state in again or (one.state in open_states and one.case.id in mine)]
-    return RunPlan(selection, states, todo, messages, len(mine - {case.id for case in todo}))
+    return RunPlan(selection, states, todo, messages, mine)
 
 
 def run_study(
@@ -105,6 +104,7 @@ def run_study(
     study = requested.study
     with folder.locked(loaded):
         plan = plan_run(folder, requested, retry_failed, other)
+        kept = len(plan.requested - {case.id for case in plan.todo})
         folder.write_note(loaded, plan.selection)
         for case in plan.todo:
             folder.delete_failure(case)
@@ -112,19 +112,19 @@ def run_study(
         states, path = folder.states(plan.selection), folder.dataset(study.name)
         say(f"{study.name}: writing the dataset of {plural(len(states), 'case')}")
         write_dataset(Assembly(plan.selection, folder.shards, states), path, origin)
-        failed = {one.case.id: one.reason for one in states if one.state == FAILED and _selects(requested, one.case)}
+        failed = {one.case.id: one.reason for one in states if one.state == FAILED and one.case.id in plan.requested}
         if others := Counter(one.reason for one in states if one.state == OTHER):
             counts = "; ".join(f"{code}: {count} cases" for code, count in sorted(others.items()))
-            kept = f"cases of other code than {code_version(study)} are kept: {counts}"
-            say(f"critflow: {kept}: the variable `code` has them")
+            label = f"cases of other code than {code_version(study)} are kept: {counts}"
+            say(f"critflow: {label}: the variable `code` has them")
         say(f"{study.name}: drawing the figures and testing the claims")
         try:
-            return plan.kept, failed, write_report(study, folder)
+            return kept, failed, write_report(study, folder)
         except ReportError as error:
             if not failed:
                 raise
             say(f"critflow: {error}")
-            return plan.kept, failed, Report()
+            return kept, failed, Report()
 
 
 def write_partial_dataset(folder: Folder, origin: Mapping[str, str]) -> str:
@@ -185,14 +185,10 @@ def _dataset_selection(folder: Folder, requested: Selection) -> tuple[Selection,
     ]
 
 
-def _selects(selection: Selection, case: Case) -> bool:
-    return all(case.values[name] in values for name, values in selection.axes.items())
-
-
 def _compute(loaded: StudyFile, plan: RunPlan, folder: Folder, workers: Workers) -> None:
     """Compute the planned cases, one network a task; `Interrupted` if some were not begun or finished."""
     study, todo, stored, sizes = plan.selection.study, plan.todo, 0, dict[str, int]()
-    first, code = study.axis_names[0], code_version(study)
+    first, code, remote = study.axis_names[0], code_version(study), bool(workers.processes or workers.scheduler)
     word = study.name if loaded.by_name else str(loaded.path)
     job = Job(
         str(loaded.path),
@@ -202,47 +198,38 @@ def _compute(loaded: StudyFile, plan: RunPlan, folder: Folder, workers: Workers)
         study.selected,
         (word, f"--out={folder.path}-alone", "--retry-failed", *workers.options),
         code,
-        workers.case_seconds if workers.processes or workers.scheduler else None,
+        workers.case_seconds if remote else None,
     )
     groups = groupby(todo, lambda case: case.values[first])
     tasks = [[case.values for case in group] for _, group in groups]
-    cases, show = f"{plural(len(todo), 'case')} in {workers.place}", _progress(study.name, len(todo))
+    cases, begun = f"{plural(len(todo), 'case')} in {workers.place}", time.monotonic()
     with running(study.name), open(folder.log, "a", encoding="utf-8") as log, interruption(folder.stop) as stopped:
         log.write(f"# {timestamp()} {code}; {environment()}; {cases}\n")
         for line in [*plan.messages, *reason_lines([s for s in plan.states if s.state in (DAMAGED, CHANGED)])]:
             say(f"critflow: {line}")
         if tasks:
             say(f"{study.name}: {study.axes[0].counted(len(tasks))}, {cases}")
+        if remote and tasks:  # a run in this process needs no import of dask's scheduler
+            ended = named("critflow.engine.dask_workers:compute_in_workers")(job, tasks, workers, stopped)
+        else:
+            ended = (compute_network(job, task) for task in takewhile(lambda _: not stopped.is_set(), tasks))
         try:
-            for outcomes in _outcomes(job, tasks, workers, stopped):
-                stored += len(outcomes)
-                for one in outcomes:
-                    status = Status(one.status).name
-                    log.write(f"{one.case_id} {status} {one.seconds:.3f} s {one.checksum} {one.error}\n")
-                    refuse_sizes(one.case_id, one.sizes, sizes)
-                    sizes |= one.sizes
-                log.flush()
-                show(stored)
+            with closing(ended):  # workers end before their cases are counted
+                for outcomes in ended:
+                    for one in outcomes:
+                        status = Status(one.status).name
+                        log.write(f"{one.case_id} {status} {one.seconds:.3f} s {one.checksum} {one.error}\n")
+                        refuse_sizes(one.case_id, one.sizes, sizes)
+                        sizes |= one.sizes
+                    log.flush()
+                    stored += len(outcomes)
+                    _show(study.name, stored - len(outcomes), stored, len(todo), time.monotonic() - begun)
         except KeyboardInterrupt:
             raise Interrupted(f"stopped at once; {_complete(plan, folder)}: {_RESUME}") from None
         except EnvironmentFailure as error:
             raise EnvironmentFailure(f"{_complete(plan, folder)}, but {error}") from error
     if stored < len(todo):
         raise Interrupted(f"interrupted after {stored} of {len(todo)} cases: {_RESUME}")
-
-
-def _outcomes(
-    job: Job, tasks: Sequence[Sequence[Mapping[str, int | str]]], workers: Workers, stopped: threading.Event
-) -> Iterator[list[Outcome]]:
-    """Outcomes of the tasks in the order in which they end, empty while none ends; a stopped run ends earlier."""
-    if tasks and (workers.processes or workers.scheduler):
-        # A run in this process needs no import of dask's scheduler.
-        yield from named("critflow.engine.dask_workers:compute_in_workers")(job, tasks, workers, stopped)
-        return
-    for task in tasks:
-        if stopped.is_set():
-            return
-        yield compute_network(job, task)
 
 
 def _complete(plan: RunPlan, folder: Folder) -> str:
@@ -281,19 +268,11 @@ def interruption(stop: Path) -> Iterator[threading.Event]:
             signal.signal(number, handler)
 
 
-def _progress(title: str, total: int) -> Callable[[int], None]:
-    """Shows the number of finished cases: in the line of the call on a terminal, in ten lines elsewhere."""
-    begun, shown = time.monotonic(), 0
-
-    def show(done: int) -> None:
-        nonlocal shown
-        seconds = time.monotonic() - begun
-        left = seconds / done * (total - done) if done else math.nan
-        cases = f"{title}: {done}/{total} cases"
-        if sys.stderr.isatty():
-            rename(f"{cases} (about {left:.0f} s left)" if done else cases)
-        elif done * 10 // total > shown * 10 // total:
-            say(f"{cases}, {f'about {left:.0f} s left' if done < total else f'in {seconds:.1f} s'}")
-        shown = done
-
-    return show
+def _show(title: str, before: int, done: int, total: int, seconds: float) -> None:
+    """Show the number of finished cases: in the line of the call on a terminal, in ten lines elsewhere."""
+    left = seconds / done * (total - done) if done else math.nan
+    cases = f"{title}: {done}/{total} cases"
+    if sys.stderr.isatty():
+        rename(f"{cases} (about {left:.0f} s left)" if done else cases)
+    elif done * 10 // total > before * 10 // total:
+        say(f"{cases}, {f'about {left:.0f} s left' if done < total else f'in {seconds:.1f} s'}")

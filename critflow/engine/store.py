@@ -1,4 +1,4 @@
-"""A results folder: its files and its lock, the stored cases and their state, and the computation of one network.
+"""A results folder: its files and its lock, the stored cases and their state.
 
     study.json            the note of the last run: study, settings, version, file
     shards/seed3-HASH.nc  the complete cases of one network, or of one value of the first axis
@@ -18,42 +18,27 @@ its contents are for the reader, and damage in them changes no result.
 from __future__ import annotations
 
 import errno
-import faulthandler
 import json
 import os
 import platform
-import shlex
-import signal
-import socket
 import sys
 import threading
 import time
-import traceback
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager, nullcontext
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from hashlib import sha256
+from itertools import groupby
 from pathlib import Path
-from types import MappingProxyType
 from typing import Any, NamedTuple
 from uuid import uuid4
 
 import netCDF4
 import numpy as np
 from filelock import FileLock, Timeout
-from threadpoolctl import threadpool_limits
 
-from critflow.engine.code_digest import (
-    StudyFile,
-    code_version,
-    environment,
-    libraries,
-    load_file,
-    load_study,
-    numeric_extras,
-    used_extras,
-)
-from critflow.engine.settings import SEED_ENTROPY, Case, Selection, spelled, words_of_case
+from critflow.engine.code_digest import StudyFile, code_version, load_file, load_study
+from critflow.engine.settings import SEED_ENTROPY, Case, Selection
 from critflow.engine.study import Study
 from critflow.result import CritflowError, EnvironmentFailure, InputError, IntegrityError, Status, StudyError
 
@@ -68,11 +53,7 @@ _SEAL_LENGTH = len(_MARK) + 64
 _MACHINE = {errno.EMFILE, errno.ENFILE, errno.ENOMEM, errno.EACCES, errno.EIO, errno.ESTALE, -61}
 _netcdf = threading.Lock()  # the netCDF library is not thread-safe
 _CASE = "stored_case"  # dimension
-_MINUTE = 60.0
-_LONGEST_ERROR = 20_000  # characters
 _MOST_REASONS = 20  # lines
-# BLAS threads, the netCDF library and the timer of the interpreter belong to the whole process.
-_one_at_a_time = threading.Lock()
 
 
 class OtherTable(IntegrityError):
@@ -120,12 +101,11 @@ def write_text(path: Path, text: str) -> None:
         partial.write_text(text, encoding="utf-8")
 
 
-def append_seal(path: Path) -> str:
-    """End a file with the seal of its bytes; return the checksum."""
+def append_seal(path: Path) -> None:
+    """End a file with the seal of its bytes."""
     checksum = _checksum(path, path.stat().st_size)
     with open(path, "ab") as file:
         file.write(_MARK + checksum.encode())
-    return checksum
 
 
 def verified_checksum(path: Path) -> str:
@@ -183,11 +163,8 @@ def write_shard(folder: Path, study: Study, case: Case, stored: Mapping[str, Sto
 
     The bytes depend on the cases alone, not on the order in which they were computed.
     """
-
-    def place(name: str) -> list[tuple[int, str]]:
-        return [axis.place(stored[name].values[axis.name]) for axis in study.axes]
-
-    cases = {name: stored[name] for name in sorted(stored, key=place)}
+    in_order = sorted(stored, key=lambda name: [axis.place(stored[name].values[axis.name]) for axis in study.axes])
+    cases = {name: stored[name] for name in in_order}
     with replacing(shard_path(folder, case)) as partial:
         with _netcdf, netCDF4.Dataset(partial, "w", format="NETCDF3_64BIT_DATA") as file:
             file.set_fill_off()
@@ -200,30 +177,28 @@ def write_shard(folder: Path, study: Study, case: Case, stored: Mapping[str, Sto
                 array = next((one for one in having if one is not None), None)
                 if array is None:
                     continue
-                if name not in _shared(study):
+                if name not in shared_variables(study):
                     empty = np.full(array.shape, variable.filler, array.dtype)
                     dims, array = (_CASE, *dims), np.stack([empty if one is None else one for one in having])
                 for dim, size in zip(dims, array.shape, strict=True):
                     if dim not in file.dimensions:
                         file.createDimension(dim, size)
                 file.createVariable(name, array.dtype, dims, fill_value=False)[...] = array
-        checksum, written = append_seal(partial), read_shard(partial, study, case)[0]
+        append_seal(partial)
+        written, checksum = read_shard(partial, study, case)
         if {name: _bytes(one) for name, one in written.items()} != {name: _bytes(one) for name, one in cases.items()}:
             raise OSError("it does not read back as written")
     return checksum
 
 
-def read_shard(path: Path, study: Study, case: Case) -> tuple[dict[str, StoredCase], str]:
-    """The cases of the shard of a case by their ids, every byte verified, and its checksum.
+def read_shard(
+    path: Path, study: Study, case: Case, sealed: bool = True, with_arrays: bool = True
+) -> tuple[dict[str, StoredCase], str]:
+    """The cases of the shard of a case by their ids, and its checksum; `IntegrityError` if it is damaged.
 
-    `IntegrityError` if it is damaged.
+    sealed  every byte is verified; without it there is no checksum
     """
-    checksum = verified_checksum(path)
-    return _opened(path, study, case, with_arrays=True), checksum
-
-
-def _opened(path: Path, study: Study, case: Case, with_arrays: bool) -> dict[str, StoredCase]:
-    """The cases in a file, which must be the shard of the case and the study."""
+    checksum = verified_checksum(path) if sealed else ""
     try:
         with _netcdf, netCDF4.Dataset(path) as file:
             file.set_auto_maskandscale(False)
@@ -233,7 +208,7 @@ def _opened(path: Path, study: Study, case: Case, with_arrays: bool) -> dict[str
                     raise kind(f"{path} is damaged: its {name} is {value}, not {expected}")
             arrays = {name: np.asarray(variable[...]) for name, variable in file.variables.items() if with_arrays}
             each = {name for name in arrays if _CASE in file[name].dimensions}
-            return {
+            cases = {
                 name: StoredCase(
                     one["values"],
                     Status(one["status"]),
@@ -244,6 +219,7 @@ def _opened(path: Path, study: Study, case: Case, with_arrays: bool) -> dict[str
                 )
                 for n, (name, one) in enumerate(json.loads(file.getncattr("cases")).items())
             }
+            return cases, checksum
     except (OSError, RuntimeError, ValueError, TypeError, LookupError, AttributeError) as error:
         if isinstance(error, OSError) and error.errno in _MACHINE:
             raise EnvironmentFailure(f"cannot read {path}: {error.strerror}: correct this and run again") from error
@@ -264,7 +240,7 @@ def _bytes(stored: StoredCase) -> tuple[dict[str, Any], dict[str, bytes]]:
     return _listed(stored), {name: array.tobytes() for name, array in stored.arrays.items()}
 
 
-def _shared(study: Study) -> set[str]:
+def shared_variables(study: Study) -> set[str]:
     """Variables that all cases of a shard share."""
     return {variable.name for variable in study.variables if set(study.axis_names[1:]).isdisjoint(variable.dims)}
 
@@ -437,29 +413,25 @@ class Folder:
         """
         study, code = selection.study, code_version(selection.study)
         shards, failed = _names(self.shards, ".nc"), _names(self.failed, ".txt")
-        states, records, trouble, last = list[CaseState](), dict[str, StoredCase](), ("", ""), ""
-        for case in selection.cases:
-            if case.shard != last:
-                last, records, trouble = case.shard, {}, ("", "")
-                path = shard_path(self.shards, case)
-                try:
-                    if last in shards and read:
-                        verified_checksum(path)
-                    records = _opened(path, study, case, with_arrays=False) if last in shards else {}
-                except OtherTable:
-                    trouble = (CHANGED, "stored with another table of variables")
-                except IntegrityError as error:
-                    trouble = (DAMAGED, str(error).rpartition(" is damaged: ")[2])
-            if trouble[0]:
-                states.append(CaseState(case, *trouble))
-            elif record := records.get(case.id):
-                state = (DONE, "") if record.code == code else (OTHER, record.code)
+        states = list[CaseState]()
+        for shard, group in groupby(selection.cases, lambda case: case.shard):
+            cases, records, absent = list(group), dict[str, StoredCase](), (MISSING, "not computed yet")
+            try:
+                if shard in shards:
+                    path = shard_path(self.shards, cases[0])
+                    records, _ = read_shard(path, study, cases[0], sealed=read, with_arrays=False)
+            except OtherTable:
+                absent = (CHANGED, "stored with another table of variables")
+            except IntegrityError as error:
+                absent = (DAMAGED, str(error).rpartition(" is damaged: ")[2])
+            for case in cases:
+                state = absent
+                if record := records.get(case.id):
+                    state = (DONE, "") if record.code == code else (OTHER, record.code)
+                elif absent[0] == MISSING and case.id in failed and self.failure(case).is_file():
+                    text = self.failure(case).read_text(encoding="utf-8", errors="replace")
+                    state = (FAILED, last_line(text))
                 states.append(CaseState(case, *state, record))
-            elif case.id in failed and self.failure(case).is_file():
-                text = self.failure(case).read_text(encoding="utf-8", errors="replace")
-                states.append(CaseState(case, FAILED, _last_line(text)))
-            else:
-                states.append(CaseState(case, MISSING, "not computed yet"))
         return states
 
 
@@ -489,191 +461,6 @@ def _note_text(note: Mapping[str, Any]) -> str:
     return json.dumps({**note, "sha256": checksum}, indent=1) + "\n"
 
 
-def _last_line(text: str) -> str:
+def last_line(text: str) -> str:
     """Reason at the end of a traceback."""
     return (text.strip().splitlines() or ["unknown reason"])[-1][:300]
-
-
-# The cases of one network, in one process
-
-
-class Outcome(NamedTuple):
-    """Result of one case; its arrays remain in the shard."""
-
-    case_id: str
-    status: int
-    seconds: float
-    checksum: str = ""  # of the shard
-    sizes: Mapping[str, int] = MappingProxyType({})  # of the inner dimensions
-    error: str = ""  # last line of the traceback
-
-
-@dataclass(frozen=True)
-class Job:
-    """Everything that the tasks of one run share."""
-
-    study_path: str
-    study_digest: str
-    folder: str  # absolute path of the results folder
-    parameters: Mapping[str, Any]
-    variables: tuple[str, ...]  # stored variables; empty if all are stored
-    command: tuple[str, ...]  # words after `critflow run` and the settings that run one case alone
-    code: str  # code that computes the cases
-    seconds: float | None = None  # time limit of a case, in worker processes
-    libraries: Mapping[str, str] = field(default_factory=libraries)  # workers must have the same
-
-    def study(self) -> Study:
-        """The study as the run has it; raises if the file or a library is not the same in this process."""
-        loaded = load_file(Path(self.study_path))
-        if loaded.digest != self.study_digest:
-            raise StudyError(f"{self.study_path} changed during the run: run it again")
-        here = libraries()
-        if different := [name for name in {**self.libraries, **here} if self.libraries.get(name) != here.get(name)]:
-            words = ", ".join(f"{n} {here.get(n, 'missing')} (not {self.libraries.get(n)})" for n in different)
-            raise EnvironmentFailure(f"the worker on {socket.gethostname()} has {words}: install the same versions")
-        return loaded.study.storing(self.variables)
-
-    def case(self, study: Study, values: Mapping[str, int | str]) -> Case:
-        return Case(study.name, study.version, self.parameters, values, study.selected)
-
-
-def compute_network(job: Job, cases: Sequence[Mapping[str, int | str]], careful: bool = False) -> list[Outcome]:
-    """Compute the cases with these axis values, all in one shard, in order; a stopped run begins no further case.
-
-    careful  store each case at once, after a death in this task
-    """
-    with _one_at_a_time, threadpool_limits(limits=1):  # the number of threads must not change a digit
-        network = _Network(job, cases[0])
-        try:
-            for values in cases:
-                if network.folder.stop.exists():
-                    break
-                network.attempt(job.case(network.study, values))
-                if careful or time.perf_counter() - network.written > _MINUTE:
-                    network.store()
-        finally:  # also after Ctrl-C in this process
-            network.store()
-    return network.outcomes
-
-
-class _Network:
-    """The cases of one shard: those that it had before, and those that are computed now.
-
-    The complete ones are stored together, at the end and every minute: a process that is killed loses what it computed
-    since, of this network alone.
-    """
-
-    def __init__(self, job: Job, values: Mapping[str, int | str]):
-        self.job, self.folder, self.study = job, Folder(Path(job.folder)), job.study()
-        self.first = job.case(self.study, values)
-        self.outcomes, self.new = list[Outcome](), list[tuple[Case, Outcome]]()  # new ones are not stored yet
-        self.written = time.perf_counter()
-        try:
-            path = shard_path(self.folder.shards, self.first)
-            self.stored, self.checksum = read_shard(path, self.study, self.first)
-        except IntegrityError:  # no shard, a damaged one, or one with another table: its cases are computed
-            self.stored, self.checksum = {}, ""
-
-    def attempt(self, case: Case) -> None:
-        """Compute a case, unless this run stored it before the death of the worker that had the task."""
-        job, study = self.job, self.study
-        if (known := self.stored.get(case.id)) and known.code == job.code:
-            self.outcomes.append(Outcome(case.id, int(known.status), 0.0, self.checksum))
-            return
-        start, modules = time.perf_counter(), set(sys.modules)
-        with _traced(self.folder, case, job.seconds) if job.seconds else nullcontext():
-            try:
-                arrays = study.computed(case.parameters, case.values)
-                status = Status(int(arrays.pop("status")))
-                if unnamed := sorted(numeric_extras(sys.modules.keys() - modules) - used_extras(study)):
-                    words = ", ".join(map(repr, unnamed))
-                    raise StudyError(
-                        f"the case used the extra {words} of critflow, whose code must count: declare it with "
-                        f"extras=({words},) in the Study"
-                    )
-            except BaseException as error:  # one case must not end the others, with any exception
-                if isinstance(error, KeyboardInterrupt) and threading.current_thread() is threading.main_thread():
-                    raise  # from the keyboard
-                seconds = time.perf_counter() - start
-                self.outcomes.append(record_failure(job, study, case, traceback.format_exc(), seconds))
-                return
-        sizes = sizes_of(study, arrays)
-        for other in (one for name, one in self.stored.items() if name != case.id):
-            refuse_sizes(case.id, sizes, sizes_of(study, other.arrays))
-            for name in _shared(study) & arrays.keys() & other.arrays.keys():
-                refuse_values(case, name, arrays[name], other.arrays[name])
-        absent = tuple(name for name in study.inner_dims if name not in arrays and name != "status")
-        self.stored[case.id] = StoredCase(case.values, status, job.code, environment(), absent, arrays)
-        self.new.append((case, Outcome(case.id, int(status), time.perf_counter() - start, sizes=sizes)))
-
-    def store(self) -> None:
-        """Store what was computed since the last time."""
-        if not self.new:
-            return
-        try:
-            self.checksum = write_shard(self.folder.shards, self.study, self.first, self.stored)
-        except EnvironmentFailure:
-            raise
-        except Exception:  # too large for the memory or the format
-            error = traceback.format_exc()
-            self.outcomes += [record_failure(self.job, self.study, case, error, one.seconds) for case, one in self.new]
-        else:
-            self.outcomes += [one._replace(checksum=self.checksum) for _, one in self.new]
-            for case, _ in self.new:
-                self.folder.delete_failure(case)
-        self.new, self.written = [], time.perf_counter()
-
-
-def record_failure(job: Job, study: Study, case: Case, error: str, seconds: float = 0.0) -> Outcome:
-    """Store that the case failed: the command that runs it alone, its parameters and the error."""
-    error = error.strip().replace("\0", "\\0").encode(errors="backslashreplace").decode()
-    if len(error) > _LONGEST_ERROR:
-        error = f"{error[: _LONGEST_ERROR // 2]}\n...\n{error[-_LONGEST_ERROR // 2 :]}"
-    settings = [f"--set={word}" for word in words_of_case(study, case)]
-    lines = [shlex.join(["critflow", "run", job.command[0], *settings, *job.command[1:]]), ""]
-    lines += [f"{key} = {spelled(value)}" for key, value in {**case.values, **case.parameters}.items()]
-    lines += [f"code = {job.code}", "", error]
-    write_text(Folder(Path(job.folder)).failure(case), "\n".join(lines) + "\n")
-    return Outcome(case.id, int(Status.failed), seconds, error=_last_line(error))
-
-
-# The death of a worker process in a case.  A case that exceeds its time limit ends the process: nothing gentler stops
-# compiled code.  The trace file of a case, `failed/.CASE_ID.trace`, exists as long as the case runs; after a death it
-# contains the stack that the interpreter could still write.
-
-
-def take_trace(folder: Folder, case: Case) -> str | None:
-    """Reason and stack of the death in this case, whose trace file is deleted; None if there was no death in it."""
-    path = folder.trace(case)
-    try:
-        stack = path.read_text(encoding="utf-8", errors="replace").partition("\n\nExtension modules")[0].strip()
-    except FileNotFoundError:
-        return None
-    path.unlink()
-    if stack.startswith("Timeout"):
-        reason = "the case exceeded its time limit"
-    elif stack.startswith("Fatal Python error: "):
-        reason = f"the case crashed: {stack.splitlines()[0].removeprefix('Fatal Python error: ')}"
-    elif stack:
-        reason = "the case was terminated from outside, for example for exceeding the memory limit"
-    else:
-        reason = "the case ended its worker process without a message: out of memory, or an exit in compiled code"
-    return f"{stack}\n{reason}".strip()
-
-
-@contextmanager
-def _traced(folder: Folder, case: Case, seconds: float) -> Iterator[None]:
-    """Keep a trace file during the block, and end the process if it takes longer than its time limit."""
-    path = folder.trace(case)
-    with open(path, "w") as trace:
-        faulthandler.enable(trace, all_threads=False)
-        faulthandler.register(signal.SIGTERM, trace, chain=True)  # sent by dask for too much memory
-        # A thread without the lock of the interpreter, so that no compiled code can delay it.
-        faulthandler.dump_traceback_later(seconds, exit=True, file=trace)
-        try:
-            yield
-        finally:
-            faulthandler.cancel_dump_traceback_later()
-            faulthandler.unregister(signal.SIGTERM)
-            faulthandler.disable()
-    path.unlink(missing_ok=True)

@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterator
 from hashlib import sha256
+from itertools import chain
 from typing import Any
 
 import numpy as np
@@ -18,8 +19,8 @@ from threadpoolctl import threadpool_limits
 from critflow.engine.code_digest import code_version, environment
 from critflow.engine.dataset import REWRITE, SMALL, Assembly, opened_dataset
 from critflow.engine.report import text_files, texts
-from critflow.engine.settings import Case, Selection
-from critflow.engine.store import CHANGED, DAMAGED, DONE, OTHER, CaseState, Folder, read_shard, shard_path
+from critflow.engine.settings import Case
+from critflow.engine.store import CHANGED, DAMAGED, DONE, OTHER, Folder, read_shard, shard_path
 from critflow.engine.study import Study, plural
 from critflow.result import IntegrityError, StudyError
 
@@ -39,27 +40,12 @@ def verify_folder(folder: Folder, sample: int) -> tuple[list[str], int, bool, li
     `StudyError` if there is no dataset and no problem.
     """
     _, selection = folder.selection()
+    study, path = selection.study, folder.dataset(selection.study.name)
     states = folder.states(selection, read=True)
     bad = [one for one in states if one.state in (DAMAGED, CHANGED)]
     # The cases of a shard have one line.
     lines = (f"{shard_path(folder.shards, one.case)} is {one.state}: {one.reason}" for one in bad)
-    problems = list(dict.fromkeys(lines))
-    physics = _verify_dataset(folder, selection, states, problems)
-    others = Counter(one.reason for one in states if one.state == OTHER)
-    now = code_version(selection.study)
-    problems += [f"{plural(count, 'case')} of other code: {code}, now {now}" for code, count in others.items()]
-    done = sorted((one.case for one in states if one.state == DONE), key=lambda case: sha256(case.id.encode()).digest())
-    for case in done[:sample]:
-        problems += _recomputed(folder, selection.study, case)
-    return problems, sum(one.record is not None for one in states), physics, done[:sample]
-
-
-def _verify_dataset(folder: Folder, selection: Selection, states: list[CaseState], problems: list[str]) -> bool:
-    """Compare the dataset with the shards, its texts and physics with it; add to the problems.
-
-    Returns whether the study recomputed its physics.
-    """
-    study, path = selection.study, folder.dataset(selection.study.name)
+    problems, physics = list(dict.fromkeys(lines)), False
     try:
         with opened_dataset(path) as opened:
             dataset = opened.load() if opened.nbytes < SMALL else opened
@@ -70,12 +56,18 @@ def _verify_dataset(folder: Folder, selection: Selection, states: list[CaseState
                 problems += _outdated_texts(study, folder, dataset)
                 if study.verify is not None and study.can_report("verify"):
                     problems += [f"{path}: {line}" for line in study.verify(dataset)]
-                    return True
+                    physics = True
     except (IntegrityError, StudyError) as error:
         if isinstance(error, StudyError) and not problems:  # of a run that was stopped
             raise
         problems.append(str(error))
-    return False
+    others = Counter(one.reason for one in states if one.state == OTHER)
+    now = code_version(study)
+    problems += [f"{plural(count, 'case')} of other code: {code}, now {now}" for code, count in others.items()]
+    done = sorted((one.case for one in states if one.state == DONE), key=lambda case: sha256(case.id.encode()).digest())
+    for case in done[:sample]:
+        problems += _recomputed(folder, study, case)
+    return problems, sum(one.record is not None for one in states), physics, done[:sample]
 
 
 def _recomputed(folder: Folder, study: Study, case: Case) -> Iterator[str]:
@@ -99,31 +91,22 @@ def _recomputed(folder: Folder, study: Study, case: Case) -> Iterator[str]:
 
 def _differences(assembly: Assembly, dataset: xr.Dataset) -> Iterator[str]:
     """A line for each variable and attribute of the dataset that differs from the shards."""
-    coordinates, variables = assembly.coordinates(), {v.name: v for v in assembly.variables}
-    expected, wrong = {*map(str, coordinates.variables), *variables}, set[str]()
-    for name in expected:
-        kept, stored = coordinates.variables.get(name), dataset.variables.get(name)
-        shape = assembly.shape(variables[name]) if kept is None else kept.shape
-        dims = variables[name].dims if kept is None else kept.dims
-        if stored is None or (stored.dims, stored.shape) != (dims, shape):
-            wrong.add(name)
-        elif kept is not None and not _equal(kept.values, stored.values):
-            wrong.add(name)
-    for rows, arrays in assembly.pieces():
+    coordinates, found = assembly.coordinates(), dataset.variables
+    expected = {str(name): (v.dims, v.shape, v.attrs) for name, v in coordinates.variables.items()}
+    expected |= {v.name: (v.dims, assembly.shape(v), assembly.variable_attributes(v)) for v in assembly.variables}
+    wrong = {n for n, table in expected.items() if n not in found or (found[n].dims, found[n].shape) != table[:2]}
+    labels = {str(name): variable.values for name, variable in coordinates.variables.items()}
+    for rows, arrays in chain([(slice(None), labels)], assembly.pieces()):
         for name in arrays.keys() - wrong:
-            stored = dataset.variables[name]
-            if not _equal(arrays[name], stored.isel({assembly.first: rows}, missing_dims="ignore").values):
+            if not _equal(arrays[name], found[name].isel({assembly.first: rows}, missing_dims="ignore").values):
                 wrong.add(name)
-    for name in sorted(expected | set(map(str, dataset.variables))):
+    for name in sorted({*expected, *map(str, found)}):
         if name not in expected:
             yield f"no shard contains {name}"
         elif name in wrong:
             yield f"{name} differs from the shards"
-        else:
-            known = name in coordinates.variables
-            attributes = coordinates[name].attrs if known else assembly.variable_attributes(variables[name])
-            if _plain(attributes) != _plain(dataset.variables[name].attrs):
-                yield f"the attributes of {name} differ from those of the study"
+        elif _plain(expected[name][2]) != _plain(found[name].attrs):
+            yield f"the attributes of {name} differ from those of the study"
     attributes = {**coordinates.attrs, **assembly.origin_attributes()}
     for name in _COMPARED if wrong else (*_COMPARED, *_ORIGINS):
         if dataset.attrs.get(name, "") != attributes.get(name, ""):

@@ -12,10 +12,11 @@ from disturbed import begun, contents_of, ended, messages, numbers_of, stored_wh
 from threadpoolctl import threadpool_info, threadpool_limits
 
 from critflow.command.main import main
-from critflow.engine import store
+from critflow.engine import tasks
 from critflow.engine.code_digest import load_file
 from critflow.engine.settings import select
-from critflow.engine.store import Folder, Job
+from critflow.engine.store import Folder
+from critflow.engine.tasks import Job
 from critflow.result import StudyError
 
 
@@ -80,7 +81,7 @@ def test_a_finished_run_only_writes_what_is_missing_of_its_results(tmp_path, tal
 
 def hurry():
     """In the process of a run: a minute is over at once."""
-    store._MINUTE = 0.0
+    tasks._MINUTE = 0.0
 
 
 SLOW = {"CRITFLOW_TEST_PAUSE": "0.4"}
@@ -164,7 +165,7 @@ def test_a_second_interrupt_stops_at_once(tmp_path):
 def test_a_study_file_that_changed_since_the_run_began_is_refused(tmp_path, source):
     path = source(study="plain")
     job = Job(str(path), load_file(path).digest, str(tmp_path), {}, (), (), "")
-    assert job.study().name == "plain"
+    assert job.selection().study.name == "plain"
     path.write_text(path.read_text() + "# changed")
     with pytest.raises(StudyError, match="changed"):
-        job.study()
+        job.selection()

@@ -1,0 +1,224 @@
+"""One task: the cases of one network, computed in one process, and what remains of a case that fails or dies in it.
+
+A case that raises leaves a text in `failed/`.  A case that exceeds its time limit ends its process: nothing gentler
+stops compiled code.  While a case runs in a worker process its trace file exists, `failed/.CASE_ID.trace`; after a
+death it contains the stack that the interpreter could still write, and it names the case.
+"""
+
+from __future__ import annotations
+
+import faulthandler
+import shlex
+import signal
+import socket
+import sys
+import threading
+import time
+import traceback
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager, nullcontext
+from dataclasses import dataclass, field
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any, NamedTuple
+
+from threadpoolctl import threadpool_limits
+
+from critflow.engine.code_digest import environment, libraries, load_file, numeric_extras, used_extras
+from critflow.engine.settings import Case, Selection, spelled, words_of_case
+from critflow.engine.store import (
+    Folder,
+    StoredCase,
+    last_line,
+    read_shard,
+    refuse_sizes,
+    refuse_values,
+    shard_path,
+    shared_variables,
+    sizes_of,
+    write_shard,
+    write_text,
+)
+from critflow.engine.study import Study
+from critflow.result import EnvironmentFailure, IntegrityError, Status, StudyError
+
+_MINUTE = 60.0
+_LONGEST_ERROR = 20_000  # characters
+# BLAS threads, the netCDF library and the timer of the interpreter belong to the whole process.
+_one_at_a_time = threading.Lock()
+
+
+class Outcome(NamedTuple):
+    """Result of one case; its arrays remain in the shard."""
+
+    case_id: str
+    status: int
+    seconds: float
+    checksum: str = ""  # of the shard
+    sizes: Mapping[str, int] = MappingProxyType({})  # of the inner dimensions
+    error: str = ""  # last line of the traceback
+
+
+@dataclass(frozen=True)
+class Job:
+    """Everything that the tasks of one run share."""
+
+    study_path: str
+    study_digest: str
+    folder: str  # absolute path of the results folder
+    parameters: Mapping[str, Any]
+    variables: tuple[str, ...]  # stored variables; empty if all are stored
+    command: tuple[str, ...]  # words after `critflow run` and the settings that run one case alone
+    code: str  # code that computes the cases
+    seconds: float | None = None  # time limit of a case, in worker processes
+    libraries: Mapping[str, str] = field(default_factory=libraries)  # workers must have the same
+
+    def selection(self) -> Selection:
+        """The study and its parameters as the run has them; the tasks have the values of the axes.
+
+        Raises if the file or a library is not the same in this process.
+        """
+        loaded = load_file(Path(self.study_path))
+        if loaded.digest != self.study_digest:
+            raise StudyError(f"{self.study_path} changed during the run: run it again")
+        here = libraries()
+        if different := [name for name in {**self.libraries, **here} if self.libraries.get(name) != here.get(name)]:
+            words = ", ".join(f"{n} {here.get(n, 'missing')} (not {self.libraries.get(n)})" for n in different)
+            raise EnvironmentFailure(f"the worker on {socket.gethostname()} has {words}: install the same versions")
+        return Selection(loaded.study.storing(self.variables), self.parameters, {})
+
+
+def compute_network(job: Job, cases: Sequence[Mapping[str, int | str]], careful: bool = False) -> list[Outcome]:
+    """Compute the cases with these axis values, all in one shard, in order; a stopped run begins no further case.
+
+    careful  store each case at once, after a death in this task
+
+    Complete cases are stored together, at the end and every minute: a process that is killed loses what it computed
+    since, of this network alone.
+    """
+    outcomes, new = list[Outcome](), list[tuple[Case, float]]()  # new cases are not stored yet; seconds
+    with _one_at_a_time, threadpool_limits(limits=1):  # the number of threads must not change a digit
+        selection, folder = job.selection(), Folder(Path(job.folder))
+        study, first = selection.study, selection.case(**cases[0])
+        written = time.perf_counter()
+        # What the shard has.
+        try:
+            stored, checksum = read_shard(shard_path(folder.shards, first), study, first)
+        except IntegrityError:  # no shard, a damaged one, or one with another table: its cases are computed
+            stored, checksum = {}, ""
+
+        def store() -> None:
+            """Store what was computed since the last time."""
+            nonlocal checksum, written
+            if not new:
+                return
+            try:
+                checksum = write_shard(folder.shards, study, first, stored)
+            except EnvironmentFailure:
+                raise
+            except Exception:  # too large for the memory or the format
+                error = traceback.format_exc()
+                outcomes.extend(record_failure(job, study, case, error, seconds) for case, seconds in new)
+            else:
+                for case, seconds in new:
+                    folder.delete_failure(case)
+                    status, sizes = int(stored[case.id].status), sizes_of(study, stored[case.id].arrays)
+                    outcomes.append(Outcome(case.id, status, seconds, checksum, sizes))
+            new.clear()
+            written = time.perf_counter()
+
+        try:
+            for values in cases:
+                if folder.stop.exists():
+                    break
+                case, start = selection.case(**values), time.perf_counter()
+                # This run may have stored it before the death of the worker that had the task.
+                if (known := stored.get(case.id)) and known.code == job.code:
+                    outcomes.append(Outcome(case.id, int(known.status), 0.0, checksum))
+                elif isinstance(one := _computed(job, study, folder, case, stored), Outcome):
+                    outcomes.append(one)
+                else:
+                    stored[case.id] = one
+                    new.append((case, time.perf_counter() - start))
+                if careful or time.perf_counter() - written > _MINUTE:
+                    store()
+        finally:  # also after Ctrl-C in this process
+            store()
+    return outcomes
+
+
+def _computed(
+    job: Job, study: Study, folder: Folder, case: Case, others: Mapping[str, StoredCase]
+) -> StoredCase | Outcome:
+    """The case if it is complete, its outcome if it failed; raises `IntegrityError` if it contradicts the others."""
+    start, modules = time.perf_counter(), set(sys.modules)
+    with _traced(folder, case, job.seconds) if job.seconds else nullcontext():
+        try:
+            arrays = study.computed(case.parameters, case.values)
+            status = Status(int(arrays.pop("status")))
+            if unnamed := sorted(numeric_extras(sys.modules.keys() - modules) - used_extras(study)):
+                words = ", ".join(map(repr, unnamed))
+                raise StudyError(
+                    f"the case used the extra {words} of critflow, whose code must count: declare it with "
+                    f"extras=({words},) in the Study"
+                )
+        except BaseException as error:  # one case must not end the others, with any exception
+            if isinstance(error, KeyboardInterrupt) and threading.current_thread() is threading.main_thread():
+                raise  # from the keyboard
+            return record_failure(job, study, case, traceback.format_exc(), time.perf_counter() - start)
+    for other in (one for name, one in others.items() if name != case.id):
+        refuse_sizes(case.id, sizes_of(study, arrays), sizes_of(study, other.arrays))
+        for name in shared_variables(study) & arrays.keys() & other.arrays.keys():
+            refuse_values(case, name, arrays[name], other.arrays[name])
+    absent = tuple(name for name in study.inner_dims if name not in arrays and name != "status")
+    return StoredCase(case.values, status, job.code, environment(), absent, arrays)
+
+
+def record_failure(job: Job, study: Study, case: Case, error: str, seconds: float = 0.0) -> Outcome:
+    """Store that the case failed: the command that runs it alone, its parameters and the error."""
+    error = error.strip().replace("\0", "\\0").encode(errors="backslashreplace").decode()
+    if len(error) > _LONGEST_ERROR:
+        error = f"{error[: _LONGEST_ERROR // 2]}\n...\n{error[-_LONGEST_ERROR // 2 :]}"
+    settings = [f"--set={word}" for word in words_of_case(study, case)]
+    lines = [shlex.join(["critflow", "run", job.command[0], *settings, *job.command[1:]]), ""]
+    lines += [f"{key} = {spelled(value)}" for key, value in {**case.values, **case.parameters}.items()]
+    lines += [f"code = {job.code}", "", error]
+    write_text(Folder(Path(job.folder)).failure(case), "\n".join(lines) + "\n")
+    return Outcome(case.id, int(Status.failed), seconds, error=last_line(error))
+
+
+def take_trace(folder: Folder, case: Case) -> str | None:
+    """Reason and stack of the death in this case, whose trace file is deleted; None if there was no death in it."""
+    path = folder.trace(case)
+    try:
+        stack = path.read_text(encoding="utf-8", errors="replace").partition("\n\nExtension modules")[0].strip()
+    except FileNotFoundError:
+        return None
+    path.unlink()
+    if stack.startswith("Timeout"):
+        reason = "the case exceeded its time limit"
+    elif stack.startswith("Fatal Python error: "):
+        reason = f"the case crashed: {stack.splitlines()[0].removeprefix('Fatal Python error: ')}"
+    elif stack:
+        reason = "the case was terminated from outside, for example for exceeding the memory limit"
+    else:
+        reason = "the case ended its worker process without a message: out of memory, or an exit in compiled code"
+    return f"{stack}\n{reason}".strip()
+
+
+@contextmanager
+def _traced(folder: Folder, case: Case, seconds: float) -> Iterator[None]:
+    """Keep a trace file during the block, and end the process if it takes longer than its time limit."""
+    path = folder.trace(case)
+    with open(path, "w") as trace:
+        faulthandler.enable(trace, all_threads=False)
+        faulthandler.register(signal.SIGTERM, trace, chain=True)  # sent by dask for too much memory
+        # A thread without the lock of the interpreter, so that no compiled code can delay it.
+        faulthandler.dump_traceback_later(seconds, exit=True, file=trace)
+        try:
+            yield
+        finally:
+            faulthandler.cancel_dump_traceback_later()
+            faulthandler.unregister(signal.SIGTERM)
+            faulthandler.disable()
+    path.unlink(missing_ok=True)
