@@ -20,9 +20,8 @@ from matplotlib.figure import Figure, SubFigure
 from matplotlib.patches import Polygon
 from numpy.typing import ArrayLike
 
-from critflow.arguments import of_kind
+from critflow.arguments import of_kind, require_folder
 from critflow.calls import running
-from critflow.engine.settings import require_folder
 from critflow.extensions import provided
 from critflow.faces import Faces
 from critflow.networks import Array, IntArray, Network

@@ -111,11 +111,8 @@ MISTAKES = {  # words of the command, exit code, a word of the message
     "show nothing": (["show", "nowhere.nc"], 2, "run the study"),
     "show a folder": (["show", "folder"], 2, "folder"),
     "show a text": (["show", "text.txt"], 4, "text.txt"),
-    "show an unknown axis": (["show", "RESULTS/tiny.nc", "--set", "sed=1"], 2, "'seed'"),
-    "show an unknown value": (["show", "RESULTS/tiny.nc", "--set", "population=flopy"], 2, "'floppy'"),
     "show in no folder": (["show", "RESULTS/tiny.nc", "--out", "nowhere/x.png"], 2, "no folder"),
     "show as a text": (["show", "RESULTS/tiny.nc", "--out", "x.doc"], 2, "ending"),
-    "show several": (["show", "RESULTS/tiny.nc", "--set", "seed=1"], 2, "add --set population=random"),
 }
 
 

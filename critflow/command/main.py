@@ -29,14 +29,16 @@ EXIT_CODES = (
 )
 # The subcommands of critflow itself; the files of extras declare theirs.
 COMMANDS = {
-    "run": Command("critflow.command.run:run", "Compute a study, and write its dataset, figures and claims."),
+    "run": Command("critflow.command.studies:run", "Compute a study, and write its dataset, figures and claims."),
     "list": Command(
-        "critflow.command.read:list_studies", "Name the studies that can be run, or print the settings of one."
+        "critflow.command.studies:list_studies", "Name the studies that can be run, or print the settings of one."
     ),
-    "status": Command("critflow.command.read:status", "Count the cases of a folder that are done, failed and missing."),
-    "verify": Command("critflow.command.read:verify", "Read every byte of a folder, and recompute its physics."),
-    "figures": Command("critflow.command.read:figures", "Draw the figures and write the claims of a folder again."),
-    "show": Command("critflow.command.read:show", "Print what a dataset is, or draw one configuration of it."),
+    "status": Command(
+        "critflow.command.studies:status", "Count the cases of a folder that are done, failed and missing."
+    ),
+    "verify": Command("critflow.command.studies:verify", "Read every byte of a folder, and recompute its physics."),
+    "figures": Command("critflow.command.studies:figures", "Draw the figures and write the claims of a folder again."),
+    "show": Command("critflow.command.studies:show", "Print what a dataset is, or draw one configuration of it."),
 }
 
 

@@ -6,8 +6,7 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
-from critflow.arguments import shown
-from critflow.engine.settings import require_folder
+from critflow.arguments import require_folder, shown
 from critflow.extras.files.data import NetworkData, from_dataset, optional, require_regular
 from critflow.extras.files.drawings import write_solid, write_svg
 from critflow.extras.files.graphs import from_graph, read_graph, write_graph
