@@ -10,7 +10,7 @@ from __future__ import annotations
 import os
 import sys
 import traceback
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import click
@@ -76,33 +76,23 @@ class Subcommands(click.Group):
     """The subcommands of critflow and of all extras that are installed, in the order of their use."""
 
     def make_context(self, info_name: str | None, args: list[str], parent: Any = None, **more: Any) -> click.Context:
-        self.commands = {name: Declared(name, one, named) for name, one in COMMANDS.items()}
-        for extra in extras().values():
-            self.commands |= {name: Declared(name, one, extra.named) for name, one in extra.commands.items()}
+        places = [(COMMANDS, named), *((extra.commands, extra.named) for extra in extras().values())]
+        self.declared = {name: (one, imported) for commands, imported in places for name, one in commands.items()}
+        self.commands = {name: click.Command(name, help=one.help) for name, (one, _) in self.declared.items()}
         return super().make_context(info_name, args, parent, **more)
 
     def list_commands(self, ctx: click.Context) -> list[str]:
         return list(self.commands)
 
     def resolve_command(self, ctx: click.Context, args: list[str]) -> Any:
-        """The subcommand of the first word; `InputError` for one of an extra that is not installed."""
+        """The subcommand of the first word, imported; `InputError` for one of an extra that is not installed."""
         if args[0] not in self.commands and (extra := missing(args[0])):
             raise InputError(
                 f"{args[0]} belongs to the extra {extra!r} of critflow, which is not installed: install critflow again"
             )
-        return super().resolve_command(ctx, args)
-
-
-class Declared(click.Command):
-    """A subcommand known by its declaration until it is used; `imported` gives the object of its place."""
-
-    def __init__(self, name: str, command: Command, imported: Callable[[str], Any]):
-        super().__init__(name, help=command.help)
-        self._place, self._imported = command.place, imported
-
-    def make_context(self, info_name: str | None, args: list[str], parent: Any = None, **more: Any) -> Any:
-        """The context of the command itself, with its options."""
-        return self._imported(self._place).make_context(info_name, args, parent, **more)
+        super().resolve_command(ctx, args)  # raises for an unknown one
+        command, imported = self.declared[args[0]]
+        return args[0], imported(command.place), args[1:]
 
 
 @click.group(cls=Subcommands, no_args_is_help=False, epilog="critflow COMMAND --help prints the options of a command.")

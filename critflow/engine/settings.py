@@ -26,7 +26,7 @@ from typing import Any
 
 import numpy as np
 
-from critflow.engine.study import LONGEST, Axis, Study, nearest, require
+from critflow.engine.study import LONGEST, Study, nearest, require
 from critflow.result import CritflowError, InputError, StudyError
 
 HOUR = 3600.0
@@ -54,18 +54,16 @@ def stable_rng(entropy: int, *words: str) -> np.random.Generator:
 class Case:
     """One unit of computation: the parameters and one value of every axis.  Its id depends on nothing else."""
 
-    study: str
-    version: int
+    study: Study  # restricted to the stored variables
     parameters: Mapping[str, Any]
     values: Mapping[str, int | str]
-    variables: tuple[str, ...] = ()  # stored variables; empty if all are stored
 
     @cached_property
     def id(self) -> str:
         """Axis values, and the hash of all that distinguishes the case, in characters that are valid in file names."""
-        identity = [self.study, self.version, dict(self.parameters), dict(self.values)]
-        if self.variables:  # shards with fewer variables never replace complete ones
-            identity.append(self.variables)
+        identity = [self.study.name, self.study.version, dict(self.parameters), dict(self.values)]
+        if self.study.selected:  # shards with fewer variables never replace complete ones
+            identity.append(self.study.selected)
         digest = sha256(json.dumps(identity, sort_keys=True).encode()).hexdigest()[:16]
         values = [f"{k}{v}" if isinstance(v, int) else _UNREADABLE.sub("_", v) for k, v in self.values.items()]
         return f"{'-'.join(values)[:80]}-{digest}"
@@ -73,7 +71,7 @@ class Case:
     @cached_property
     def shard(self) -> str:
         """Name of the file that stores all cases with this value of the first axis and these parameters."""
-        return Case(self.study, self.version, self.parameters, dict([*self.values.items()][:1]), self.variables).id
+        return Case(self.study, self.parameters, dict([*self.values.items()][:1])).id
 
 
 @dataclass(frozen=True)
@@ -85,7 +83,7 @@ class Selection:
     axes: Mapping[str, tuple]
 
     def case(self, **values: int | str) -> Case:
-        return Case(self.study.name, self.study.version, self.parameters, values, self.study.selected)
+        return Case(self.study, self.parameters, values)
 
     @cached_property
     def cases(self) -> Sequence[Case]:
@@ -106,10 +104,21 @@ class Selection:
 
 def select(study: Study, words: Sequence[str] = ()) -> Selection:
     """The defaults of the study with the `key=value` words in their place; `StudyError` for any invalid word."""
-    given = _settings(study, words)
-    values = {a.name: _axis_values(a, given[a.key]) if a.key in given else tuple(a.values) for a in study.axes}
-    axes = {axis.name: tuple(sorted(values[axis.name], key=axis.place)) for axis in study.axes}
-    chosen = {k: _parameter(k, given[k], v) if k in given else v for k, v in study.parameters.items()}
+    given: dict[str, str] = {}  # text of each setting
+    keys = [*(axis.key for axis in study.axes), *study.parameters, "variables"]
+    for word in words:
+        require(word.isprintable(), f"--set {word!a} contains unprintable characters")
+        key, equals, text = word.partition("=")
+        require(equals, f"--set {word} has no value: write --set {word}=VALUE")
+        require(key in keys, f"study {study.name!r} has no setting {key!r}: {nearest(key, keys, 'settings')}")
+        require(key not in given, f"{key} is set twice: give it once, with all its values")
+        given[key] = text.strip()
+    axes = dict[str, tuple]()
+    for axis in study.axes:
+        choices = axis.values if axis.is_words else ()
+        values = _setting(axis.key, given[axis.key], axis.values, choices) if axis.key in given else axis.values
+        axes[axis.name] = tuple(sorted(values, key=axis.place))
+    chosen = {k: _setting(k, given[k], v) if k in given else v for k, v in study.parameters.items()}
     # An empty word is no setting, so that a new one leaves the identity of stored cases.
     parameters: Mapping[str, Any] = {k: v for k, v in chosen.items() if v != ""}
     if study.complete is not None:
@@ -133,20 +142,6 @@ def select(study: Study, words: Sequence[str] = ()) -> Selection:
     return selection
 
 
-def _settings(study: Study, words: Sequence[str]) -> dict[str, str]:
-    """Text of each setting in the words."""
-    given: dict[str, str] = {}
-    keys = [*(axis.key for axis in study.axes), *study.parameters, "variables"]
-    for word in words:
-        require(word.isprintable(), f"--set {word!a} contains unprintable characters")
-        key, equals, text = word.partition("=")
-        require(equals, f"--set {word} has no value: write --set {word}=VALUE")
-        require(key in keys, f"study {study.name!r} has no setting {key!r}: {nearest(key, keys, 'settings')}")
-        require(key not in given, f"{key} is set twice: give it once, with all its values")
-        given[key] = text.strip()
-    return given
-
-
 def spelled(value: Any) -> str:
     """A value as `--set` reads it; successive whole numbers as a range."""
     if isinstance(value, bool):
@@ -158,25 +153,17 @@ def spelled(value: Any) -> str:
     return ",".join(map(str, value))
 
 
-def words_of_case(study: Study, case: Case) -> list[str]:
+def words_of_case(case: Case) -> list[str]:
     """The `key=value` words that select exactly this case."""
+    study = case.study
     words = [f"{axis.key}={spelled(case.values[axis.name])}" for axis in study.axes]
     words += [f"{k}={spelled(value)}" for k, value in case.parameters.items() if value != study.parameters[k]]
-    return words + ([f"variables={spelled(case.variables)}"] if case.variables else [])
+    return words + ([f"variables={spelled(study.selected)}"] if study.selected else [])
 
 
 def decimals(text: str, key: str = "decimals") -> tuple[float, ...]:
     """`start:stop:step` with the stop included, or a comma list; decimal arithmetic gives 0.003 exactly."""
     return _numbers(key, text, float)
-
-
-def _axis_values(axis: Axis, text: str) -> tuple:
-    values = _values(axis.key, text, tuple(axis.values))
-    for value in values if axis.is_words else ():
-        advice = nearest(value, [str(word) for word in axis.values], "choices")
-        require(value in axis.values, f"{axis.key} has no {value!r}: {advice}")
-    _refuse_duplicates(axis.key, values)
-    return values
 
 
 def _variables(study: Study, text: str) -> tuple[str, ...]:
@@ -192,28 +179,26 @@ def _variables(study: Study, text: str) -> tuple[str, ...]:
     return tuple(name for piece in pieces for name in words[piece])
 
 
-def _parameter(key: str, text: str, default: Any) -> Any:
-    """The text as a value of the type of the default."""
+def _setting(key: str, text: str, default: Any, choices: Sequence[Any] = ()) -> Any:
+    """The text as the default is: a truth value, words, or numbers, which are negative only if it contains some.
+
+    choices  all words that there are, if not every word is one
+    """
     if isinstance(default, bool):
         require(text in ("true", "false"), f"{key}={text} must be true or false")
         return text == "true"
-    listed = isinstance(default, tuple)
-    values = _values(key, text, default if listed else (default,))
-    if listed:
+    known = default if isinstance(default, tuple) else (default,)
+    words = isinstance(known[0], str)
+    values: tuple = _pieces(key, text) if words else _numbers(key, text, type(known[0]))
+    negative = not words and min(known) >= 0 > min(values)
+    require(not negative, f"{key} must not be negative, but {min(values)} is")
+    for value in values if choices else ():
+        require(value in choices, f"{key} has no {value!r}: {nearest(value, choices, 'choices')}")
+    if isinstance(default, tuple):
         _refuse_duplicates(key, values)
         return values
     require(len(values) == 1, f"{key}={text} must be one value, as in {key}={default}")
     return values[0]
-
-
-def _values(key: str, text: str, default: tuple) -> tuple:
-    """Words or numbers as the default has; negative numbers only if it contains some."""
-    if isinstance(default[0], str):
-        return _pieces(key, text)
-    values = _numbers(key, text, type(default[0]))
-    negative = min(default) >= 0 > min(values)
-    require(not negative, f"{key} must not be negative, but {min(values)} is")
-    return values
 
 
 def _numbers(key: str, text: str, kind: type) -> tuple:
@@ -276,18 +261,19 @@ class Workers:
     gigabytes: float | None = None  # memory of a local worker; an equal share by default
 
     def __post_init__(self) -> None:
+        encrypted = not self.scheduler or self.scheduler.startswith("tls://") or self.insecure
+        limited = (self.case_seconds, self.gigabytes) != (HOUR, None)
         for option, value in (("--time-limit", self.case_seconds), ("--memory-limit", self.gigabytes)):
             if value is not None and not 0 < value < math.inf:
                 raise InputError(f"{option} {value:g} must be a number above zero")
-        if self.processes < 0:
-            raise InputError("--workers must not be negative")
-        if self.scheduler and not self.scheduler.startswith("tls://") and not self.insecure:
-            raise InputError(f"the scheduler at {self.scheduler!r} is not encrypted: use tls://, or add --insecure")
-        limited = (self.case_seconds, self.gigabytes) != (HOUR, None)
-        if limited and not self.processes and not self.scheduler:
-            raise InputError("limits need worker processes: give --workers 1")
-        if self.scheduler and self.gigabytes is not None:
-            raise InputError("--memory-limit applies to local workers: leave it out")
+        for wrong, sentence in (
+            (self.processes < 0, "--workers must not be negative"),
+            (not encrypted, f"the scheduler at {self.scheduler!r} is not encrypted: use tls://, or add --insecure"),
+            (limited and not self.processes and not self.scheduler, "limits need worker processes: give --workers 1"),
+            (self.scheduler and self.gigabytes, "--memory-limit applies to local workers: leave it out"),
+        ):
+            if wrong:
+                raise InputError(sentence)
 
     @property
     def place(self) -> str:

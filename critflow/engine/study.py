@@ -147,17 +147,17 @@ class Variable:
         _identifier(self.name, "variable")
         name = f"variable {self.name!r}"
         require(not isinstance(self.dims, str), f"dims of {name} must be a tuple: write ({self.dims!r},)")
-        dims = tuple(self.dims)
-        require(len(set(dims)) == len(dims), f"{name} names a dimension twice: call the second one {dims[-1:]}_")
+        _set(self, dims=tuple(self.dims))
+        twice = len(set(self.dims)) < len(self.dims)
+        require(not twice, f"{name} names a dimension twice: call the second one {self.dims[-1:]}_")
         require(self.dtype in _DTYPES, f"dtype {self.dtype!r} of {name} must be one of {', '.join(_DTYPES)}")
         if self.dtype[0] == "f":
             require(not self.flags and self.fill is None, f"{name} has flags or a fill: give it an integer dtype")
-            _set(self, dims=dims)
-            return
-        limits = np.iinfo(self.dtype)
-        fill = self.fill if self.fill is not None else limits.min if self.dtype[0] == "i" else limits.max
-        require(limits.min <= fill <= limits.max, f"fill {fill} of {name} does not fit its dtype {self.dtype}")
-        _set(self, dims=dims, fill=int(fill))
+        else:
+            limits = np.iinfo(self.dtype)
+            fill = self.fill if self.fill is not None else limits.min if self.dtype[0] == "i" else limits.max
+            require(limits.min <= fill <= limits.max, f"fill {fill} of {name} does not fit its dtype {self.dtype}")
+            _set(self, fill=int(fill))
 
     @property
     def filler(self) -> float | int:
@@ -174,8 +174,10 @@ class Variable:
         array = given.astype(target)
         if self.fill is not None:
             require(np.array_equal(array, given), f"{self.name!r} has numbers too large for {self.dtype}")
-            missing = not self.flags and bool((array == self.fill).any())
-            require(not missing, f"{self.name!r} contains {self.fill}, its value for a missing one: declare another")
+            require(
+                self.flags or self.fill not in array,
+                f"{self.name!r} contains {self.fill}, its value for a missing one: declare another",
+            )
         return array
 
 
@@ -213,12 +215,13 @@ class Claim:
         claim = f"claim {self.key!r}"
         require(self.verdict in VERDICTS, f"verdict {self.verdict!r} of {claim} must be one of {', '.join(VERDICTS)}")
         require(self.kind in KINDS, f"kind {self.kind!r} of {claim} must be one of {', '.join(KINDS)}")
-        known = self.difference in ("", *DIFFERENCES)
-        require(known, f"difference {self.difference!r} of {claim} must be one of {', '.join(DIFFERENCES)}")
-        explained = self.verdict in ("holds", "measured") or bool(self.because.strip())
+        require(
+            self.difference in ("", *DIFFERENCES),
+            f"difference {self.difference!r} of {claim} must be one of {', '.join(DIFFERENCES)}",
+        )
+        explained = self.verdict in ("holds", "measured") or self.because.strip()
         require(explained, f"{claim} {self.verdict}: give the reason in `because`")
-        tested = self.verdict == "measured" or bool(self.criterion)
-        require(tested, f"{claim} {self.verdict}: state its `criterion`")
+        require(self.verdict == "measured" or self.criterion, f"{claim} {self.verdict}: state its `criterion`")
 
     @classmethod
     def tested(
@@ -274,8 +277,10 @@ class Study:
         parameters = {key: _plain_parameter(key, value) for key, value in self.parameters.items()}
         _set(self, parameters=parameters, **{key: tuple(getattr(self, key)) for key in listed})
         require(self.axes, f"{name} needs at least one axis")
-        positive = type(self.version) is int and self.version > 0
-        require(positive, f"version {self.version!r} of {name} must be a whole number above zero")
+        require(
+            type(self.version) is int and self.version > 0,
+            f"version {self.version!r} of {name} must be a whole number above zero",
+        )
         for part in (*self.figures, *self.animations):
             _identifier(part, "figure")
         require(self.workers is None or self.workers > 0, f"{name} must allow one worker, or omit `workers`")
@@ -313,12 +318,12 @@ class Study:
         for c in self.coordinates:
             listed = isinstance(parameters.get(c.parameter), tuple)
             require(listed, f"coordinate {c.name!r} needs a parameter {c.parameter!r} with a list")
+        axes = set(self.axis_names)
         for v in self.variables:
-            complete = not v.volatile or set(self.axis_names) <= set(v.dims)
-            require(complete, f"variable {v.name!r} is volatile, so cases cannot share it: add every axis")
-        status = [v for v in self.variables if v.name == "status" and v.flags is Status]
-        right = [set(v.dims) for v in status] == [set(self.axis_names)]
-        require(right, f"{name} needs a variable 'status' over exactly its axes with flags=Status")
+            shared = v.volatile and not axes <= set(v.dims)
+            require(not shared, f"variable {v.name!r} is volatile, so cases cannot share it: add every axis")
+        status = [set(v.dims) for v in self.variables if v.name == "status" and v.flags is Status]
+        require(status == [axes], f"{name} needs a variable 'status' over exactly its axes with flags=Status")
 
     def worker_count(self, requested: int | None, available: int) -> int:
         """Number of worker processes: the requested number, otherwise one per CPU within the limit of the study."""
@@ -364,9 +369,9 @@ class Study:
 
     def computed(self, parameters: Mapping[str, Any], values: Mapping[str, int | str]) -> dict[str, np.ndarray]:
         """Arrays of one case, computed and checked."""
+        stored = {"wanted": frozenset(variable.name for variable in self.variables)}
         selective = "wanted" in inspect.signature(self.case).parameters
-        wanted = {"wanted": frozenset(variable.name for variable in self.variables)} if selective else {}
-        return self.arrays(self.case(parameters, **values, **wanted), parameters)
+        return self.arrays(self.case(parameters, **values, **(stored if selective else {})), parameters)
 
     def arrays(self, returned: Any, parameters: Mapping[str, Any]) -> dict[str, np.ndarray]:
         """The returned arrays, checked against the table and cast; variables may be missing unless the status is ok."""
@@ -376,15 +381,15 @@ class Study:
         names = [variable.name for variable in self.variables]
         declared = [*names, *(variable.name for variable in self.left_out)]
         for name in set(returned).difference(declared):
-            hint = nearest(name, declared, "variables")
-            raise StudyError(f"the case function returned {name!r}, which no variable declares: {hint}")
+            raise StudyError(
+                f"the case function returned {name!r}, which no variable declares: "
+                f"{nearest(name, declared, 'variables')}"
+            )
         if status is Status.ok and (missing := [name for name in names if name not in returned]):
             raise StudyError(f"the case function returned status ok without {', '.join(missing)}")
         sizes = {coordinate.name: len(parameters[coordinate.parameter]) for coordinate in self.coordinates}
         arrays = {}
-        for variable in self.variables:
-            if variable.name not in returned:
-                continue
+        for variable in (one for one in self.variables if one.name in returned):
             array, dims = variable.cast(returned[variable.name]), self.inner_dims[variable.name]
             name, fits = repr(variable.name), array.ndim == len(dims) and 0 not in array.shape
             require(fits, f"{name} has shape {array.shape} in a case, its inner dimensions are {dims}")
