@@ -10,7 +10,6 @@ the business of the function.
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -136,11 +135,3 @@ def _is_array(value: Any) -> bool:
 
 def _with_article(noun: str) -> str:
     return f"a{'n' * (noun[0] in 'AEIOaeio')} {noun}"
-
-
-def require_folder(path: Path) -> None:
-    """Raise `InputError` where a file cannot be written for want of its folder, or is a folder itself."""
-    if not path.parent.is_dir():
-        raise InputError(f"there is no folder {path.parent} for {path.name}: make it, or choose another")
-    if path.is_dir():
-        raise InputError(f"{path} is a folder: give the name of a file in it")

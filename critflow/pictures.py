@@ -20,7 +20,7 @@ from matplotlib.figure import Figure, SubFigure
 from matplotlib.patches import Polygon
 from numpy.typing import ArrayLike
 
-from critflow.arguments import of_kind, require_folder
+from critflow.arguments import of_kind
 from critflow.calls import running
 from critflow.extensions import provided
 from critflow.faces import Faces
@@ -434,6 +434,14 @@ def require_picture(path: Path) -> None:
     if path.suffix[1:].lower() not in endings:
         raise InputError(f"a picture cannot have the ending {path.suffix!r}: choose .png, .pdf or .svg")
     require_folder(path)
+
+
+def require_folder(path: Path) -> None:
+    """Raise `InputError` where a file cannot be written for want of its folder, or is a folder itself."""
+    if not path.parent.is_dir():
+        raise InputError(f"there is no folder {path.parent} for {path.name}: make it, or choose another")
+    if path.is_dir():
+        raise InputError(f"{path} is a folder: give the name of a file in it")
 
 
 def saved(figure: Figure | SubFigure, path: Any) -> None:

@@ -169,8 +169,8 @@ def decimals(text: str, key: str = "decimals") -> tuple[float, ...]:
 def _variables(study: Study, text: str) -> tuple[str, ...]:
     """Names of the requested variables."""
     table = [variable.name for variable in study.variables]
-    words = {"all": table, "scalars": [name for name in table if not study.inner_dims[name]]}
-    words |= {name: [name] for name in table}
+    scalars = [name for name in table if not study.inner_dims[name]]
+    words = {"all": table, "scalars": scalars, **{name: [name] for name in table}}
     pieces = _pieces("variables", text)
     for piece in pieces:
         known = piece in words

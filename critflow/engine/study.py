@@ -284,26 +284,24 @@ class Study:
         for part in (*self.figures, *self.animations):
             _identifier(part, "figure")
         require(self.workers is None or self.workers > 0, f"{name} must allow one worker, or omit `workers`")
-        self._check_functions()
-        self._check_table()
-
-    def _check_functions(self) -> None:
-        """Raise unless the case function takes the axes, and `needs` names parts of the report and variables."""
-        require(callable(self.case), f"case of study {self.name!r} must be a function, not {self.case!r}")
+        # The case function takes the axes.
+        require(callable(self.case), f"case of {name} must be a function, not {self.case!r}")
         signature = inspect.signature(self.case)
         wanted = {"wanted"} & signature.parameters.keys()
         try:
             signature.bind({}, **dict.fromkeys((*self.axis_names, *wanted)))
         except TypeError as error:
             expected = f"case(parameters, *, {', '.join(self.axis_names)})"
-            raise StudyError(f"the case function of study {self.name!r} must be {expected}: {error}") from error
+            raise StudyError(f"the case function of {name} must be {expected}: {error}") from error
+        # Parts of the report need variables that are declared.
         parts = [*self.figures, *self.animations, "claims", "summary", "verify"]
         variables = [variable.name for variable in (*self.variables, *self.left_out)]
         for part, names in self.needs.items():
-            require(part in parts, f"needs of study {self.name!r} names {part!r}: {nearest(part, parts, 'parts')}")
+            require(part in parts, f"needs of {name} names {part!r}: {nearest(part, parts, 'parts')}")
             require(not isinstance(names, str), f"needs of {part!r} must be a tuple of names: write ({names!r},)")
-            for name in set(names).difference(variables):
-                raise StudyError(f"{part!r} needs {name!r}, not declared: {nearest(name, variables, 'variables')}")
+            for word in set(names).difference(variables):
+                raise StudyError(f"{part!r} needs {word!r}, not declared: {nearest(word, variables, 'variables')}")
+        self._check_table()
 
     def _check_table(self) -> None:
         """Raise unless names are unique and axes, parameters, coordinates and variables agree."""
@@ -328,8 +326,10 @@ class Study:
     def worker_count(self, requested: int | None, available: int) -> int:
         """Number of worker processes: the requested number, otherwise one per CPU within the limit of the study."""
         limit = self.workers or max(available, requested or 0)
-        message = f"--workers {requested} disturbs the times that {self.name!r} measures: give at most {limit}"
-        require(requested is None or requested <= limit, message)
+        require(
+            requested is None or requested <= limit,
+            f"--workers {requested} disturbs the times that {self.name!r} measures: give at most {limit}",
+        )
         return min(available, limit) if requested is None else requested
 
     def can_report(self, part: str) -> bool:
@@ -413,7 +413,9 @@ def _plain_parameter(key: str, value: Any) -> Any:
         items = tuple(float(item) for item in items)
     finite = all(math.isfinite(item) for item in items if isinstance(item, float))
     require(finite, f"parameter {key!r} must default to finite numbers, not {value}")
-    kinds = {type(item) for item in items}
-    if len(kinds) == 1 and kinds <= ({int, float, str} if listed else {bool, int, float, str}):
-        return items if listed else items[0]
-    raise StudyError(f"parameter {key!r} must default to a number, word or truth value, or a list of numbers or words")
+    kinds, known = {type(item) for item in items}, {int, float, str} if listed else {bool, int, float, str}
+    require(
+        len(kinds) == 1 and kinds <= known,
+        f"parameter {key!r} must default to a number, word or truth value, or a list of numbers or words",
+    )
+    return items if listed else items[0]
