@@ -92,8 +92,8 @@ class Assembly:
         """The chunk of a variable along the first axis, None for one without it or without values."""
         chunk = self.shape(variable, self.rows)
         if np.dtype(variable.dtype).itemsize * math.prod(chunk) > _LARGEST_CHUNK:
-            outer = self.selection.axes
-            chunk = tuple(1 if dim in outer else size for dim, size in zip(variable.dims, chunk, strict=True))
+            sizes = zip(variable.dims, chunk, strict=True)
+            chunk = tuple(1 if dim in self.selection.axes else size for dim, size in sizes)
         return chunk if self.first in variable.dims and 0 not in chunk else None
 
     def pieces(self) -> Iterator[tuple[slice, dict[str, np.ndarray]]]:

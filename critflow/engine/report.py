@@ -118,9 +118,8 @@ def _picture(study: Study, name: str, dataset: xr.Dataset, ending: str) -> list[
 
 def text_files(study: Study, folder: Folder) -> dict[str, list[Path]]:
     """The parts of a report that are text, and their files."""
-    path = folder.path
-    claims = {"claims": [path / "claims.json", path / "claims.md"]} if study.claims is not None else {}
-    return claims | ({"summary": [path / "summary.json"]} if study.summary is not None else {})
+    files = {"claims": ("claims.json", "claims.md"), "summary": ("summary.json",)}
+    return {part: [folder.path / name for name in names] for part, names in files.items() if getattr(study, part)}
 
 
 def texts(study: Study, name: str, dataset: xr.Dataset) -> list[bytes]:

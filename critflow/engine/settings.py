@@ -18,6 +18,7 @@ import math
 import re
 from collections import Counter
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from decimal import Decimal, InvalidOperation
 from functools import cached_property
@@ -230,14 +231,12 @@ def _pieces(key: str, text: str) -> tuple[str, ...]:
 
 def _number(key: str, text: str, whole: bool) -> Decimal:
     """The number that a text is, exactly."""
-    kind = "whole" if whole else "finite"
-    try:
+    value, valid = Decimal(0), False
+    with suppress(InvalidOperation):
         value = Decimal(text.strip())
-    except InvalidOperation:
-        raise StudyError(f"{key} needs {kind} numbers, not {text!r}") from None
-    finite = value.is_finite() and math.isfinite(float(value))
-    valid = re.fullmatch(r"\s*[+-]?[0-9]{1,18}\s*", text) if whole else finite
-    require(valid, f"{key} needs {kind} numbers, not {text!r}")
+        finite = value.is_finite() and math.isfinite(float(value))
+        valid = bool(re.fullmatch(r"\s*[+-]?[0-9]{1,18}\s*", text)) if whole else finite
+    require(valid, f"{key} needs {'whole' if whole else 'finite'} numbers, not {text!r}")
     return value
 
 
