@@ -166,8 +166,11 @@ def _plain(value: Any) -> Any:
 
 def counted(verdicts: Mapping[str, int]) -> str:
     """The verdicts in words: "15 hold, 2 differ and 1 is undecided"."""
-    forms = {"holds": ("holds", "hold"), "differs": ("differs", "differ")}
-    forms["undecided"] = ("is undecided", "are undecided")
+    forms = {
+        "holds": ("holds", "hold"),
+        "differs": ("differs", "differ"),
+        "undecided": ("is undecided", "are undecided"),
+    }
     parts = [f"{number} {words[number != 1]}" for name, words in forms.items() if (number := verdicts.get(name, 0))]
     return " and ".join(filter(None, (", ".join(parts[:-1]), *parts[-1:])))
 

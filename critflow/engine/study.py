@@ -34,7 +34,7 @@ if TYPE_CHECKING:  # a case function needs neither library
 
 LONGEST = 1_000_000  # values of one setting, and cases of one run: a larger number is a typing error
 
-_NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*")
+_NAME, _STUDY_NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*"), re.compile(r"[A-Za-z0-9][A-Za-z0-9_-]*")
 _ALWAYS = ("status", "valid")  # variables that every selection of members needs
 _DTYPES = ("f4", "f8", "i1", "i2", "i4", "i8", "u1", "u2", "u4")
 
@@ -271,8 +271,7 @@ class Study:
 
     def __post_init__(self) -> None:
         name = f"study {self.name!r}"
-        valid = re.fullmatch(r"[A-Za-z0-9][A-Za-z0-9_-]*", self.name)
-        require(valid, f"study name {self.name!r} must be letters, digits, - and _")
+        require(_STUDY_NAME.fullmatch(self.name), f"study name {self.name!r} must be letters, digits, - and _")
         listed = ("axes", "variables", "coordinates", "extras", "left_out")
         parameters = {key: _plain_parameter(key, value) for key, value in self.parameters.items()}
         _set(self, parameters=parameters, **{key: tuple(getattr(self, key)) for key in listed})
