@@ -19,7 +19,6 @@ from matplotlib.colors import Colormap, LinearSegmentedColormap, Normalize
 from matplotlib.patches import Polygon
 from numpy.typing import ArrayLike
 
-from critflow.engine.settings import require_folder
 from critflow.faces import Faces
 from critflow.networks import Array, IntArray
 from critflow.result import InputError
@@ -220,3 +219,11 @@ def require_picture(path: Path) -> None:
     if path.suffix[1:].lower() not in endings:
         raise InputError(f"a picture cannot have the ending {path.suffix!r}: choose .png, .pdf or .svg")
     require_folder(path)
+
+
+def require_folder(path: Path) -> None:
+    """Raise `InputError` where a file cannot be written for want of its folder, or is a folder itself."""
+    if not path.parent.is_dir():
+        raise InputError(f"there is no folder {path.parent} for {path.name}: make it, or choose another")
+    if path.is_dir():
+        raise InputError(f"{path} is a folder: give the name of a file in it")

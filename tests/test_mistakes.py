@@ -527,22 +527,6 @@ COMMANDS = {
         "show no dataset": (["show", "nowhere.nc"], 2, "there is no dataset nowhere.nc", "run the study first"),
         "show a folder": (["show", "folder"], 2, "folder is a folder", "give the dataset NAME.nc in it"),
         "show a text": (["show", "text.txt"], 4, "text.txt is damaged", "run the study again"),
-        "show an unknown axis": (
-            ["show", "RESULTS/tiny.nc", "--set", "sed=1"],
-            *(2, "the dataset has no axis 'sed'", "did you mean 'seed'?"),
-        ),
-        "show an unknown value": (
-            ["show", "RESULTS/tiny.nc", "--set", "population=flopy"],
-            *(2, "population has no 'flopy' here", "did you mean 'floppy'?"),
-        ),
-        "show an unknown number": (
-            ["show", "RESULTS/tiny.nc", "--set", "seed=999"],
-            *(2, "seed has no '999' here", "seeds are 0 to "),
-        ),
-        "show several": (
-            ["show", "RESULTS/tiny.nc", "--set", "seed=1"],
-            *(2, "which population?", "add --set population=random"),
-        ),
         "show in no folder": (
             ["show", "RESULTS/tiny.nc", "--set", "seed=1", "--out", "nowhere/x.png"],
             *(2, "there is no folder nowhere for x.png", "make it, or choose another"),
@@ -564,6 +548,22 @@ COMMANDS = {
         "examine without a boundary": (["examine", "star.csv"], 2, "--pins hull fixes"),
     },
     "files": {
+        "show an unknown axis": (
+            ["show", "RESULTS/tiny.nc", "--set", "sed=1"],
+            *(2, "the dataset has no axis 'sed'", "did you mean 'seed'?"),
+        ),
+        "show an unknown value": (
+            ["show", "RESULTS/tiny.nc", "--set", "population=flopy"],
+            *(2, "population has no 'flopy' here", "did you mean 'floppy'?"),
+        ),
+        "show an unknown number": (
+            ["show", "RESULTS/tiny.nc", "--set", "seed=999"],
+            *(2, "seed has no '999' here", "seeds are 0 to "),
+        ),
+        "show several": (
+            ["show", "RESULTS/tiny.nc", "--set", "seed=1"],
+            *(2, "which population?", "add --set population=random"),
+        ),
         "no such network": (
             ["run", "ensemble", "--set", "network=nowhere.csv"],
             *(2, "network=nowhere.csv", "there is no file nowhere_edges.csv", "check its name"),

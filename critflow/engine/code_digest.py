@@ -30,6 +30,7 @@ from hashlib import sha256
 from importlib.metadata import distributions, version
 from pathlib import Path
 from types import ModuleType
+from typing import Any
 
 import numpy as np
 
@@ -39,17 +40,19 @@ from critflow.result import EnvironmentFailure, InputError, StudyError
 
 _PACKAGE = Path(__file__).parents[1]
 _STUDY_MODULE = "critflow_study_"  # prefix of the modules of loaded study files
-_BENCHMARKS = ("failure_map", "speed")  # not part of the installed package
-# Names of studies that are a part of another one, and the name of that.
-_JOINED = {
-    "design_curves": "stiffening",
-    "design_isogonal": "stiffening",
-    "design_stiffening": "stiffening",
-    "design_poisson": "reach",
-    "design_reach": "reach",
-    "onset": "reach",
-    "design_pruning": "topology",
-    "design_topology": "topology",
+# Why there is no study with a name: benchmarks are not part of the installed package, and others have joined.
+_ABSENT = {
+    name: f"the benchmark {name!r} is not part of the installed package: run it in a source checkout of critflow, "
+    f"where it is workflows/benchmarks/{name}"
+    for name in ("failure_map", "speed")
+} | {
+    name: f"the study {name!r} is a part of {whole!r}: critflow run {whole}"
+    for whole, names in {
+        "stiffening": ("design_curves", "design_isogonal", "design_stiffening"),
+        "reach": ("design_poisson", "design_reach", "onset"),
+        "topology": ("design_pruning", "design_topology"),
+    }.items()
+    for name in names
 }
 _NOT_NUMERIC = ("command", "pictures.py", "engine", "studies", "extras", "__init__.py", "__main__.py")
 _EXTRAS = "critflow.extras"
@@ -98,15 +101,8 @@ def load_study(word: str) -> StudyFile:
     if os.sep in word or (word not in named and (Path(word) / "study.py").is_file()):
         return load_file(Path(word) / "study.py")
     if word not in named:
-        if word in _BENCHMARKS:
-            raise StudyError(
-                f"the benchmark {word!r} is not part of the installed package: run it in a source checkout of "
-                f"critflow, where it is workflows/benchmarks/{word}"
-            )
-        if word in _JOINED:
-            raise StudyError(f"the study {word!r} is a part of {_JOINED[word]!r}: critflow run {_JOINED[word]}")
         hint = nearest(word, list(named), "studies") if named else "there is none in ./workflows"
-        raise StudyError(f"there is no study {word!r}: {hint}")
+        raise StudyError(_ABSENT.get(word) or f"there is no study {word!r}: {hint}")
     loaded = load_file(named[word])
     if loaded.study.name != word:
         raise StudyError(f"the study in {named[word]} has the name {loaded.study.name!r}: rename it to {word!r}")
@@ -156,10 +152,8 @@ def _execute(root: str, path: Path, source: bytes) -> ModuleType:
     top = path.parent
     while (top / "__init__.py").exists() and (top.parent / "__init__.py").exists():
         top = top.parent
-    name, package = root, root
-    if (top / "__init__.py").exists():
-        name = ".".join([root, *path.relative_to(top).with_suffix("").parts])
-        package = name.rpartition(".")[0]
+    parts = path.relative_to(top).with_suffix("").parts if (top / "__init__.py").exists() else ()
+    name, package = ".".join([root, *parts]), ".".join([root, *parts[:-1]])
     parent = sys.modules[root] = ModuleType(root)
     parent.__path__ = [str(top)]
     module = sys.modules[name] = parent if name == root else ModuleType(name)  # dataclasses look it up
@@ -228,23 +222,37 @@ def _scene_digest(used: frozenset[str]) -> str:
 
 @cache
 def _file_digest(path: Path) -> str:
-    return _digest("".join(_words(_parsed(path))).encode())
+    return _digest(_text(_parsed(path)).encode())
 
 
 @cache
 def _study_code(module: str, name: str, declared: tuple[str, ...]) -> tuple[str, frozenset[str]]:
-    """Digest of the definitions that a function reaches, and the extras whose code counts for it."""
-    reached = reached_definitions(module, name)
-    # A study has the same digest in each folder, whose modules have another root.
-    texts = [
-        f"{where.removeprefix(_root(module))} {one} {''.join(word for part in parts for word in _words(part))}\n"
-        for (where, one), parts in reached.items()
-    ]
-    named = {*declared, *_named_extras(reached)}
+    """Digest of the definitions that a function reaches, and the extras whose code counts for it.
+
+    These are the extras that the definitions import or name, such as "design", "onset[D]" or "variables of stress".
+    """
+    texts, names, words, used = list[str](), set[str](), set[str](), set(declared)
+    for (where, one), parts in reached_definitions(module, name).items():
+        # A study has the same digest in each folder, whose modules have another root.
+        texts.append(f"{where.removeprefix(_root(module))} {one} {''.join(map(_text, parts))}\n")
+        for node in (node for part in parts for node in ast.walk(part)):
+            if isinstance(node, ast.Attribute):
+                names.add(node.attr)
+            elif isinstance(node, ast.Constant) and isinstance(node.value, str) and (word := _WORD.match(node.value)):
+                words.add(word[1])
+            for source, imported in _imports(where, node):
+                whole = f"{source}.{imported}".lstrip(".")
+                if whole.startswith(f"{_EXTRAS}."):
+                    used.add(whole.split(".")[2])
+                elif whole.startswith("critflow."):
+                    names.add(imported)
+    for extra, known in known_names().items():
+        if any(one in names if one.isidentifier() else one.split("[")[0].split()[-1] in words for one in known):
+            used.add(extra)
     # Backends are chosen by the size of a matrix, by no name.
-    named |= {name for name, extra in extras().items() if extra.backends or extra.iterations}
+    used |= {name for name, extra in extras().items() if extra.backends or extra.iterations}
     numeric = {name for name, extra in extras().items() if extra.numeric}
-    return _digest("".join(sorted(texts)).encode())[:_LENGTH], frozenset(with_needs(named) & numeric)
+    return _digest("".join(sorted(texts)).encode())[:_LENGTH], frozenset(with_needs(used) & numeric)
 
 
 def reached_definitions(module: str, name: str) -> dict[tuple[str, str], list[ast.stmt]]:
@@ -257,9 +265,7 @@ def reached_definitions(module: str, name: str) -> dict[tuple[str, str], list[as
         inside = any(module == root or module.startswith(f"{root}.") for root in ours)
         if (module, name) in reached or not inside or module == f"{__package__}.study":
             continue
-        if module not in bound:
-            bound[module] = _definitions(module)
-        known = bound[module]
+        known = bound[module] = bound.get(module) or _definitions(module)
         reached[module, name] = known.get(name, [])
         # The statements without a name, such as a loop, are executed before each definition is used.
         waiting += [(module, "")] if name in known else [(module, other) for other in known]
@@ -271,26 +277,6 @@ def reached_definitions(module: str, name: str) -> dict[tuple[str, str], list[as
                 is_module = not source or (whole.startswith(ours) and _file(whole) is not None)
                 waiting.append((whole, _ALL) if is_module else (source, imported))
     return reached
-
-
-def _named_extras(reached: Mapping[tuple[str, str], list[ast.stmt]]) -> Iterator[str]:
-    """The extras that definitions import or name, such as "design", "onset[D]" or "variables of stress"."""
-    names, words = set[str](), set[str]()  # names from critflow and of attributes, words in texts
-    for (module, _), statements in reached.items():
-        for node in (node for statement in statements for node in ast.walk(statement)):
-            if isinstance(node, ast.Attribute):
-                names.add(node.attr)
-            elif isinstance(node, ast.Constant) and isinstance(node.value, str) and (word := _WORD.match(node.value)):
-                words.add(word[1])
-            for source, imported in _imports(module, node):
-                whole = f"{source}.{imported}".lstrip(".")
-                if whole.startswith(f"{_EXTRAS}."):
-                    yield whole.split(".")[2]
-                elif whole.startswith("critflow."):
-                    names.add(imported)
-    for extra, known in known_names().items():
-        if any(one in names if one.isidentifier() else one.split("[")[0].split()[-1] in words for one in known):
-            yield extra
 
 
 def _root(module: str) -> str:
@@ -315,35 +301,32 @@ def _definitions(module: str) -> dict[str, list[ast.stmt]]:
     bound: dict[str, list[ast.stmt]] = {"": []}
     path = _file(module)
     for statement in _parsed(path).body if path else ():
-        names = [""]
+        parts = [("", statement)]
         if isinstance(statement, (ast.FunctionDef, ast.AsyncFunctionDef, ast.ClassDef)):
-            names = [statement.name]
+            parts = [(statement.name, statement)]
         elif isinstance(statement, (ast.Import, ast.ImportFrom)):
-            for alias in statement.names:
-                one = type(statement)(**{**vars(statement), "names": [alias]})
-                bound.setdefault(alias.asname or alias.name.split(".")[0], []).append(one)
-            continue
+            parts = [
+                (alias.asname or alias.name.split(".")[0], type(statement)(**{**vars(statement), "names": [alias]}))
+                for alias in statement.names
+            ]
         elif isinstance(statement, (ast.Assign, ast.AnnAssign)):
             targets = statement.targets if isinstance(statement, ast.Assign) else [statement.target]
             nodes = [node for target in targets for node in ast.walk(target)]
             # An assignment to an attribute or an item changes what other definitions see.
             if not any(isinstance(node, (ast.Attribute, ast.Subscript)) for node in nodes):
-                names = [node.id for node in nodes if isinstance(node, ast.Name)]
-        for name in names:
-            bound.setdefault(name, []).append(statement)
+                parts = [(node.id, statement) for node in nodes if isinstance(node, ast.Name)]
+        for name, part in parts:
+            bound.setdefault(name, []).append(part)
     return bound
 
 
 def _file(module: str) -> Path | None:
     """The source file of a module, loaded or not."""
-    if module in sys.modules:
-        file = getattr(sys.modules[module], "__file__", None)
-    else:
-        try:
-            spec = importlib.util.find_spec(module)
-        except (ImportError, AttributeError):
-            return None
-        file = spec.origin if spec else None
+    try:
+        known = sys.modules.get(module) or importlib.util.find_spec(module)
+    except (ImportError, AttributeError):
+        return None
+    file = getattr(known, "__file__", None) or getattr(known, "origin", None)
     return Path(file) if file and file.endswith(".py") else None
 
 
@@ -357,19 +340,16 @@ def _parsed(path: Path) -> ast.Module:
     return tree
 
 
-def _words(node: ast.AST) -> Iterator[str]:
+def _text(node: Any) -> str:
     """The words of a syntax tree without places, equal in every version of Python."""
-    yield f"({type(node).__name__}"
+    if not isinstance(node, ast.AST):
+        return f" {node!r}"
+    text = f"({type(node).__name__}"
     for name, value in ast.iter_fields(node):
         items = [item for item in (value if isinstance(value, list) else [value]) if item is not None]
-        if items and name not in ("type_comment", "kind"):
-            yield f" {name}"
-        for item in items:
-            if isinstance(item, ast.AST):
-                yield from _words(item)
-            else:
-                yield f" {item!r}"
-    yield ")"
+        named = f" {name}" if items and name not in ("type_comment", "kind") else ""
+        text += named + "".join(map(_text, items))
+    return f"{text})"
 
 
 # Libraries, and the commit and date of a file
@@ -411,17 +391,16 @@ def source_tree(folder: Path = _PACKAGE.parent) -> Mapping[str, str]:
     # Variables set by a hook would select another repository; no lock is taken and no monitor is started.
     clean = {name: value for name, value in os.environ.items() if not name.startswith("GIT_")}
 
-    def git(*words: str) -> str:
-        command = ["git", "--no-optional-locks", "-c", "core.fsmonitor=false", "-C", str(folder), *words]
-        done = subprocess.run(command, env=clean, capture_output=True, text=True, check=True, timeout=10)
-        return done.stdout.strip()
-
+    git = ["git", "--no-optional-locks", "-c", "core.fsmonitor=false", "-C", str(folder)]
     code = [name for name in ("critflow", "workflows", "pyproject.toml") if (folder / name).exists()]
     try:
-        commit, changed = git("rev-parse", "HEAD"), git("status", "--porcelain", "--", *code)
+        commit, changed = (
+            subprocess.run([*git, *words], env=clean, capture_output=True, text=True, check=True, timeout=10).stdout
+            for words in (["rev-parse", "HEAD"], ["status", "--porcelain", "--", *code])
+        )
     except (OSError, subprocess.SubprocessError):
         return {}
-    return {"commit": commit, "commit_dirty": "true" if changed else "false"}
+    return {"commit": commit.strip(), "commit_dirty": "true" if changed.strip() else "false"}
 
 
 def timestamp() -> str:

@@ -11,10 +11,10 @@ import textwrap
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import replace
 from enum import IntEnum
 from hashlib import sha256
 from importlib.metadata import version
+from itertools import islice
 from pathlib import Path
 from typing import Any
 
@@ -72,16 +72,13 @@ class Assembly:
         if len(self.codes) > 1:
             self.variables = (*self.variables, _code_variable(selection, self.codes, states))
         self.inner = {c.name: len(selection.parameters[c.parameter]) for c in study.coordinates}  # sizes
-        self._begin()
         # Inner sizes are those of the first cases.
         dims = {dim for variable in self.variables for dim in variable.dims} - selection.axes.keys()
-        for case in selection.cases:
-            if dims <= self.inner.keys():
-                break
-            self._stored(case)
-        self._begin()
+        cases = self._cases()
+        while not dims <= self.inner.keys() and next(cases, None):
+            pass
         one_row = [
-            np.dtype(v.dtype).itemsize * math.prod(self.shape(v, 1)) for v in self.variables if self._has_rows(v)
+            np.dtype(v.dtype).itemsize * math.prod(self.shape(v, 1)) for v in self.variables if self.first in v.dims
         ]
         self.rows = max(1, min(len(selection.axes[self.first]), _CHUNK // max(1, *one_row)))
 
@@ -95,49 +92,75 @@ class Assembly:
         """The chunk of a variable along the first axis, None for one without it or without values."""
         chunk = self.shape(variable, self.rows)
         if np.dtype(variable.dtype).itemsize * math.prod(chunk) > _LARGEST_CHUNK:
-            outer = self.selection.axes
-            chunk = tuple(1 if dim in outer else size for dim, size in zip(variable.dims, chunk, strict=True))
-        return chunk if self._has_rows(variable) and 0 not in chunk else None
+            sizes = zip(variable.dims, chunk, strict=True)
+            chunk = tuple(1 if dim in self.selection.axes else size for dim, size in sizes)
+        return chunk if self.first in variable.dims and 0 not in chunk else None
 
     def pieces(self) -> Iterator[tuple[slice, dict[str, np.ndarray]]]:
         """Rows of the first axis and the arrays of these rows; variables without this axis come with the last piece.
 
         Raises `IntegrityError` if inner sizes differ between cases, or values that cases share differ.
         """
-        self._begin()
-        axes, n = self.selection.axes, self.rows
-        values = axes[self.first]
-        whole = {v.name: self._empty(v) for v in self.variables if not self._has_rows(v)}
+        axes, cases = self.selection.axes, self._cases()
+        n_rows, places = len(axes[self.first]), {name: {v: i for i, v in enumerate(axes[name])} for name in axes}
+        whole = {v.name: self._empty(v) for v in self.variables if self.first not in v.dims}
         filled = set[tuple[str, tuple]]()  # places of variables without some axis
-        for start in range(0, len(values), n):
-            part = replace(self.selection, axes={**axes, self.first: values[start : start + n]})
-            rows = slice(start, start + len(part.axes[self.first]))
-            table = whole | {v.name: self._empty(v, rows.stop - start) for v in self.variables if self._has_rows(v)}
+        for start in range(0, n_rows, self.rows):
+            rows = slice(start, min(start + self.rows, n_rows))
+            table = whole | {v.name: self._empty(v, rows.stop - start) for v in self.variables if self.first in v.dims}
             filled = {place for place in filled if place[0] in whole}
-            places = {name: {value: i for i, value in enumerate(values)} for name, values in part.axes.items()}
-            for case in part.cases:
-                arrays = self._arrays(case)
+            for case, arrays in islice(cases, (rows.stop - start) * self.selection.count // n_rows):
+                index = {name: places[name][value] for name, value in case.values.items()}
+                index[self.first] -= start
                 for name, dims in ((v.name, v.dims) for v in self.variables if v.name in arrays):
-                    place = tuple(places[dim][case.values[dim]] if dim in places else slice(None) for dim in dims)
-                    outer = (name, tuple(index for index in place if isinstance(index, int)))
-                    if len(outer[1]) < len(places):
+                    place = tuple(index.get(dim, slice(None)) for dim in dims)
+                    outer = (name, tuple(one for one in place if isinstance(one, int)))
+                    if len(outer[1]) < len(axes):
                         if outer in filled:
                             refuse_values(case, name, arrays[name], table[name][place])
                         filled.add(outer)
                     table[name][place] = arrays[name]
-            last = rows.stop == len(values)
+            last = rows.stop == n_rows
             yield rows, {name: array for name, array in table.items() if last or name not in whole}
+
+    def _cases(self) -> Iterator[tuple[Case, dict[str, Any]]]:
+        """Every case in order and what the dataset has of it; its shard stays in memory for the next one.
+
+        Counts the cases by their outcome and environment, and adds up the checksums of the shards.  Raises
+        `IntegrityError` if inner sizes differ between cases.
+        """
+        study, known, shard = self.selection.study, "", dict[str, StoredCase]()
+        self.environments, self.checksum = Counter[str](), 0
+        self.outcomes = Counter[tuple[str, Status, bool]]()  # by the word of the last axis
+        for case in self.selection.cases:
+            status, sound = Status.failed if case.id in self.failed else Status.missing, False
+            arrays = dict[str, Any]()
+            if case.id in self.records:
+                if case.shard != known:
+                    shard, checksum = read_shard(shard_path(self.shards, case), study, case)
+                    known = case.shard
+                    self.checksum += int.from_bytes(sha256(f"{known} {checksum}\n".encode()).digest())
+                stored = shard[case.id]
+                sizes = sizes_of(study, stored.arrays)
+                refuse_sizes(case.id, sizes, self.inner)
+                self.inner |= sizes
+                self.environments[stored.environment] += 1
+                status, sound = stored.status, bool(np.all(stored.arrays.get("valid", False)))
+                arrays = {**stored.arrays, "code": np.array(self.codes.index(stored.code), "i2")}
+            word = str([*case.values.values()][-1]) if study.axes[-1].is_words else ""
+            self.outcomes[word, status, sound] += 1
+            yield case, arrays if status is Status.missing else {**arrays, "status": np.asarray(status)}
 
     def coordinates(self) -> xr.Dataset:
         """The coordinates and attributes of the dataset."""
-        selection, labelled = self.selection, dict[str, xr.Variable]()
-        for axis in selection.study.axes:
+        selection, study, labelled = self.selection, self.selection.study, dict[str, xr.Variable]()
+        for axis in study.axes:
             values = selection.axes[axis.name]
             labelled[axis.name] = xr.Variable(axis.name, list(values), _meaning(axis.long_name, "1"))
             for label in axis.labels:
                 texts = [label.texts[word] for word in values]
                 labelled[label.name] = xr.Variable(axis.name, texts, _meaning(label.long_name, "1"))
-        for c in selection.study.coordinates:
+        for c in study.coordinates:
             labels = np.asarray(selection.parameters[c.parameter])
             labelled[c.name] = xr.Variable(c.name, labels, _meaning(c.long_name, c.units))
         for one in labelled.values():
@@ -145,8 +168,28 @@ class Assembly:
             if one.dtype.kind == "U":
                 # Fixed characters: the library crashes on strings of variable length in a file that is opened twice.
                 one.encoding["dtype"] = "S1"
-        attributes = {name: value for name, value in _global_attributes(selection).items() if value != ""}
-        return xr.Dataset(coords=labelled, attrs=attributes)
+        libraries = {name: version(name) for name in ("critflow", "xarray", "netCDF4")}
+        storing = {"netcdf-c": netCDF4.__netcdf4libversion__, "hdf5": netCDF4.__hdf5libversion__}
+        attributes = {
+            "Conventions": "CF-1.11, ACDD-1.3",
+            "title": study.title,
+            "keywords": ", ".join((*_KEYWORDS, study.name.replace("_", " "))),
+            "id": study.name,
+            "product_version": str(study.version),
+            "source": f"critflow {libraries['critflow']}",
+            "references": study.references,
+            "comment": _COMMENT,
+            "code": code_version(study),
+            **source_tree(),
+            "seed_entropy": SEED_ENTROPY,
+            "versions": json.dumps(environment_versions() | libraries | storing),
+            "study": study.name,
+            "study_version": study.version,
+            "schema_version": SCHEMA_VERSION,
+            "axes": " ".join(study.axis_names),
+            "parameters": json.dumps(dict(selection.parameters), sort_keys=True),
+        }
+        return xr.Dataset(coords=labelled, attrs={name: value for name, value in attributes.items() if value != ""})
 
     def variable_attributes(self, variable: Variable) -> dict[str, Any]:
         """Attributes of a variable after the CF and ACDD conventions."""
@@ -179,43 +222,8 @@ class Assembly:
         }
         return {name: value for name, value in attributes.items() if value != ""}
 
-    def _begin(self) -> None:
-        """Forget what is known about the shards that were read."""
-        self.environments, self.checksum, self._shard = Counter[str](), 0, ("", dict[str, StoredCase]())
-        self.outcomes = Counter[tuple[str, Status, bool]]()  # by the word of the last axis
-
-    def _has_rows(self, variable: Variable) -> bool:
-        return self.first in variable.dims
-
     def _empty(self, variable: Variable, rows: int | None = None) -> np.ndarray:
         return np.full(self.shape(variable, rows), variable.filler, variable.dtype)
-
-    def _stored(self, case: Case) -> StoredCase | None:
-        """A complete case, of which sizes may not differ from others; its shard stays in memory for the next one."""
-        study = self.selection.study
-        if case.id not in self.records:
-            return None
-        if self._shard[0] != case.shard:
-            cases, checksum = read_shard(shard_path(self.shards, case), study, case)
-            self._shard = (case.shard, cases)
-            self.checksum += int.from_bytes(sha256(f"{case.shard} {checksum}\n".encode()).digest())
-        stored = self._shard[1][case.id]
-        sizes = sizes_of(study, stored.arrays)
-        refuse_sizes(case.id, sizes, self.inner)
-        self.inner |= sizes
-        return stored
-
-    def _arrays(self, case: Case) -> dict[str, Any]:
-        """What the dataset has of a case, which is counted by its outcome."""
-        stored, sound, arrays = self._stored(case), False, dict[str, Any]()
-        status = stored.status if stored else Status.failed if case.id in self.failed else Status.missing
-        if stored:
-            sound = bool(np.all(stored.arrays.get("valid", False)))
-            self.environments[stored.environment] += 1
-            arrays = {**stored.arrays, "code": np.array(self.codes.index(stored.code), "i2")}
-        word = str([*case.values.values()][-1]) if self.selection.study.axes[-1].is_words else ""
-        self.outcomes[word, status, sound] += 1
-        return arrays | ({} if status is Status.missing else {"status": np.asarray(status)})
 
 
 def write_dataset(assembly: Assembly, path: Path, origin: Mapping[str, str]) -> None:
@@ -230,7 +238,17 @@ def write_dataset(assembly: Assembly, path: Path, origin: Mapping[str, str]) -> 
         stamped.to_netcdf(partial, engine="netcdf4", format="NETCDF4")
         with netCDF4.Dataset(partial, "a") as file:
             for variable in assembly.variables:
-                _create_variable(file, assembly, variable)
+                for dim, size in zip(variable.dims, assembly.shape(variable), strict=True):
+                    if dim not in file.dimensions:
+                        file.createDimension(dim, size)
+                # In chunks along the first axis; integers are compressed, which repeat.
+                number = variable.dtype[0] == "f"
+                options: dict[str, Any] = {"fill_value": np.nan if number else None}
+                if chunk := assembly.chunk(variable):
+                    options["chunksizes"] = chunk
+                    options |= {} if number else {"compression": "zlib", "complevel": 1, "shuffle": True}
+                created = file.createVariable(variable.name, variable.dtype, variable.dims, **options)
+                created.setncatts(assembly.variable_attributes(variable))
             file.set_auto_maskandscale(False)
             for rows, arrays in assembly.pieces():
                 for name, array in arrays.items():
@@ -243,20 +261,6 @@ def write_dataset(assembly: Assembly, path: Path, origin: Mapping[str, str]) -> 
             if any(sha256(file[name][place].tobytes()).digest() != digest for name, place, digest in written):
                 raise OSError("it does not read back as written")
         append_seal(partial)
-
-
-def _create_variable(file: netCDF4.Dataset, assembly: Assembly, variable: Variable) -> None:
-    """Create a variable of a file, in chunks along the first axis; integers are compressed, which repeat."""
-    for dim, size in zip(variable.dims, assembly.shape(variable), strict=True):
-        if dim not in file.dimensions:
-            file.createDimension(dim, size)
-    number = variable.dtype[0] == "f"
-    options: dict[str, Any] = {"fill_value": np.nan if number else None}
-    if chunk := assembly.chunk(variable):
-        options["chunksizes"] = chunk
-        options |= {} if number else {"compression": "zlib", "complevel": 1, "shuffle": True}
-    created = file.createVariable(variable.name, variable.dtype, variable.dims, **options)
-    created.setncatts(assembly.variable_attributes(variable))
 
 
 def _code_variable(selection: Selection, codes: Sequence[str], states: Sequence[CaseState]) -> Variable:
@@ -298,30 +302,6 @@ def opened_dataset(path: Path) -> Iterator[xr.Dataset]:
 
 def _counted(texts: Counter[str]) -> str:
     return "; ".join(f"{text}: {count} cases" for text, count in sorted(texts.items()))
-
-
-def _global_attributes(selection: Selection) -> dict[str, Any]:
-    study, libraries = selection.study, {name: version(name) for name in ("critflow", "xarray", "netCDF4")}
-    storing = {"netcdf-c": netCDF4.__netcdf4libversion__, "hdf5": netCDF4.__hdf5libversion__}
-    return {
-        "Conventions": "CF-1.11, ACDD-1.3",
-        "title": study.title,
-        "keywords": ", ".join((*_KEYWORDS, study.name.replace("_", " "))),
-        "id": study.name,
-        "product_version": str(study.version),
-        "source": f"critflow {libraries['critflow']}",
-        "references": study.references,
-        "comment": _COMMENT,
-        "code": code_version(study),
-        **source_tree(),
-        "seed_entropy": SEED_ENTROPY,
-        "versions": json.dumps(environment_versions() | libraries | storing),
-        "study": study.name,
-        "study_version": study.version,
-        "schema_version": SCHEMA_VERSION,
-        "axes": " ".join(study.axis_names),
-        "parameters": json.dumps(dict(selection.parameters), sort_keys=True),
-    }
 
 
 def _meaning(long_name: str, units: str, content: str = "coordinate") -> dict[str, Any]:

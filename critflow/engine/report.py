@@ -7,7 +7,7 @@ import json
 import math
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import asdict, replace
 from html import escape
 from pathlib import Path
 from typing import Any
@@ -25,7 +25,7 @@ from critflow.engine.study import DIFFERENCES, KINDS, Claim, Study
 from critflow.result import CritflowError, StudyError
 
 FORMATS = ("png", "pdf", "svg")
-MEANING = '"Differs" means that the sentence of the paper and the measurement disagree.'
+_MEANING = '"Differs" means that the sentence of the paper and the measurement disagree.'
 
 _MOVING, _FRAME, _LAST_FRAME = "gif", 140, 2500  # ending of animations; milliseconds
 
@@ -34,24 +34,15 @@ class ReportError(CritflowError):
     """A part of the report could not be made; the dataset is complete."""
 
 
-@dataclass(frozen=True)
-class Report:
-    """Parts that were written, and parts that need variables which the run does not store."""
-
-    written: list[str] = field(default_factory=list)
-    claims: list[Claim] = field(default_factory=list)
-    left_out: list[str] = field(default_factory=list)
-
-
-def write_report(study: Study, folder: Folder, format: str = "png") -> Report:
+def write_report(study: Study, folder: Folder, format: str = "png") -> tuple[list[str], list[str]]:
     """Write every part of the report; an error in one part does not stop the others.
 
     Parts that need variables which are not stored are left out, and their files of an earlier run are deleted.
-    Raises `ReportError` if a part could not be made.
+    Returns lines about the parts, and lines about the verdicts.  Raises `ReportError` if a part could not be made.
     """
     if format not in FORMATS:
         raise StudyError(f"figures can be {', '.join(FORMATS)}, not {format!r}")
-    report, errors = Report(), dict[str, Exception]()
+    written, left_out, claims, errors = list[str](), list[str](), list[Claim](), dict[str, Exception]()
     with opened_dataset(folder.dataset(study.name)) as dataset:
         # A figure and an animation may have the same name.
         pictures = [(name, format) for name in study.figures] + [(name, _MOVING) for name in study.animations]
@@ -59,7 +50,7 @@ def write_report(study: Study, folder: Folder, format: str = "png") -> Report:
         parts += [(name, paths, "") for name, paths in text_files(study, folder).items()]
         for name, paths, ending in parts:
             if not study.can_report(name):
-                report.left_out.append(name)
+                left_out.append(name)
                 for path in paths:
                     path.unlink(missing_ok=True)
                 continue
@@ -72,14 +63,24 @@ def write_report(study: Study, folder: Folder, format: str = "png") -> Report:
                 path.parent.mkdir(exist_ok=True)
                 with replacing(path) as partial:
                     partial.write_bytes(content)
-            report.written.append(name)
-            if name == "claims":
-                report.claims.extend(Claim(**claim) for claim in json.loads(contents[0]))
+            written.append(name)
+            if name == "claims" and not ending:
+                claims = [Claim(**claim) for claim in json.loads(contents[0])]
     if errors:
         name, cause = next(iter(errors.items()))
         others = f" (and {len(errors) - 1} more parts)" if len(errors) > 1 else ""
         raise ReportError(f"{name!r} could not be made{others}: {type(cause).__name__}: {cause}") from cause
-    return report
+    parts_of = {"": written, "not made, because the run does not store their variables: ": left_out}
+    lines = [f"{folder.path}: {text}{', '.join(names)}" for text, names in parts_of.items() if names]
+    return lines, _verdicts(study, claims, folder) if claims else []
+
+
+def _verdicts(study: Study, claims: Sequence[Claim], folder: Folder) -> list[str]:
+    """The verdicts of a report in words, and those of the committed run of the study."""
+    link = f": see {folder.path / 'claims.md'}"
+    tested = [text for kind in KINDS if (text := verdict_sentence(claims, kind, link))]
+    known = [f"{_MEANING} {study.committed}".rstrip()] if verdict_sentence(claims, "paper", "") else []
+    return [*(tested or [f"Measured values, without a verdict{link}."]), *known]
 
 
 def _picture(study: Study, name: str, dataset: xr.Dataset, ending: str) -> list[bytes]:
@@ -117,9 +118,8 @@ def _picture(study: Study, name: str, dataset: xr.Dataset, ending: str) -> list[
 
 def text_files(study: Study, folder: Folder) -> dict[str, list[Path]]:
     """The parts of a report that are text, and their files."""
-    path = folder.path
-    claims = {"claims": [path / "claims.json", path / "claims.md"]} if study.claims is not None else {}
-    return claims | ({"summary": [path / "summary.json"]} if study.summary is not None else {})
+    files = {"claims": ("claims.json", "claims.md"), "summary": ("summary.json",)}
+    return {part: [folder.path / name for name in names] for part, names in files.items() if getattr(study, part)}
 
 
 def texts(study: Study, name: str, dataset: xr.Dataset) -> list[bytes]:
@@ -131,7 +131,16 @@ def texts(study: Study, name: str, dataset: xr.Dataset) -> list[bytes]:
     sample = axis.counted(dataset.sizes[axis.name])
     claims = [replace(c, sample=c.sample or sample) for c in (study.claims(dataset) if study.claims else ())]
     listed = json.dumps([asdict(claim) for claim in claims], indent=1, ensure_ascii=False) + "\n"
-    return [listed.encode(), _page(study.title, claims, _code_note(dataset)).encode()]
+    # In Markdown a table for each kind; the note on the dataset stands below the title.
+    note = _code_note(dataset)
+    lines = [f"# {study.title}", *(["", f"{note[0].upper()}{note[1:]}."] if note else [])]
+    for kind in KINDS:
+        if of_kind := [claim for claim in claims if claim.kind == kind]:
+            lines += ["", f"## {KINDS[kind].capitalize()}", ""]
+            if text := verdict_sentence(of_kind, kind, ""):
+                lines += [f"{text} {_MEANING}" if kind == "paper" else text, ""]
+            lines += table(of_kind, places=kind == "paper")
+    return [listed.encode(), ("\n".join(lines) + "\n").encode()]
 
 
 def _code_note(dataset: xr.Dataset) -> str:
@@ -155,22 +164,13 @@ def _plain(value: Any) -> Any:
 # Claims in words
 
 
-def _page(title: str, claims: Sequence[Claim], note: str) -> str:
-    """The claims in Markdown, a table for each kind; the note on the dataset stands below the title."""
-    lines = [f"# {title}", *(["", f"{note[0].upper()}{note[1:]}."] if note else [])]
-    for kind in KINDS:
-        if of_kind := [claim for claim in claims if claim.kind == kind]:
-            lines += ["", f"## {KINDS[kind].capitalize()}", ""]
-            if text := verdict_sentence(of_kind, kind, ""):
-                lines += [f"{text} {MEANING}" if kind == "paper" else text, ""]
-            lines += table(of_kind, places=kind == "paper")
-    return "\n".join(lines) + "\n"
-
-
 def counted(verdicts: Mapping[str, int]) -> str:
     """The verdicts in words: "15 hold, 2 differ and 1 is undecided"."""
-    forms = {"holds": ("holds", "hold"), "differs": ("differs", "differ")}
-    forms["undecided"] = ("is undecided", "are undecided")
+    forms = {
+        "holds": ("holds", "hold"),
+        "differs": ("differs", "differ"),
+        "undecided": ("is undecided", "are undecided"),
+    }
     parts = [f"{number} {words[number != 1]}" for name, words in forms.items() if (number := verdicts.get(name, 0))]
     return " and ".join(filter(None, (", ".join(parts[:-1]), *parts[-1:])))
 
@@ -192,28 +192,22 @@ def table(claims: Sequence[Claim], places: bool) -> list[str]:
         head.pop()
     lines = ["| " + " | ".join(head) + " |", "|---" * len(head) + "|"]
     for claim in claims:
+        # What is printed, the criterion and the variants, as HTML that a reader details.
+        folded = [line for line in (claim.paper and f"printed: {claim.paper}", claim.criterion) if line]
+        folded += [
+            f"{row['variant']}: {row['value']} ({', '.join(filter(None, (row.get('n', ''), row.get('verdict', ''))))})"
+            for row in claim.rows
+        ]
+        words = ["criterion"] if claim.criterion else []
+        words += [f"{len(claim.rows)} measurement{'s' * (len(claim.rows) > 1)}"] if claim.rows else []
+        text = "<br>".join(escape(line, quote=False) for line in folded)
+        details = f" <details><summary>{', '.join(words) or 'printed'}</summary>{text}</details>" if folded else ""
         reasons = (DIFFERENCES.get(claim.difference), claim.because)
         cells = {
             "statement": escape(claim.statement, quote=False), "place": claim.place, "verdict": claim.verdict,
-            "value": f"{escape(claim.value, quote=False)}{_folded(claim)}", "n": claim.sample,
+            "value": f"{escape(claim.value, quote=False)}{details}", "n": claim.sample,
             "remark": escape(": ".join(filter(None, reasons)), quote=False),
         }  # fmt: skip
         texts = (cells[name].replace("|", "\\|").replace("\n", " ") for name in head)
         lines.append("| " + " | ".join(texts) + " |")
     return lines
-
-
-def _folded(claim: Claim) -> str:
-    """What is printed, the criterion and the variants, as HTML that a reader unfolds."""
-    lines = [f"printed: {claim.paper}"] if claim.paper else []
-    lines += [claim.criterion] if claim.criterion else []
-    lines += [
-        f"{row['variant']}: {row['value']} ({', '.join(filter(None, (row.get('n', ''), row.get('verdict', ''))))})"
-        for row in claim.rows
-    ]
-    if not lines:
-        return ""
-    words = ["criterion"] if claim.criterion else []
-    words += [f"{len(claim.rows)} measurement{'s' * (len(claim.rows) > 1)}"] if claim.rows else []
-    text = "<br>".join(escape(line, quote=False) for line in lines)
-    return f" <details><summary>{', '.join(words) or 'printed'}</summary>{text}</details>"

@@ -24,7 +24,7 @@ from types import FrameType
 from critflow.calls import rename, running, say
 from critflow.engine.code_digest import StudyFile, code_version, environment, timestamp
 from critflow.engine.dataset import Assembly, write_dataset
-from critflow.engine.report import Report, ReportError, write_report
+from critflow.engine.report import ReportError, write_report
 from critflow.engine.settings import LONGEST, Case, Selection, Workers, spelled
 from critflow.engine.store import (
     CHANGED,
@@ -92,14 +92,14 @@ def run_study(
     origin: Mapping[str, str],
     retry_failed: bool,
     other: str,
-) -> tuple[int, dict[str, str], Report]:
+) -> tuple[int, dict[str, str], tuple[list[str], list[str]]]:
     """Compute the cases that are not stored, then write the dataset and its report.
 
     origin  attributes of the dataset, as in `write_dataset`
     other   as in `plan_run`
 
     Returns the number of requested cases that were stored before, the ids of those that failed with their reasons, and
-    the report.  Raises `Interrupted` if the run is stopped.
+    the lines of `write_report`.  Raises `Interrupted` if the run is stopped.
     """
     study = requested.study
     with folder.locked(loaded):
@@ -124,7 +124,7 @@ def run_study(
             if not failed:
                 raise
             say(f"critflow: {error}")
-            return kept, failed, Report()
+            return kept, failed, ([], [])
 
 
 def write_partial_dataset(folder: Folder, origin: Mapping[str, str]) -> str:

@@ -1,4 +1,4 @@
-"""What a run is: its settings, the identities and random streams of its cases, its workers, the choice of a case.
+"""What a run is: its settings, the identities and random streams of its cases, and its workers.
 
 One spelling of `--set` serves every setting; the type of the default decides how it is read:
 
@@ -18,20 +18,17 @@ import math
 import re
 from collections import Counter
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from decimal import Decimal, InvalidOperation
 from functools import cached_property
 from hashlib import blake2b, sha256
-from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
-from critflow.engine.study import LONGEST, Axis, Study, nearest, require
+from critflow.engine.study import LONGEST, Study, nearest, require
 from critflow.result import CritflowError, InputError, StudyError
-
-if TYPE_CHECKING:
-    import xarray as xr
 
 HOUR = 3600.0
 # Derivation of every random number, stored in the files that contain some.
@@ -58,18 +55,16 @@ def stable_rng(entropy: int, *words: str) -> np.random.Generator:
 class Case:
     """One unit of computation: the parameters and one value of every axis.  Its id depends on nothing else."""
 
-    study: str
-    version: int
+    study: Study  # restricted to the stored variables
     parameters: Mapping[str, Any]
     values: Mapping[str, int | str]
-    variables: tuple[str, ...] = ()  # stored variables; empty if all are stored
 
     @cached_property
     def id(self) -> str:
         """Axis values, and the hash of all that distinguishes the case, in characters that are valid in file names."""
-        identity = [self.study, self.version, dict(self.parameters), dict(self.values)]
-        if self.variables:  # shards with fewer variables never replace complete ones
-            identity.append(self.variables)
+        identity = [self.study.name, self.study.version, dict(self.parameters), dict(self.values)]
+        if self.study.selected:  # shards with fewer variables never replace complete ones
+            identity.append(self.study.selected)
         digest = sha256(json.dumps(identity, sort_keys=True).encode()).hexdigest()[:16]
         values = [f"{k}{v}" if isinstance(v, int) else _UNREADABLE.sub("_", v) for k, v in self.values.items()]
         return f"{'-'.join(values)[:80]}-{digest}"
@@ -77,7 +72,7 @@ class Case:
     @cached_property
     def shard(self) -> str:
         """Name of the file that stores all cases with this value of the first axis and these parameters."""
-        return Case(self.study, self.version, self.parameters, dict([*self.values.items()][:1]), self.variables).id
+        return Case(self.study, self.parameters, dict([*self.values.items()][:1])).id
 
 
 @dataclass(frozen=True)
@@ -89,7 +84,7 @@ class Selection:
     axes: Mapping[str, tuple]
 
     def case(self, **values: int | str) -> Case:
-        return Case(self.study.name, self.study.version, self.parameters, values, self.study.selected)
+        return Case(self.study, self.parameters, values)
 
     @cached_property
     def cases(self) -> Sequence[Case]:
@@ -110,10 +105,21 @@ class Selection:
 
 def select(study: Study, words: Sequence[str] = ()) -> Selection:
     """The defaults of the study with the `key=value` words in their place; `StudyError` for any invalid word."""
-    given = _settings(study, words)
-    values = {a.name: _axis_values(a, given[a.key]) if a.key in given else tuple(a.values) for a in study.axes}
-    axes = {axis.name: tuple(sorted(values[axis.name], key=axis.place)) for axis in study.axes}
-    chosen = {k: _parameter(k, given[k], v) if k in given else v for k, v in study.parameters.items()}
+    given: dict[str, str] = {}  # text of each setting
+    keys = [*(axis.key for axis in study.axes), *study.parameters, "variables"]
+    for word in words:
+        require(word.isprintable(), f"--set {word!a} contains unprintable characters")
+        key, equals, text = word.partition("=")
+        require(equals, f"--set {word} has no value: write --set {word}=VALUE")
+        require(key in keys, f"study {study.name!r} has no setting {key!r}: {nearest(key, keys, 'settings')}")
+        require(key not in given, f"{key} is set twice: give it once, with all its values")
+        given[key] = text.strip()
+    axes = dict[str, tuple]()
+    for axis in study.axes:
+        choices = axis.values if axis.is_words else ()
+        values = _setting(axis.key, given[axis.key], axis.values, choices) if axis.key in given else axis.values
+        axes[axis.name] = tuple(sorted(values, key=axis.place))
+    chosen = {k: _setting(k, given[k], v) if k in given else v for k, v in study.parameters.items()}
     # An empty word is no setting, so that a new one leaves the identity of stored cases.
     parameters: Mapping[str, Any] = {k: v for k, v in chosen.items() if v != ""}
     if study.complete is not None:
@@ -137,20 +143,6 @@ def select(study: Study, words: Sequence[str] = ()) -> Selection:
     return selection
 
 
-def _settings(study: Study, words: Sequence[str]) -> dict[str, str]:
-    """Text of each setting in the words."""
-    given: dict[str, str] = {}
-    keys = [*(axis.key for axis in study.axes), *study.parameters, "variables"]
-    for word in words:
-        require(word.isprintable(), f"--set {word!a} contains unprintable characters")
-        key, equals, text = word.partition("=")
-        require(equals, f"--set {word} has no value: write --set {word}=VALUE")
-        require(key in keys, f"study {study.name!r} has no setting {key!r}: {nearest(key, keys, 'settings')}")
-        require(key not in given, f"{key} is set twice: give it once, with all its values")
-        given[key] = text.strip()
-    return given
-
-
 def spelled(value: Any) -> str:
     """A value as `--set` reads it; successive whole numbers as a range."""
     if isinstance(value, bool):
@@ -162,11 +154,12 @@ def spelled(value: Any) -> str:
     return ",".join(map(str, value))
 
 
-def words_of_case(study: Study, case: Case) -> list[str]:
+def words_of_case(case: Case) -> list[str]:
     """The `key=value` words that select exactly this case."""
+    study = case.study
     words = [f"{axis.key}={spelled(case.values[axis.name])}" for axis in study.axes]
     words += [f"{k}={spelled(value)}" for k, value in case.parameters.items() if value != study.parameters[k]]
-    return words + ([f"variables={spelled(case.variables)}"] if case.variables else [])
+    return words + ([f"variables={spelled(study.selected)}"] if study.selected else [])
 
 
 def decimals(text: str, key: str = "decimals") -> tuple[float, ...]:
@@ -174,20 +167,11 @@ def decimals(text: str, key: str = "decimals") -> tuple[float, ...]:
     return _numbers(key, text, float)
 
 
-def _axis_values(axis: Axis, text: str) -> tuple:
-    values = _values(axis.key, text, tuple(axis.values))
-    for value in values if axis.is_words else ():
-        advice = nearest(value, [str(word) for word in axis.values], "choices")
-        require(value in axis.values, f"{axis.key} has no {value!r}: {advice}")
-    _refuse_duplicates(axis.key, values)
-    return values
-
-
 def _variables(study: Study, text: str) -> tuple[str, ...]:
     """Names of the requested variables."""
     table = [variable.name for variable in study.variables]
-    words = {"all": table, "scalars": [name for name in table if not study.inner_dims[name]]}
-    words |= {name: [name] for name in table}
+    scalars = [name for name in table if not study.inner_dims[name]]
+    words = {"all": table, "scalars": scalars, **{name: [name] for name in table}}
     pieces = _pieces("variables", text)
     for piece in pieces:
         known = piece in words
@@ -196,28 +180,26 @@ def _variables(study: Study, text: str) -> tuple[str, ...]:
     return tuple(name for piece in pieces for name in words[piece])
 
 
-def _parameter(key: str, text: str, default: Any) -> Any:
-    """The text as a value of the type of the default."""
+def _setting(key: str, text: str, default: Any, choices: Sequence[Any] = ()) -> Any:
+    """The text as the default is: a truth value, words, or numbers, which are negative only if it contains some.
+
+    choices  all words that there are, if not every word is one
+    """
     if isinstance(default, bool):
         require(text in ("true", "false"), f"{key}={text} must be true or false")
         return text == "true"
-    listed = isinstance(default, tuple)
-    values = _values(key, text, default if listed else (default,))
-    if listed:
+    known = default if isinstance(default, tuple) else (default,)
+    words = isinstance(known[0], str)
+    values: tuple = _pieces(key, text) if words else _numbers(key, text, type(known[0]))
+    negative = not words and min(known) >= 0 > min(values)
+    require(not negative, f"{key} must not be negative, but {min(values)} is")
+    for value in values if choices else ():
+        require(value in choices, f"{key} has no {value!r}: {nearest(value, choices, 'choices')}")
+    if isinstance(default, tuple):
         _refuse_duplicates(key, values)
         return values
     require(len(values) == 1, f"{key}={text} must be one value, as in {key}={default}")
     return values[0]
-
-
-def _values(key: str, text: str, default: tuple) -> tuple:
-    """Words or numbers as the default has; negative numbers only if it contains some."""
-    if isinstance(default[0], str):
-        return _pieces(key, text)
-    values = _numbers(key, text, type(default[0]))
-    negative = min(default) >= 0 > min(values)
-    require(not negative, f"{key} must not be negative, but {min(values)} is")
-    return values
 
 
 def _numbers(key: str, text: str, kind: type) -> tuple:
@@ -249,14 +231,12 @@ def _pieces(key: str, text: str) -> tuple[str, ...]:
 
 def _number(key: str, text: str, whole: bool) -> Decimal:
     """The number that a text is, exactly."""
-    kind = "whole" if whole else "finite"
-    try:
+    value, valid = Decimal(0), False
+    with suppress(InvalidOperation):
         value = Decimal(text.strip())
-    except InvalidOperation:
-        raise StudyError(f"{key} needs {kind} numbers, not {text!r}") from None
-    finite = value.is_finite() and math.isfinite(float(value))
-    valid = re.fullmatch(r"\s*[+-]?[0-9]{1,18}\s*", text) if whole else finite
-    require(valid, f"{key} needs {kind} numbers, not {text!r}")
+        finite = value.is_finite() and math.isfinite(float(value))
+        valid = bool(re.fullmatch(r"\s*[+-]?[0-9]{1,18}\s*", text)) if whole else finite
+    require(valid, f"{key} needs {'whole' if whole else 'finite'} numbers, not {text!r}")
     return value
 
 
@@ -280,18 +260,19 @@ class Workers:
     gigabytes: float | None = None  # memory of a local worker; an equal share by default
 
     def __post_init__(self) -> None:
+        encrypted = not self.scheduler or self.scheduler.startswith("tls://") or self.insecure
+        limited = (self.case_seconds, self.gigabytes) != (HOUR, None)
         for option, value in (("--time-limit", self.case_seconds), ("--memory-limit", self.gigabytes)):
             if value is not None and not 0 < value < math.inf:
                 raise InputError(f"{option} {value:g} must be a number above zero")
-        if self.processes < 0:
-            raise InputError("--workers must not be negative")
-        if self.scheduler and not self.scheduler.startswith("tls://") and not self.insecure:
-            raise InputError(f"the scheduler at {self.scheduler!r} is not encrypted: use tls://, or add --insecure")
-        limited = (self.case_seconds, self.gigabytes) != (HOUR, None)
-        if limited and not self.processes and not self.scheduler:
-            raise InputError("limits need worker processes: give --workers 1")
-        if self.scheduler and self.gigabytes is not None:
-            raise InputError("--memory-limit applies to local workers: leave it out")
+        for wrong, sentence in (
+            (self.processes < 0, "--workers must not be negative"),
+            (not encrypted, f"the scheduler at {self.scheduler!r} is not encrypted: use tls://, or add --insecure"),
+            (limited and not self.processes and not self.scheduler, "limits need worker processes: give --workers 1"),
+            (self.scheduler and self.gigabytes, "--memory-limit applies to local workers: leave it out"),
+        ):
+            if wrong:
+                raise InputError(sentence)
 
     @property
     def place(self) -> str:
@@ -304,63 +285,3 @@ class Workers:
         """Words that give one case alone the same limits."""
         limits = [] if self.case_seconds == HOUR else [f"--time-limit={self.case_seconds:g}"]
         return ("--workers=1", *limits, *([] if self.gigabytes is None else [f"--memory-limit={self.gigabytes:g}"]))
-
-
-def require_folder(path: Path) -> None:
-    """Raise `InputError` where a file cannot be written for want of its folder, or is a folder itself."""
-    if not path.parent.is_dir():
-        raise InputError(f"there is no folder {path.parent} for {path.name}: make it, or choose another")
-    if path.is_dir():
-        raise InputError(f"{path} is a folder: give the name of a file in it")
-
-
-def choose_case(dataset: xr.Dataset, words: Sequence[str]) -> xr.Dataset:
-    """The case with the axis values of the `axis=value` words; an axis with one value may be omitted."""
-    axes = dataset.attrs["axes"].split()
-    chosen: dict[str, int] = {}
-    for word in words:
-        name, equals, text = word.partition("=")
-        require(equals, f"--set {word} has no value: write --set {word}=VALUE")
-        require(name in axes, f"the dataset has no axis {name!r}: {nearest(name, axes, 'axes')}")
-        require(name not in chosen, f"{name} is set twice: a case has one value of it")
-        labels = [str(label) for label in dataset[name].values]
-        require(text in labels, f"{name} has no {text!r} here: {_choices(name, text, dataset[name].values, labels)}")
-        chosen[name] = labels.index(text)
-    for name in axes:
-        clear, example = name in chosen or dataset.sizes[name] == 1, dataset[name].values[0]
-        require(clear, f"which {name}? add --set {name}={example}, or another of its values")
-    return dataset.isel({name: chosen.get(name, 0) for name in axes})
-
-
-def _choices(name: str, text: str, values: np.ndarray, labels: Sequence[str]) -> str:
-    """The values of an axis: the first and last of consecutive numbers, else the nearest word, or all of them."""
-    if values.dtype.kind in "iu" and len(values) > 1 and (np.diff(values) == 1).all():
-        return f"{name}s are {labels[0]} to {labels[-1]}"
-    if values.dtype.kind in "iuf":
-        return f"the values of {name} are {', '.join(labels)}"
-    return nearest(text, labels, f"values of {name}")
-
-
-def case_title(case: xr.Dataset, separator: str = "-") -> str:
-    """Axis values of a case, in the order of the axes."""
-    return separator.join(f"{axis}-{case[axis].item()}" for axis in case.attrs["axes"].split())
-
-
-def stored_configuration(case: Any) -> dict[str, np.ndarray | None]:
-    """Edges, offsets, cell, position and stresses of a case, by name; no stresses are None.
-
-    Raises `InputError` for a dataset without configurations, several cases, and a case without a configuration.
-    """
-    if missing := [name for name in ("edges", "offsets", "cell", "position") if name not in case]:
-        raise InputError(f"this dataset contains no configurations: it lacks {', '.join(missing)}")
-    if several := [dim for dim in case["position"].dims if dim not in ("vertex", "axis")]:
-        example = ", ".join(
-            f"{dim}={case[dim].values[0].item()!r}" if dim in case.coords else f"{dim}=0" for dim in several
-        )
-        chosen = f"dataset.sel({example})" if set(several) <= set(case.coords) else f"dataset.isel({example})"
-        raise InputError(f"choose one {' and one '.join(several)} of the dataset, as in {chosen}")
-    position = np.asarray(case["position"], dtype=float)
-    if not np.isfinite(position).all():
-        raise InputError("this case of the dataset has no configuration: see its status, or choose another")
-    arrays: dict[str, np.ndarray | None] = {name: np.asarray(case[name]) for name in ("edges", "offsets", "cell")}
-    return arrays | {"position": position, "sigma": np.asarray(case["sigma"]) if "sigma" in case else None}

@@ -34,7 +34,7 @@ if TYPE_CHECKING:  # a case function needs neither library
 
 LONGEST = 1_000_000  # values of one setting, and cases of one run: a larger number is a typing error
 
-_NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*")
+_NAME, _STUDY_NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*"), re.compile(r"[A-Za-z0-9][A-Za-z0-9_-]*")
 _ALWAYS = ("status", "valid")  # variables that every selection of members needs
 _DTYPES = ("f4", "f8", "i1", "i2", "i4", "i8", "u1", "u2", "u4")
 
@@ -147,17 +147,17 @@ class Variable:
         _identifier(self.name, "variable")
         name = f"variable {self.name!r}"
         require(not isinstance(self.dims, str), f"dims of {name} must be a tuple: write ({self.dims!r},)")
-        dims = tuple(self.dims)
-        require(len(set(dims)) == len(dims), f"{name} names a dimension twice: call the second one {dims[-1:]}_")
+        _set(self, dims=tuple(self.dims))
+        twice = len(set(self.dims)) < len(self.dims)
+        require(not twice, f"{name} names a dimension twice: call the second one {self.dims[-1:]}_")
         require(self.dtype in _DTYPES, f"dtype {self.dtype!r} of {name} must be one of {', '.join(_DTYPES)}")
         if self.dtype[0] == "f":
             require(not self.flags and self.fill is None, f"{name} has flags or a fill: give it an integer dtype")
-            _set(self, dims=dims)
-            return
-        limits = np.iinfo(self.dtype)
-        fill = self.fill if self.fill is not None else limits.min if self.dtype[0] == "i" else limits.max
-        require(limits.min <= fill <= limits.max, f"fill {fill} of {name} does not fit its dtype {self.dtype}")
-        _set(self, dims=dims, fill=int(fill))
+        else:
+            limits = np.iinfo(self.dtype)
+            fill = self.fill if self.fill is not None else limits.min if self.dtype[0] == "i" else limits.max
+            require(limits.min <= fill <= limits.max, f"fill {fill} of {name} does not fit its dtype {self.dtype}")
+            _set(self, fill=int(fill))
 
     @property
     def filler(self) -> float | int:
@@ -174,8 +174,10 @@ class Variable:
         array = given.astype(target)
         if self.fill is not None:
             require(np.array_equal(array, given), f"{self.name!r} has numbers too large for {self.dtype}")
-            missing = not self.flags and bool((array == self.fill).any())
-            require(not missing, f"{self.name!r} contains {self.fill}, its value for a missing one: declare another")
+            require(
+                self.flags or self.fill not in array,
+                f"{self.name!r} contains {self.fill}, its value for a missing one: declare another",
+            )
         return array
 
 
@@ -213,12 +215,13 @@ class Claim:
         claim = f"claim {self.key!r}"
         require(self.verdict in VERDICTS, f"verdict {self.verdict!r} of {claim} must be one of {', '.join(VERDICTS)}")
         require(self.kind in KINDS, f"kind {self.kind!r} of {claim} must be one of {', '.join(KINDS)}")
-        known = self.difference in ("", *DIFFERENCES)
-        require(known, f"difference {self.difference!r} of {claim} must be one of {', '.join(DIFFERENCES)}")
-        explained = self.verdict in ("holds", "measured") or bool(self.because.strip())
+        require(
+            self.difference in ("", *DIFFERENCES),
+            f"difference {self.difference!r} of {claim} must be one of {', '.join(DIFFERENCES)}",
+        )
+        explained = self.verdict in ("holds", "measured") or self.because.strip()
         require(explained, f"{claim} {self.verdict}: give the reason in `because`")
-        tested = self.verdict == "measured" or bool(self.criterion)
-        require(tested, f"{claim} {self.verdict}: state its `criterion`")
+        require(self.verdict == "measured" or self.criterion, f"{claim} {self.verdict}: state its `criterion`")
 
     @classmethod
     def tested(
@@ -268,37 +271,36 @@ class Study:
 
     def __post_init__(self) -> None:
         name = f"study {self.name!r}"
-        valid = re.fullmatch(r"[A-Za-z0-9][A-Za-z0-9_-]*", self.name)
-        require(valid, f"study name {self.name!r} must be letters, digits, - and _")
+        require(_STUDY_NAME.fullmatch(self.name), f"study name {self.name!r} must be letters, digits, - and _")
         listed = ("axes", "variables", "coordinates", "extras", "left_out")
         parameters = {key: _plain_parameter(key, value) for key, value in self.parameters.items()}
         _set(self, parameters=parameters, **{key: tuple(getattr(self, key)) for key in listed})
         require(self.axes, f"{name} needs at least one axis")
-        positive = type(self.version) is int and self.version > 0
-        require(positive, f"version {self.version!r} of {name} must be a whole number above zero")
+        require(
+            type(self.version) is int and self.version > 0,
+            f"version {self.version!r} of {name} must be a whole number above zero",
+        )
         for part in (*self.figures, *self.animations):
             _identifier(part, "figure")
         require(self.workers is None or self.workers > 0, f"{name} must allow one worker, or omit `workers`")
-        self._check_functions()
-        self._check_table()
-
-    def _check_functions(self) -> None:
-        """Raise unless the case function takes the axes, and `needs` names parts of the report and variables."""
-        require(callable(self.case), f"case of study {self.name!r} must be a function, not {self.case!r}")
+        # The case function takes the axes.
+        require(callable(self.case), f"case of {name} must be a function, not {self.case!r}")
         signature = inspect.signature(self.case)
         wanted = {"wanted"} & signature.parameters.keys()
         try:
             signature.bind({}, **dict.fromkeys((*self.axis_names, *wanted)))
         except TypeError as error:
             expected = f"case(parameters, *, {', '.join(self.axis_names)})"
-            raise StudyError(f"the case function of study {self.name!r} must be {expected}: {error}") from error
+            raise StudyError(f"the case function of {name} must be {expected}: {error}") from error
+        # Parts of the report need variables that are declared.
         parts = [*self.figures, *self.animations, "claims", "summary", "verify"]
         variables = [variable.name for variable in (*self.variables, *self.left_out)]
         for part, names in self.needs.items():
-            require(part in parts, f"needs of study {self.name!r} names {part!r}: {nearest(part, parts, 'parts')}")
+            require(part in parts, f"needs of {name} names {part!r}: {nearest(part, parts, 'parts')}")
             require(not isinstance(names, str), f"needs of {part!r} must be a tuple of names: write ({names!r},)")
-            for name in set(names).difference(variables):
-                raise StudyError(f"{part!r} needs {name!r}, not declared: {nearest(name, variables, 'variables')}")
+            for word in set(names).difference(variables):
+                raise StudyError(f"{part!r} needs {word!r}, not declared: {nearest(word, variables, 'variables')}")
+        self._check_table()
 
     def _check_table(self) -> None:
         """Raise unless names are unique and axes, parameters, coordinates and variables agree."""
@@ -313,18 +315,20 @@ class Study:
         for c in self.coordinates:
             listed = isinstance(parameters.get(c.parameter), tuple)
             require(listed, f"coordinate {c.name!r} needs a parameter {c.parameter!r} with a list")
+        axes = set(self.axis_names)
         for v in self.variables:
-            complete = not v.volatile or set(self.axis_names) <= set(v.dims)
-            require(complete, f"variable {v.name!r} is volatile, so cases cannot share it: add every axis")
-        status = [v for v in self.variables if v.name == "status" and v.flags is Status]
-        right = [set(v.dims) for v in status] == [set(self.axis_names)]
-        require(right, f"{name} needs a variable 'status' over exactly its axes with flags=Status")
+            shared = v.volatile and not axes <= set(v.dims)
+            require(not shared, f"variable {v.name!r} is volatile, so cases cannot share it: add every axis")
+        status = [set(v.dims) for v in self.variables if v.name == "status" and v.flags is Status]
+        require(status == [axes], f"{name} needs a variable 'status' over exactly its axes with flags=Status")
 
     def worker_count(self, requested: int | None, available: int) -> int:
         """Number of worker processes: the requested number, otherwise one per CPU within the limit of the study."""
         limit = self.workers or max(available, requested or 0)
-        message = f"--workers {requested} disturbs the times that {self.name!r} measures: give at most {limit}"
-        require(requested is None or requested <= limit, message)
+        require(
+            requested is None or requested <= limit,
+            f"--workers {requested} disturbs the times that {self.name!r} measures: give at most {limit}",
+        )
         return min(available, limit) if requested is None else requested
 
     def can_report(self, part: str) -> bool:
@@ -364,9 +368,9 @@ class Study:
 
     def computed(self, parameters: Mapping[str, Any], values: Mapping[str, int | str]) -> dict[str, np.ndarray]:
         """Arrays of one case, computed and checked."""
+        stored = {"wanted": frozenset(variable.name for variable in self.variables)}
         selective = "wanted" in inspect.signature(self.case).parameters
-        wanted = {"wanted": frozenset(variable.name for variable in self.variables)} if selective else {}
-        return self.arrays(self.case(parameters, **values, **wanted), parameters)
+        return self.arrays(self.case(parameters, **values, **(stored if selective else {})), parameters)
 
     def arrays(self, returned: Any, parameters: Mapping[str, Any]) -> dict[str, np.ndarray]:
         """The returned arrays, checked against the table and cast; variables may be missing unless the status is ok."""
@@ -376,15 +380,15 @@ class Study:
         names = [variable.name for variable in self.variables]
         declared = [*names, *(variable.name for variable in self.left_out)]
         for name in set(returned).difference(declared):
-            hint = nearest(name, declared, "variables")
-            raise StudyError(f"the case function returned {name!r}, which no variable declares: {hint}")
+            raise StudyError(
+                f"the case function returned {name!r}, which no variable declares: "
+                f"{nearest(name, declared, 'variables')}"
+            )
         if status is Status.ok and (missing := [name for name in names if name not in returned]):
             raise StudyError(f"the case function returned status ok without {', '.join(missing)}")
         sizes = {coordinate.name: len(parameters[coordinate.parameter]) for coordinate in self.coordinates}
         arrays = {}
-        for variable in self.variables:
-            if variable.name not in returned:
-                continue
+        for variable in (one for one in self.variables if one.name in returned):
             array, dims = variable.cast(returned[variable.name]), self.inner_dims[variable.name]
             name, fits = repr(variable.name), array.ndim == len(dims) and 0 not in array.shape
             require(fits, f"{name} has shape {array.shape} in a case, its inner dimensions are {dims}")
@@ -408,7 +412,9 @@ def _plain_parameter(key: str, value: Any) -> Any:
         items = tuple(float(item) for item in items)
     finite = all(math.isfinite(item) for item in items if isinstance(item, float))
     require(finite, f"parameter {key!r} must default to finite numbers, not {value}")
-    kinds = {type(item) for item in items}
-    if len(kinds) == 1 and kinds <= ({int, float, str} if listed else {bool, int, float, str}):
-        return items if listed else items[0]
-    raise StudyError(f"parameter {key!r} must default to a number, word or truth value, or a list of numbers or words")
+    kinds, known = {type(item) for item in items}, {int, float, str} if listed else {bool, int, float, str}
+    require(
+        len(kinds) == 1 and kinds <= known,
+        f"parameter {key!r} must default to a number, word or truth value, or a list of numbers or words",
+    )
+    return items if listed else items[0]

@@ -179,7 +179,7 @@ def record_failure(job: Job, study: Study, case: Case, error: str, seconds: floa
     error = error.strip().replace("\0", "\\0").encode(errors="backslashreplace").decode()
     if len(error) > _LONGEST_ERROR:
         error = f"{error[: _LONGEST_ERROR // 2]}\n...\n{error[-_LONGEST_ERROR // 2 :]}"
-    settings = [f"--set={word}" for word in words_of_case(study, case)]
+    settings = [f"--set={word}" for word in words_of_case(case)]
     lines = [shlex.join(["critflow", "run", job.command[0], *settings, *job.command[1:]]), ""]
     lines += [f"{key} = {spelled(value)}" for key, value in {**case.values, **case.parameters}.items()]
     lines += [f"code = {job.code}", "", error]

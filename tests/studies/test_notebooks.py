@@ -10,7 +10,7 @@ import pytest
 from extras_there import mentioned, skip_without
 from scipy.stats import spearmanr
 
-from critflow.command.example_data import ensemble_path
+from critflow.command.main import ensemble_path
 from critflow.engine.code_digest import named_studies
 from workflows.pages.notebooks import DOCS, FOLDER, PAGES, notebook_of
 
