@@ -242,7 +242,7 @@ def _study_code(module: str, name: str, declared: tuple[str, ...]) -> tuple[str,
     ]
     named = {*declared, *_named_extras(reached)}
     # Backends are chosen by the size of a matrix, by no name.
-    named |= {name for name, extra in extras().items() if extra.backends or extra.iterations}
+    named |= {name for name, extra in extras().items() if extra.solvers}
     numeric = {name for name, extra in extras().items() if extra.numeric}
     return _digest("".join(sorted(texts)).encode())[:_LENGTH], frozenset(with_needs(named) & numeric)
 
