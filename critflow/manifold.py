@@ -26,7 +26,7 @@ from critflow.double_double import Extended, two_product
 from critflow.extensions import provided
 from critflow.networks import Array, Network
 from critflow.numerics import dot, norms, product, read_only, restore_read_only, set_read_only
-from critflow.refinement import Refined, Refinement
+from critflow.refinement import ExtendedGeometry, Refined, Refinement
 from critflow.result import InputError, NetworkError, Record, Solution, Stats, Status, Value
 from critflow.saddles import Saddle
 from critflow.sparse import Factor, FixedPattern, block_laplacian, laplacian
@@ -266,9 +266,9 @@ class CriticalManifold:
         return block_laplacian(self.network, self.backend)
 
     @cached_property
-    def refinement(self) -> Refinement:
-        """Refines configurations to the last digit and bounds their errors."""
-        return Refinement(self.network)
+    def geometry(self) -> ExtendedGeometry:
+        """Bond vectors and forces of the network to 32 digits."""
+        return ExtendedGeometry(self.network)
 
     def configuration(
         self, sigma: ArrayLike, pressures: ArrayLike | None = None, throw: bool = True
@@ -308,9 +308,9 @@ class CriticalManifold:
         status = Status.ok
         # No eigenvalue of P is negative without compression.
         n_negative = 0 if (sigma >= 0).all() else factor.n_negative
-        refined = self.refinement(exact, factor, start)
+        refined = Refinement(self.geometry, exact, factor)(start)
         if not refined.certain and factor.eliminate():
-            refined, n_negative = self.refinement(exact, factor, start), factor.n_negative
+            refined, n_negative = Refinement(self.geometry, exact, factor)(start), factor.n_negative
         if not refined.certain:
             refined, n_negative, status = self._solve_shifted(exact, refined)
         x = self.network.all_coordinates(refined.x)
@@ -338,7 +338,7 @@ class CriticalManifold:
         if (stress > 0).any() and (stress < 0).any():
             factor, regular, n_negative = self.prestress.factorize_shifted(stress)
             if regular:
-                refined = self.refinement(sigma, factor, self._placed(stress, factor)[0])
+                refined = Refinement(self.geometry, sigma, factor)(self._placed(stress, factor)[0])
         if refined.certain:
             return refined, n_negative, Status.ok
         # P is singular where stressed edges do not connect every vertex to a fixed one.

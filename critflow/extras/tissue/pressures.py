@@ -11,6 +11,7 @@ It is positive definite for small differences of pressure; its inertia says wher
 
 from __future__ import annotations
 
+from copy import copy
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import ClassVar
@@ -104,6 +105,9 @@ class PressureManifold:
         self.network, self.jumps = network, pressure_jumps(network)
         self.pattern = _pattern(network, backend)
         self._geometry = ExtendedGeometry(network)
+        # Sums with |g|ᵀ: what each edge adds to both of its ends.
+        self._sums = copy(self._geometry)
+        self._sums.around = [(edges, np.abs(signs)) for edges, signs in self._geometry.around]
         self._spread = abs(network.divergence)
 
     def solve(
@@ -179,7 +183,7 @@ class PressureManifold:
         pulled = multiply(extended(-np.repeat(sigma[:, None], 2, axis=1)), L)
         turned = Extended(L.high[:, ::-1] * _TURNED, L.low[:, ::-1] * _TURNED)
         pushed = multiply(Extended(q.high[:, None], q.low[:, None]), turned)
-        return add(self._geometry.divergence(pulled), self._geometry.spread(pushed))
+        return add(self._geometry.divergence(pulled), self._sums.divergence(pushed))
 
 
 def pressurised_configuration(
