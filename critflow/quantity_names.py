@@ -23,7 +23,7 @@ from critflow.arguments import of_kind
 from critflow.calls import running
 from critflow.deformation import DEFORMATIONS, strain_basis
 from critflow.extensions import missing, named, quantities
-from critflow.manifold import CriticalConfiguration, CriticalManifold, require_one_self_stress
+from critflow.manifold import CriticalConfiguration, CriticalManifold, require_one_stress_by_count
 from critflow.networks import Array, Network
 from critflow.quantities import Quantity, evaluate, has_exact_hessian, require_valid
 from critflow.result import InputError, Record
@@ -192,7 +192,7 @@ def properties(critical: CriticalConfiguration, quantities: Sequence[str | Quant
         raise InputError("give a list of at least one quantity, such as ['B_0']")
     parsed = {key if isinstance(key, str) else key.name: quantity(critical.network, key) for key in given}
     if any(one.one_self_stress for one in parsed.values()):
-        require_one_self_stress(critical.network)
+        require_one_stress_by_count(critical.network)
     for one in parsed.values():
         require_valid(one, critical)
     balance = critical.manifold.balance(critical.sigma)

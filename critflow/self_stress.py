@@ -51,8 +51,8 @@ UNKNOWN_ERROR = 1e-8  # relative error assumed for bond vectors without error bo
 DIRECTION_MARGIN, DIRECTION_ROUNDING = 10.0, 1e-14
 
 
-def require_only_self_stress(critical: CriticalConfiguration, instead: str) -> None:
-    """Raise `InputError` for several self-stresses, or where rounding hides their number.
+def require_one_stress_by_rank(critical: CriticalConfiguration, instead: str) -> None:
+    """Raise `InputError` for several self-stresses of a configuration, or where rounding hides their number.
 
     instead  advice for the message
     """
