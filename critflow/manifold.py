@@ -61,7 +61,7 @@ class CriticalConfiguration(Record):
 
     error_bound  bound on the error of every coordinate, against the exact configuration of σ as stored and of the
                  stress that was given, before its scaling was rounded, for the boundary vectors b as rounded from the
-                 cell; NaN if unknown.  A proof for stresses of one sign, else an estimate (`Refined`)
+                 cell; NaN if unknown.  A proof for stresses of one sign, else an estimate (`Refinement`)
     bond_errors  (N_b,) bounds on |δL_α| likewise, relative to the length of the edge and not of the cell
     rest_lengths  ℓ (N_b,) of the cables of which it is the onset: |L| on taut edges and more on slack ones.  None where
                   it is made from a stress, without knowledge of slack edges
@@ -307,16 +307,16 @@ class CriticalManifold:
         factor, start = balance.factor, balance.coordinates
         del balance  # with its bond vectors, 50 MB at 10⁶ vertices in space
         n_negative = 0 if (sigma >= 0).all() else factor.n_negative
-        refined = Refinement(self.geometry, exact, factor)(start)
+        refined = Refinement(self.geometry, exact, factor, start)
         if not refined.certain and factor.eliminate():
-            refined, n_negative = Refinement(self.geometry, exact, factor)(start), factor.n_negative
+            refined, n_negative = Refinement(self.geometry, exact, factor, start), factor.n_negative
         if not refined.certain:
             # 3. By a factor of P + δ: with mixed signs a pivot may vanish without a vanishing eigenvalue
             n_negative, regular = 0 if (sigma >= 0).all() else len(network.free), True
             if (sigma > 0).any() and (sigma < 0).any():
                 factor, regular, n_negative = self.prestress.factorize_shifted(sigma)
                 if regular:
-                    refined = Refinement(self.geometry, exact, factor)(self._placed(sigma, factor)[0])
+                    refined = Refinement(self.geometry, exact, factor, self.balance(sigma, factor).coordinates)
         x, L, error, errors = network.all_coordinates(refined.x), refined.L, refined.error, refined.L_errors
         if not refined.certain:
             # 4. No digit is certain; P is singular where stressed edges do not connect every vertex to a fixed one
@@ -332,17 +332,15 @@ class CriticalManifold:
         solution = ForceBalance(value, status, stats, negative_pivots=n_negative)
         return solution.or_raise("no configuration for this stress") if throw else solution
 
-    def balance(self, sigma: Array) -> Balance:
-        """The configuration of a stress with the factor of P, unchecked: the inner step of every optimisation."""
-        factor = self.prestress.factorize(sigma)
-        x, L = self._placed(sigma, factor)
-        return Balance(self, sigma, L, x, factor)
+    def balance(self, sigma: Array, factor: Factor | None = None) -> Balance:
+        """The configuration of a stress with the factor of P, unchecked: the inner step of every optimisation.
 
-    def _placed(self, sigma: Array, factor: Factor) -> tuple[Array, Array]:
-        """Coordinates (n_free, d) and bond vectors (N_b, d) by a factor of P."""
+        factor  of P, or of a matrix near it; made here by default
+        """
+        factor = self.prestress.factorize(sigma) if factor is None else factor
         b = self.network.boundary_vectors
         x = factor.solve(product(self._load, sigma).reshape(b.shape[1], -1).T)
-        return x, product(self.network.free_incidence, x) + b
+        return Balance(self, sigma, product(self.network.free_incidence, x) + b, x, factor)
 
     def response(self, configuration: CriticalConfiguration) -> LinearOperator:
         """B = ∂h/∂σ = −R^h P⁻¹ R^hᵀ as an operator (N_b, N_b), h = |L|²/2 (`SelfStressParamaterization_LsqrDeriv`).

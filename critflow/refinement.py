@@ -127,54 +127,37 @@ HOPELESS = 0.02
 SAFETY = 10.0
 
 
-@dataclass(frozen=True, eq=False)
-class Refined:
-    """Free coordinates x (n_free, d) and bond vectors L (N_b, d) rounded to doubles, and bounds on their errors.
+class Refinement:
+    """The configuration of a stress σ (N_b,), from coordinates near it and a factor of P(σ) or of a matrix near it.
 
+    x          free coordinates (n_free, d), rounded to doubles
+    L          bond vectors (N_b, d), rounded to doubles
     error      bound on the error of every coordinate
     L_errors   bounds on |δL_α|, (N_b,)
     condition  Skeel's ‖|P⁻¹||P|1‖∞, which the scales of the rows do not change
     steps      corrections made
     certain    whether the bounds are proven or, for stresses of both signs, well founded; else no number is reliable
 
-    Error bound (proof) for stresses of one sign, rounding included; error bound (estimate) for stresses of both signs,
-    where it is SAFETY times a condition number that is known from below.
+    The bounds hold for the configuration of σ and for that of σ rounded to doubles, as it is stored.
+
+    Error bound (proof) for stresses of one sign, rounding included, by a comparison vector.
+    Error bound (estimate) for stresses of both signs: SAFETY times Hager's estimate of the condition, which is known
+    from below.
     """
 
-    x: Array
-    L: Array
-    error: float
-    L_errors: Array
-    condition: float
-    steps: int
-    certain: bool
-
-
-class Refinement:
-    """Refines configurations of one stress σ (N_b,), and bounds |P⁻¹ r| for forces r.
-
-    Error bound (proof) for stresses of one sign, by a comparison vector.
-    Error bound (estimate) for stresses of both signs, by Hager's estimate of the condition.
-
-    factor     of P(σ) or of a matrix near it
-    condition  of P
-    founded    whether the bounds hold
-    proof      whether they are proofs
-    """
-
-    def __init__(self, geometry: ExtendedGeometry, sigma: Extended, factor: Factor):
+    def __init__(self, geometry: ExtendedGeometry, sigma: Extended, factor: Factor, x: Array):
         self._geometry, self._factor = geometry, factor
         self._g, self._divergence = geometry.network.free_incidence, geometry.network.divergence
         self._stress, self._low = sigma.high[:, None], sigma.low[:, None]
         stress = self._stress
         self._weight = weight = 2 * product(geometry.spread, np.abs(stress))
         self._sign = 1.0 if (stress >= 0).all() else -1.0 if (stress <= 0).all() else 0.0
-        self.condition, self.founded, self.proof = np.inf, False, bool(self._sign)
+        self.condition, self._proof, founded = np.inf, bool(self._sign), False
         if self._sign:
             # The proof needs no sound factor.
             self._y, self._Py = self._comparison(weight)
             self.condition = float(np.nan_to_num(np.abs(self._y), nan=np.inf).max())
-            self.founded = bool((self._Py > 0).all())
+            founded = bool((self._Py > 0).all())
         elif factor.sound:
             condition, start, right = magnification(factor.solve, weight)
             if np.isfinite(condition):
@@ -184,17 +167,17 @@ class Refinement:
                 wrong = factor.solve(right - self._product(y))
                 doubt = float((np.abs(wrong).max(axis=0) / np.abs(y).max(axis=0)).max())
                 self.condition = max(condition, float(np.abs(y).max()))
-                self.founded = doubt < DOUBTFUL and self.condition * EPS < HOPELESS
+                founded = doubt < DOUBTFUL and self.condition * EPS < HOPELESS
+        self.x, self.error, self.steps, self.certain = x, np.nan, 0, founded and bool(np.isfinite(x).all())
+        if self.certain:
+            self._refine(x)
+        else:
+            self.L = np.full_like(geometry.network.boundary_vectors, np.nan)
+            self.L_errors = self.L[:, 0]
 
-    def __call__(self, x: Array) -> Refined:
-        """Refine x (n_free, d) to the configuration of σ.
-
-        The bounds hold for the configuration of σ and for that of σ rounded to doubles, as it is stored.
-        """
+    def _refine(self, x: Array) -> None:
+        """Refine x (n_free, d) to the configuration of σ."""
         geometry, stress, low, b = self._geometry, self._stress, self._low, self._geometry.network.boundary_vectors
-        if not (self.founded and np.isfinite(x).all()):
-            nothing = np.full_like(b, np.nan)
-            return Refined(x, nothing, np.nan, nothing[:, 0], self.condition, 0, False)
         # 1. Corrections by residuals in extended precision, until the error does not halve
         at, last, step = extended(x.copy()), np.inf, 0
         while True:
@@ -203,9 +186,9 @@ class Refinement:
             force = geometry.tension_forces(Extended(stress, low), L)
             size = float(np.abs(at.high).max()) + geometry.reach
             goal = UNSEEN * EPS * float(_largest(L.high).min())
-            correction, change, left = self.correction(force.high, goal)
+            correction, change, left = self._correction(force.high, goal)
             left += force.low
-            errors = self.errors(left, L, change, size)
+            errors = self._errors(left, L, change, size)
             for rows in blocks(len(x)):
                 at.high[rows], at.low[rows] = add(part(at, rows), extended(correction[rows]))
             error = float(errors.max())
@@ -214,9 +197,9 @@ class Refinement:
             last = error
             del L, force, correction, change, left  # 240 MB at 10⁶ vertices in space
         if error > goal:
-            errors = self.errors(left, L, change, size, sharply=True)
+            errors = self._errors(left, L, change, size, sharply=True)
             error = float(errors.max())
-        certain = bool(error < LOST * size)
+        self.certain, self.steps = bool(error < LOST * size), step
         del force, correction, left  # 100 MB at 10⁶ vertices in space
         bonds, rest = L.high, np.add(L.low, change, out=change)
         del L  # 50 MB
@@ -224,24 +207,23 @@ class Refinement:
         # are small, so that one solve in doubles has all digits that count.
         shifted = np.zeros(rest.shape)  # takes memory only where there is a rounding
         if low.any():
-            shift, change, left = self.correction(product(self._divergence, -low * bonds), goal)
+            shift, change, left = self._correction(product(self._divergence, -low * bonds), goal)
             rounding = np.abs(stress) * _largest(change) + np.abs(low) * _largest(bonds)
             forces = _largest(left) + geometry.roundings * product(geometry.spread, rounding)
-            more = self.bound(forces)
+            more = self._bound(forces)
             if more.max() > goal:
-                more = self.bound(forces, sharply=True)
+                more = self._bound(forces, sharply=True)
             shifted, errors = product(self._g, shift), errors + more
             error = float((_largest(shift) + errors).max())
         # 3. The rounded bond vectors, with bounds on their errors
-        at_ends, L_errors = product(geometry.ends, errors), np.empty(len(rest))
+        self.x, self.L, self.error = at.high, bonds, float(np.abs(at.low).max()) + error
+        at_ends, self.L_errors = product(geometry.ends, errors), np.empty(len(rest))
         for rows in blocks(len(rest)):
             bonds[rows], lost = two_sum(bonds[rows], rest[rows])
             rough = np.abs(lost) + EPS * np.abs(rest[rows]) + EXTENDED_ROUNDING * size
             rough += np.abs(shifted[rows])
             rough += at_ends[rows]
-            L_errors[rows] = np.sqrt(dot(rough, rough))
-        total = float(np.abs(at.low).max()) + error
-        return Refined(at.high, bonds, total, L_errors, self.condition, step, certain)
+            self.L_errors[rows] = np.sqrt(dot(rough, rough))
 
     def _product(self, vector: Array) -> Array:
         """P v, (n_free, 1), by differences along the edges, which nearly equal entries do not spoil."""
@@ -259,10 +241,10 @@ class Refinement:
                     return y, Py
         return y, np.zeros_like(forces)
 
-    def bound(self, forces: Array, sharply: bool = False) -> Array:
+    def _bound(self, forces: Array, sharply: bool = False) -> Array:
         """Bounds (n_free, 1) for forces of at most these sizes (n_free, 1); sharper ones by one more solve."""
         relative = float((forces / self._weight).max())
-        if not self.proof:
+        if not self._proof:
             return np.full_like(self._weight, SAFETY * self.condition * relative)
         errors = self._y * float((forces / self._Py).max())
         if sharply:
@@ -272,15 +254,15 @@ class Refinement:
                 errors = np.minimum(errors, y * float((forces / Py).max()))
         return errors
 
-    def correction(self, force: Array, goal: float) -> tuple[Array, Array, Array]:
+    def _correction(self, force: Array, goal: float) -> tuple[Array, Array, Array]:
         """A correction (n_free, d) by a force (n_free, d), its change of the bond vectors, and the force that is left.
 
         The force after a correction of this size needs no extended precision.  A solver that iterates reduces it to a
         bound well below the goal.
         """
         reduction = REDUCED
-        if self.proof and self._factor.iterates:
-            error = float(self.bound(_largest(force)).max())
+        if self._proof and self._factor.iterates:
+            error = float(self._bound(_largest(force)).max())
             reduction = (
                 float(np.clip(0.1 * goal / error, MOST_REDUCTION, LEAST_REDUCTION)) if error else LEAST_REDUCTION
             )
@@ -288,16 +270,16 @@ class Refinement:
         change = product(self._g, correction)
         return correction, change, force + product(self._divergence, self._stress * change)
 
-    def errors(self, left: Array, L: Extended, change: Array, size: float, sharply: bool = False) -> Array:
+    def _errors(self, left: Array, L: Extended, change: Array, size: float, sharply: bool = False) -> Array:
         """Bounds (n_free, 1) on the errors of coordinates of a size, by the forces that are left, (n_free, d)."""
         geometry = self._geometry
         # P⁻¹ gᵀ(σ ∘ η) of a proof is a mean, over spanning trees, of sums of η along a path to a fixed vertex.
-        rounded = _largest(change) + EPS * _largest(L.high) if self.proof else _largest(change)
+        rounded = _largest(change) + EPS * _largest(L.high) if self._proof else _largest(change)
         rounding = geometry.roundings * product(geometry.spread, np.abs(self._stress) * rounded)
         forces, lost = _largest(left) + rounding, EXTENDED_ROUNDING * size
-        if self.proof:
-            return self.bound(forces, sharply) + len(self._weight) * lost
-        return self.bound(forces + lost * self._weight, sharply)
+        if self._proof:
+            return self._bound(forces, sharply) + len(self._weight) * lost
+        return self._bound(forces + lost * self._weight, sharply)
 
 
 def _largest(vectors: Array) -> Array:

@@ -211,7 +211,7 @@ def test_wrong_factor_is_refined_or_rejected():
     for distance in (0.0, 1e-6, 1e-2, 0.3, 3.0, 30.0):
         other = sigma * (1 + distance * np.random.default_rng(1).random(18))
         start = manifold.balance(other)
-        refined = Refinement(geometry, extended(sigma), start.factor)(start.coordinates)
+        refined = Refinement(geometry, extended(sigma), start.factor, start.coordinates)
         assert refined.certain == (distance < 1)
         if refined.certain:
             assert reference.largest_error(refined.x, true.coordinates[NETWORK.free]) <= refined.error

@@ -23,7 +23,7 @@ def refined(network, units, distance, signed=False):
     sigma[::6] *= -0.3 if signed else 1.0
     manifold = CriticalManifold(network)
     start = manifold.balance(sigma * (1 + distance * np.random.default_rng(1).random(len(sigma))))
-    found = Refinement(ExtendedGeometry(network), extended(sigma), start.factor)(start.coordinates)
+    found = Refinement(ExtendedGeometry(network), extended(sigma), start.factor, start.coordinates)
     return {
         "number": (found.certain, found.condition, found.steps),
         "length": (found.x, found.L, found.error, found.L_errors),
