@@ -22,7 +22,7 @@ from scipy.sparse.linalg import LinearOperator
 
 from critflow.arguments import of_kind
 from critflow.checks import check_opened, components, edge_values
-from critflow.double_double import Extended, two_product
+from critflow.double_double import two_product
 from critflow.extensions import provided
 from critflow.networks import Array, Network
 from critflow.numerics import dot, norms, product, read_only, restore_read_only, set_read_only
@@ -132,15 +132,6 @@ def critical_configuration(network: Network, sigma: Array, coordinates: Array) -
     """Join a stress and coordinates that balance, with the scale set to Σσ² = N_b."""
     sigma = sigma * np.sqrt(network.n_edges / np.sum(sigma**2))
     return CriticalConfiguration(network, sigma, coordinates, network.bond_vectors(coordinates))
-
-
-def _scaled(stress: Array, squares: float) -> Extended:
-    """A stress (N_b,) of any size scaled to Σσ² = `squares`, with the rounding of the product; as it is if scaled."""
-    power = int(np.frexp(np.abs(stress).max())[1])
-    whole = np.ldexp(stress, -power)
-    scale = np.sqrt(squares / np.sum(whole**2))
-    half = np.ldexp(0.5, power)
-    return two_product(whole, 2 * half if abs(0.5 * scale - half) < SCALED * half else scale)
 
 
 def require_one_stress_by_count(network: Network) -> None:
@@ -298,14 +289,18 @@ class CriticalManifold:
         given = edge_values(stress, self.network.n_edges, "sigma", positive=False)
         if not given.any():
             raise NetworkError("sigma is zero on every edge: give each edge a force density, positive for tension")
-        # 1. The stress in its scale, with the rounding of the scaling, which a nearly singular P would magnify
-        exact = _scaled(given, self.network.n_edges if squares is None else squares)
-        sigma, network, status = exact.high, self.network, Status.ok
+        network, status = self.network, Status.ok
+        # 1. The stress in its scale, as it is where it has that scale; a nearly singular P would magnify the rounding
+        power = int(np.frexp(np.abs(given).max())[1])
+        whole, half = np.ldexp(given, -power), np.ldexp(0.5, power)
+        scale = np.sqrt((network.n_edges if squares is None else squares) / np.sum(whole**2))
+        exact = two_product(whole, 2 * half if abs(0.5 * scale - half) < SCALED * half else scale)
+        sigma = exact.high
         # 2. Its balance, refined; no eigenvalue of P is negative without compression
         if balance is None or not np.array_equal(balance.sigma, sigma):
             balance = self.balance(sigma)
         factor, start = balance.factor, balance.coordinates
-        del balance  # with its bond vectors, 50 MB at 10⁶ vertices in space
+        del balance, whole  # with the bond vectors, 60 MB at 10⁶ vertices in space
         n_negative = 0 if (sigma >= 0).all() else factor.n_negative
         refined = Refinement(self.geometry, exact, factor, start)
         if not refined.certain and factor.eliminate():
