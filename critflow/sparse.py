@@ -13,7 +13,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator
 from copy import copy
 from itertools import combinations_with_replacement
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import qdldl
@@ -179,17 +179,10 @@ REDUCED = 1e-12  # reduction of the residual at which an iterative solver ends: 
 REFINED_SOLVES = 20  # most refinements of a solve with A + δ.  Each reduces the error by δ over the smallest eigenvalue
 
 
-class Entries(NamedTuple):
-    """Contributions coefficients_e × values[sources_e] to the entries (rows_e, cols_e) of a matrix, (n_entries,) each.
-
-    Symmetric contributions may be listed in full: entries below the diagonal, and those with a negative index, are
-    ignored.
-    """
-
-    rows: Any
-    cols: Any
-    sources: Any
-    coefficients: Any
+# Rows, columns, sources and coefficients, (n_entries,) each or one for all: contributions coefficients_e ×
+# values[sources_e] to the entries (rows_e, cols_e) of a matrix.  Symmetric contributions may be listed in full: entries
+# below the diagonal, and those with a negative index, are ignored.
+Entries = tuple[Any, Any, Any, Any]
 
 
 class FixedPattern:
@@ -413,8 +406,8 @@ BALANCE_SHIFT = 1e-13
 
 def laplacian(network: Network, backend: str = "auto") -> FixedPattern:
     """P = gᵀ diag(σ) g over the free vertices, (n_free, n_free), from σ (N_b,) (`PrestressMatrix`)."""
-    entries = [Entries(*pair) for pair in end_pairs(network)]
-    return FixedPattern(len(network.free), network.n_edges, entries, backend, network.dimension > 2, laplacian=True)
+    in_space = network.dimension > 2
+    return FixedPattern(len(network.free), network.n_edges, end_pairs(network), backend, in_space, laplacian=True)
 
 
 def end_pairs(network: Network) -> Iterator[tuple[IntArray, IntArray, IntArray, float]]:
@@ -451,7 +444,7 @@ def block_entries(network: Network) -> Iterator[Entries]:
     number = np.maximum(number, number.T)
     for i, j, edge, sign in end_pairs(network):
         for row, col in np.ndindex(d, d):
-            yield Entries(d * i + row, d * j + col, edge + network.n_edges * number[row, col], sign)
+            yield d * i + row, d * j + col, edge + network.n_edges * number[row, col], sign
 
 
 def edge_blocks(axial: Array, vectors: Array, isotropic: Array) -> Array:
