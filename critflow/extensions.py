@@ -6,8 +6,8 @@
     quantities  name, such as "onset[D]" -> "module:factory" within its folder, as in `quantity_names`
     commands    name -> "module:function" within its folder
     functions   name -> "module:function" within its folder, of a service that the scene calls by `provided`
-    backends    name -> place and crossovers of a sparse solver, as `critflow.sparse` describes
-    iterations  likewise of an iterative one
+    solvers     of sparse matrices: `module` within its folder, and `least`, numbers of entries from which it is asked,
+                as `choose_backend` of `critflow.sparse` does
 
 The scene reads the declarations and imports an extra when one of its names is used.  It names none of them, so that a
 folder can be added or deleted without an edit.  The data file `known_extras.toml` lists the names of all extras of
@@ -49,8 +49,7 @@ class Extra:
     quantities: dict[str, str] = field(default_factory=dict)
     commands: dict[str, Command] = field(default_factory=dict)
     functions: dict[str, str] = field(default_factory=dict)
-    backends: dict[str, dict[str, Any]] = field(default_factory=dict)
-    iterations: dict[str, dict[str, Any]] = field(default_factory=dict)
+    solvers: dict[str, Any] = field(default_factory=dict)
 
     @property
     def package(self) -> str:

@@ -40,7 +40,7 @@ from critflow.quantities import dilation, pure_shear
 from critflow.refinement import exact_displacement
 from critflow.result import Record, Solution, Stats, Status
 from critflow.saddles import Saddle, SaddleFactor
-from critflow.self_stress import require_only_self_stress, stabilises
+from critflow.self_stress import require_one_stress_by_rank, stabilises
 from critflow.springs import HOOKEAN, SpringLaw, checked_law
 from critflow.taut_part import backbone
 
@@ -174,7 +174,7 @@ def stiffening_of_part(
 ) -> StiffeningSolution:
     """The coefficients of a configuration without slack edges."""
     network, sigma = manifold.network, critical.sigma
-    require_only_self_stress(critical, "follow strain_path() and fit its moduli")
+    require_one_stress_by_rank(critical, "follow strain_path() and fit its moduli")
     # 1. The stress stabilises the zero modes
     stable = stabilises(network, critical.coordinates, critical.bond_vectors, sigma)
     if stable is None:

@@ -137,7 +137,7 @@ def newton_error(manifold: CriticalManifold, lengths: Array, value: CriticalConf
     Error bound (estimate): one more step of Newton's method with its last matrix, at (1 + s) x, from residuals in
     extended precision.  All edges are stressed.  NaN where the matrix is rough or the step is not determined.
     """
-    network, geometry, stress = manifold.network, manifold.refinement.geometry, extended(value.sigma)
+    network, geometry, stress = manifold.network, manifold.geometry, extended(value.sigma)
     if end.factor is None or not end.factor_error < NEAR_END:
         return np.nan
     # Squares of lengths are compared with lengths, in a unit of their own.

@@ -22,11 +22,11 @@ from scipy.sparse.linalg import LinearOperator
 
 from critflow.arguments import of_kind
 from critflow.checks import check_opened, components, edge_values
-from critflow.double_double import Extended, two_product
+from critflow.double_double import two_product
 from critflow.extensions import provided
 from critflow.networks import Array, Network
 from critflow.numerics import dot, norms, product, read_only, restore_read_only, set_read_only
-from critflow.refinement import Refined, Refinement
+from critflow.refinement import ExtendedGeometry, Refinement
 from critflow.result import InputError, NetworkError, Record, Solution, Stats, Status, Value
 from critflow.saddles import Saddle
 from critflow.sparse import Factor, laplacian
@@ -61,7 +61,7 @@ class CriticalConfiguration(Record):
 
     error_bound  bound on the error of every coordinate, against the exact configuration of σ as stored and of the
                  stress that was given, before its scaling was rounded, for the boundary vectors b as rounded from the
-                 cell; NaN if unknown.  A proof for stresses of one sign, else an estimate (`Refined`)
+                 cell; NaN if unknown.  A proof for stresses of one sign, else an estimate (`Refinement`)
     bond_errors  (N_b,) bounds on |δL_α| likewise, relative to the length of the edge and not of the cell
     rest_lengths  ℓ (N_b,) of the cables of which it is the onset: |L| on taut edges and more on slack ones.  None where
                   it is made from a stress, without knowledge of slack edges
@@ -134,19 +134,10 @@ def critical_configuration(network: Network, sigma: Array, coordinates: Array) -
     return CriticalConfiguration(network, sigma, coordinates, network.bond_vectors(coordinates))
 
 
-def _scaled(stress: Array, squares: float) -> Extended:
-    """A stress (N_b,) of any size scaled to Σσ² = `squares`, with the rounding of the product; as it is if scaled."""
-    power = int(np.frexp(np.abs(stress).max())[1])
-    whole = np.ldexp(stress, -power)
-    scale = np.sqrt(squares / np.sum(whole**2))
-    half = np.ldexp(0.5, power)
-    return two_product(whole, 2 * half if abs(0.5 * scale - half) < SCALED * half else scale)
-
-
-def require_one_self_stress(network: Network) -> None:
+def require_one_stress_by_count(network: Network) -> None:
     """Raise `InputError` for networks with several self-stresses by their counts, N_s ≥ N_b − d n_free > 1.
 
-    `require_only_self_stress` also finds those that the counts do not show.
+    `require_one_stress_by_rank` also finds those that the counts do not show, and needs a configuration.
     """
     certain = network.least_self_stresses
     if certain > 1:
@@ -261,9 +252,9 @@ class CriticalManifold:
         return Saddle(self.network, self.backend)
 
     @cached_property
-    def refinement(self) -> Refinement:
-        """Refines configurations to the last digit and bounds their errors."""
-        return Refinement(self.network)
+    def geometry(self) -> ExtendedGeometry:
+        """Bond vectors and forces of the network to 32 digits."""
+        return ExtendedGeometry(self.network)
 
     def configuration(
         self, sigma: ArrayLike, pressures: ArrayLike | None = None, throw: bool = True
@@ -293,66 +284,53 @@ class CriticalManifold:
         given = edge_values(stress, self.network.n_edges, "sigma", positive=False)
         if not given.any():
             raise NetworkError("sigma is zero on every edge: give each edge a force density, positive for tension")
-        # The balance is that of the given stress: scaling rounds it, and a nearly singular P magnifies that rounding.
-        exact = _scaled(given, self.network.n_edges if squares is None else squares)
+        network, status = self.network, Status.ok
+        # 1. The stress in its scale, as it is where it has that scale; a nearly singular P would magnify the rounding
+        power = int(np.frexp(np.abs(given).max())[1])
+        whole, half = np.ldexp(given, -power), np.ldexp(0.5, power)
+        scale = np.sqrt((network.n_edges if squares is None else squares) / np.sum(whole**2))
+        exact = two_product(whole, 2 * half if abs(0.5 * scale - half) < SCALED * half else scale)
         sigma = exact.high
+        # 2. Its balance, refined; no eigenvalue of P is negative without compression
         if balance is None or not np.array_equal(balance.sigma, sigma):
             balance = self.balance(sigma)
         factor, start = balance.factor, balance.coordinates
-        del balance  # with its bond vectors, 50 MB at 10⁶ vertices in space
-        status = Status.ok
-        # No eigenvalue of P is negative without compression.
+        del balance, whole  # with the bond vectors, 60 MB at 10⁶ vertices in space
         n_negative = 0 if (sigma >= 0).all() else factor.n_negative
-        refined = self.refinement(exact, factor, start)
+        refined = Refinement(self.geometry, exact, factor, start)
         if not refined.certain and factor.eliminate():
-            refined, n_negative = self.refinement(exact, factor, start), factor.n_negative
+            refined, n_negative = Refinement(self.geometry, exact, factor, start), factor.n_negative
         if not refined.certain:
-            refined, n_negative, status = self._solve_shifted(exact, refined)
-        x = self.network.all_coordinates(refined.x)
-        value = CriticalConfiguration(self.network, sigma, x, refined.L, refined.error, refined.L_errors, maker=self)
-        if status is not Status.ok:
-            x, L = np.full_like(x, np.nan), np.full_like(refined.L, np.nan)
-            value = CriticalConfiguration(self.network, sigma, x, L, maker=self)
+            # 3. By a factor of P + δ: with mixed signs a pivot may vanish without a vanishing eigenvalue
+            n_negative, regular = 0 if (sigma >= 0).all() else len(network.free), True
+            if (sigma > 0).any() and (sigma < 0).any():
+                factor, regular, n_negative = self.prestress.factorize_shifted(sigma)
+                if regular:
+                    refined = Refinement(self.geometry, exact, factor, self.balance(sigma, factor).coordinates)
+        x, L, error, errors = network.all_coordinates(refined.x), refined.L, refined.error, refined.L_errors
+        if not refined.certain:
+            # 4. No digit is certain; P is singular where stressed edges do not connect every vertex to a fixed one
+            fixed = np.setdiff1d(np.arange(network.n_vertices), network.free)
+            joined = np.concatenate([network.edges[sigma != 0], np.stack([fixed[:-1], fixed[1:]], axis=1)])
+            regular = regular and not components(joined, network.n_vertices).any()
+            status = Status.ill_conditioned if regular else Status.singular
+            x, L, error, errors = np.full_like(x, np.nan), np.full_like(L, np.nan), np.nan, np.full(len(L), np.nan)
+        value = CriticalConfiguration(network, sigma, x, L, error, errors, maker=self)
         stats = Stats(
-            "force density",
-            refined.steps,
-            residual=value.residual,
-            condition=refined.condition,
-            error_bound=value.error_bound,
+            "force density", refined.steps, residual=value.residual, condition=refined.condition, error_bound=error
         )
         solution = ForceBalance(value, status, stats, negative_pivots=n_negative)
         return solution.or_raise("no configuration for this stress") if throw else solution
 
-    def _solve_shifted(self, sigma: Extended, refined: Refined) -> tuple[Refined, int, Status]:
-        """The configuration by a factor of P + δ, its negative pivots and status, where a factor of P fails.
+    def balance(self, sigma: Array, factor: Factor | None = None) -> Balance:
+        """The configuration of a stress with the factor of P, unchecked: the inner step of every optimisation.
 
-        With mixed signs a pivot may vanish without a vanishing eigenvalue.
+        factor  of P, or of a matrix near it; made here by default
         """
-        stress, network = sigma.high, self.network
-        n_negative, regular = 0 if (stress >= 0).all() else len(network.free), True
-        if (stress > 0).any() and (stress < 0).any():
-            factor, regular, n_negative = self.prestress.factorize_shifted(stress)
-            if regular:
-                refined = self.refinement(sigma, factor, self._placed(stress, factor)[0])
-        if refined.certain:
-            return refined, n_negative, Status.ok
-        # P is singular where stressed edges do not connect every vertex to a fixed one.
-        fixed = np.setdiff1d(np.arange(network.n_vertices), network.free)
-        joined = np.concatenate([network.edges[stress != 0], np.stack([fixed[:-1], fixed[1:]], axis=1)])
-        regular = regular and not components(joined, network.n_vertices).any()
-        return refined, n_negative, Status.ill_conditioned if regular else Status.singular
-
-    def balance(self, sigma: Array) -> Balance:
-        """The configuration of a stress with the factor of P, unchecked: the inner step of every optimisation."""
-        factor = self.prestress.factorize(sigma)
-        x, L = self._placed(sigma, factor)
-        return Balance(self, sigma, L, x, factor)
-
-    def _placed(self, sigma: Array, factor: Factor) -> tuple[Array, Array]:
-        """Coordinates (n_free, d) and bond vectors (N_b, d) by a factor of P."""
+        factor = self.prestress.factorize(sigma) if factor is None else factor
         b = self.network.boundary_vectors
         x = factor.solve(product(self._load, sigma).reshape(b.shape[1], -1).T)
-        return x, product(self.network.free_incidence, x) + b
+        return Balance(self, sigma, product(self.network.free_incidence, x) + b, x, factor)
 
     def response(self, configuration: CriticalConfiguration) -> LinearOperator:
         """B = ∂h/∂σ = −R^h P⁻¹ R^hᵀ as an operator (N_b, N_b), h = |L|²/2 (`SelfStressParamaterization_LsqrDeriv`).

@@ -24,7 +24,7 @@ from critflow.checks import edge_values
 from critflow.deformation import Deformable
 from critflow.descent import DESCENTS, Descent, Observer, Optimum, SignedDescent, descend
 from critflow.lengths import critical_from_lengths, iterate_lengths
-from critflow.manifold import NO_LENGTH, CriticalConfiguration, CriticalManifold, require_one_self_stress
+from critflow.manifold import NO_LENGTH, CriticalConfiguration, CriticalManifold, require_one_stress_by_count
 from critflow.networks import Array, Network
 from critflow.numerics import EPS, dot
 from critflow.quantities import (
@@ -151,7 +151,7 @@ def _check_options(
 def _check_objective(manifold: CriticalManifold, quantity: Quantity, method: str, positive: bool, start: Array) -> None:
     # The largest bulk modulus of all stresses and all configurations is at σ = k, which is positive.
     if quantity.one_self_stress and positive and not (isinstance(quantity, TransitionModulus) and quantity.is_bulk):
-        require_one_self_stress(manifold.network)
+        require_one_stress_by_count(manifold.network)
     if not own(quantity):
         require_valid(quantity, manifold.balance(start))
     if method == "newton":

@@ -34,10 +34,16 @@ BLOCK = 1 << 16  # rows of an array of d columns in one step: its temporaries ar
 
 
 class ExtendedGeometry:
-    """Bond vectors L = g x + b and sums of edge forces of one network, to 32 digits."""
+    """Bond vectors L = g x + b and sums of edge forces of one network, to 32 digits.
+
+    around        edges around each vertex, one array of all vertices after the other, with the signs of their forces
+    ends, spread  |g| and |g|ᵀ
+    reach         the largest component of the boundary vectors
+    roundings     of a sum of edge forces around a vertex
+    """
 
     def __init__(self, network: Network):
-        free = network.free
+        self.network, free = network, network.free
         # A fixed vertex is part of the boundary vectors; its index −1 reads the zero after the last free one.
         self._tail, self._head = free_ends(network).T
         # An edge from a vertex to an image of itself exerts no force; its two forces would cancel only to rounding.
@@ -47,14 +53,19 @@ class ExtendedGeometry:
         degree = np.bincount(ends[order], minlength=len(free))
         first = np.cumsum(degree) - degree
         place = np.arange(len(order)) - np.repeat(first, degree)
-        # Edges around each vertex, one array of all vertices after the other, with the signs of their forces on it.
-        self._around: list[tuple[NDArray[np.int64], Array]] = []
+        self.around: list[tuple[NDArray[np.int64], Array]] = []
         for number in range(int(degree.max())):
             row = (place == number).nonzero()[0]
             edges, signs = np.zeros(len(free), np.int64), np.zeros((len(free), 1))
             edges[ends[order[row]]] = order[row] % network.n_edges
             signs[ends[order[row]], 0] = np.where(order[row] < network.n_edges, -1.0, 1.0)
-            self._around.append((edges, signs))
+            self.around.append((edges, signs))
+        self.ends, self.spread = (
+            sp.csr_array((np.abs(matrix.data), matrix.indices, matrix.indptr), matrix.shape)
+            for matrix in (network.free_incidence, network.divergence)
+        )
+        self.reach = float(np.abs(network.boundary_vectors).max())
+        self.roundings = EPS * (4 + int(np.diff(self.spread.indptr).max()))
 
     def bond_vectors(self, x: Extended, b: Array) -> Extended:
         """L (N_b, d) from free coordinates x (n_free, d) and boundary vectors b (N_b, d), to 32 digits of those."""
@@ -74,19 +85,12 @@ class ExtendedGeometry:
 
     def divergence(self, edge_vectors: Extended) -> Extended:
         """gᵀ v over the free vertices, (n_free, d), of edge vectors v (N_b, d), to 32 digits of those."""
-        return self._sums(edge_vectors, self._around)
-
-    def spread(self, edge_vectors: Extended) -> Extended:
-        """|g|ᵀ v over the free vertices, likewise: what each edge adds to both of its ends."""
-        return self._sums(edge_vectors, [(edges, np.abs(signs)) for edges, signs in self._around])
-
-    def _sums(self, v: Extended, around: list[tuple[NDArray[np.int64], Array]]) -> Extended:
-        shape = (len(around[0][0]), v.high.shape[1])
+        v, shape = edge_vectors, (len(self.network.free), edge_vectors.high.shape[1])
         high, low = np.empty(shape), np.empty(shape)
         for rows in blocks(shape[0]):
-            total = np.zeros((len(around[0][0][rows]), shape[1]))
+            total = np.zeros_like(high[rows])
             rest = np.zeros_like(total)
-            for edges, signs in around:
+            for edges, signs in self.around:
                 at, sign = edges[rows], signs[rows]
                 total, rounding = two_sum(total, sign * v.high.take(at, 0))
                 rest = rest + sign * v.low.take(at, 0) + rounding
@@ -123,122 +127,37 @@ HOPELESS = 0.02
 SAFETY = 10.0
 
 
-@dataclass(frozen=True, eq=False)
-class Refined:
-    """Free coordinates x (n_free, d) and bond vectors L (N_b, d) rounded to doubles, and bounds on their errors.
+class Refinement:
+    """The configuration of a stress σ (N_b,), from coordinates near it and a factor of P(σ) or of a matrix near it.
 
+    x          free coordinates (n_free, d), rounded to doubles
+    L          bond vectors (N_b, d), rounded to doubles
     error      bound on the error of every coordinate
     L_errors   bounds on |δL_α|, (N_b,)
     condition  Skeel's ‖|P⁻¹||P|1‖∞, which the scales of the rows do not change
     steps      corrections made
     certain    whether the bounds are proven or, for stresses of both signs, well founded; else no number is reliable
 
-    Error bound (proof) for stresses of one sign, rounding included; error bound (estimate) for stresses of both signs,
-    where it is SAFETY times a condition number that is known from below.
+    The bounds hold for the configuration of σ and for that of σ rounded to doubles, as it is stored.
+
+    Error bound (proof) for stresses of one sign, rounding included, by a comparison vector.
+    Error bound (estimate) for stresses of both signs: SAFETY times Hager's estimate of the condition, which is known
+    from below.
     """
 
-    x: Array
-    L: Array
-    error: float
-    L_errors: Array
-    condition: float
-    steps: int
-    certain: bool
-
-
-class Refinement:
-    """Refines configurations of one network.
-
-    geometry  its bond vectors and forces to 32 digits
-    """
-
-    def __init__(self, network: Network):
-        self.geometry = ExtendedGeometry(network)
-        self._g, self._divergence, self._b = network.free_incidence, network.divergence, network.boundary_vectors
-        self._ends, self._spread = (
-            sp.csr_array((np.abs(matrix.data), matrix.indices, matrix.indptr), matrix.shape)
-            for matrix in (self._g, self._divergence)
-        )
-        self._reach = float(np.abs(self._b).max())
-        # Roundings in a sum of edge forces around a vertex.
-        self._roundings = EPS * (4 + int(np.diff(self._spread.indptr).max()))
-
-    def __call__(self, sigma: Extended, factor: Factor, x: Array) -> Refined:
-        """Refine x (n_free, d) to the configuration of σ (N_b,), with a factor of P(σ) or of a matrix near it.
-
-        The bounds hold for the configuration of σ and for that of σ rounded to doubles, as it is stored.
-        """
-        stress, low = sigma.high[:, None], sigma.low[:, None]
-        bound = _Bound(self, factor, stress)
-        if not (bound.founded and np.isfinite(x).all()):
-            nothing = np.full_like(self._b, np.nan)
-            return Refined(x, nothing, np.nan, nothing[:, 0], bound.condition, 0, False)
-        # 1. Corrections by residuals in extended precision, until the error does not halve
-        at, last, step = extended(x.copy()), np.inf, 0
-        while True:
-            step += 1
-            L = self.geometry.bond_vectors(at, self._b)
-            force = self.geometry.tension_forces(Extended(stress, low), L)
-            size = float(np.abs(at.high).max()) + self._reach
-            goal = UNSEEN * EPS * float(_largest(L.high).min())
-            correction, change, left = bound.correction(force.high, goal)
-            left += force.low
-            errors = bound.errors(left, L, change, size)
-            for rows in blocks(len(x)):
-                at.high[rows], at.low[rows] = add(part(at, rows), extended(correction[rows]))
-            error = float(errors.max())
-            if error <= goal or not error < 0.5 * last or step == MOST_STEPS:
-                break
-            last = error
-            del L, force, correction, change, left  # 240 MB at 10⁶ vertices in space
-        if error > goal:
-            errors = bound.errors(left, L, change, size, sharply=True)
-            error = float(errors.max())
-        certain = bool(error < LOST * size)
-        del force, correction, left  # 100 MB at 10⁶ vertices in space
-        bonds, rest = L.high, np.add(L.low, change, out=change)
-        del L  # 50 MB
-        # 2. The displacement to the configuration of the rounded stress.  Its forces gᵀ((σ − low) ∘ L) = −gᵀ(low ∘ L)
-        # are small, so that one solve in doubles has all digits that count.
-        shifted = np.zeros(rest.shape)  # takes memory only where there is a rounding
-        if low.any():
-            shift, change, left = bound.correction(product(self._divergence, -low * bonds), goal)
-            rounding = np.abs(stress) * _largest(change) + np.abs(low) * _largest(bonds)
-            forces = _largest(left) + self._roundings * product(self._spread, rounding)
-            more = bound(forces)
-            if more.max() > goal:
-                more = bound(forces, sharply=True)
-            shifted, errors = product(self._g, shift), errors + more
-            error = float((_largest(shift) + errors).max())
-        # 3. The rounded bond vectors, with bounds on their errors
-        at_ends, L_errors = product(self._ends, errors), np.empty(len(rest))
-        for rows in blocks(len(rest)):
-            bonds[rows], lost = two_sum(bonds[rows], rest[rows])
-            rough = np.abs(lost) + EPS * np.abs(rest[rows]) + EXTENDED_ROUNDING * size
-            rough += np.abs(shifted[rows])
-            rough += at_ends[rows]
-            L_errors[rows] = np.sqrt(dot(rough, rough))
-        total = float(np.abs(at.low).max()) + error
-        return Refined(at.high, bonds, total, L_errors, bound.condition, step, certain)
-
-
-class _Bound:
-    """Bounds |P⁻¹ r| for forces r, with the condition of P, and whether the bound is founded and whether it is a proof.
-
-    Error bound (proof) for stresses of one sign, by a comparison vector.
-    Error bound (estimate) for stresses of both signs, by Hager's estimate of the condition.
-    """
-
-    def __init__(self, refinement: Refinement, factor: Factor, stress: Array):
-        self._refinement, self._factor, self._stress = refinement, factor, stress
-        self._weight = weight = 2 * product(refinement._spread, np.abs(stress))
+    def __init__(self, geometry: ExtendedGeometry, sigma: Extended, factor: Factor, x: Array):
+        self._geometry, self._factor = geometry, factor
+        self._g, self._divergence = geometry.network.free_incidence, geometry.network.divergence
+        self._stress, self._low = sigma.high[:, None], sigma.low[:, None]
+        stress = self._stress
+        self._weight = weight = 2 * product(geometry.spread, np.abs(stress))
         self._sign = 1.0 if (stress >= 0).all() else -1.0 if (stress <= 0).all() else 0.0
-        self.condition, self.founded, self.proof = np.inf, False, bool(self._sign)
+        self.condition, self._proof, founded = np.inf, bool(self._sign), False
         if self._sign:
             # The proof needs no sound factor.
             self._y, self._Py = self._comparison(weight)
             self.condition = float(np.nan_to_num(np.abs(self._y), nan=np.inf).max())
-            self.founded = bool((self._Py > 0).all())
+            founded = bool((self._Py > 0).all())
         elif factor.sound:
             condition, start, right = magnification(factor.solve, weight)
             if np.isfinite(condition):
@@ -248,29 +167,84 @@ class _Bound:
                 wrong = factor.solve(right - self._product(y))
                 doubt = float((np.abs(wrong).max(axis=0) / np.abs(y).max(axis=0)).max())
                 self.condition = max(condition, float(np.abs(y).max()))
-                self.founded = doubt < DOUBTFUL and self.condition * EPS < HOPELESS
+                founded = doubt < DOUBTFUL and self.condition * EPS < HOPELESS
+        self.x, self.error, self.steps, self.certain = x, np.nan, 0, founded and bool(np.isfinite(x).all())
+        if self.certain:
+            self._refine(x)
+        else:
+            self.L = np.full_like(geometry.network.boundary_vectors, np.nan)
+            self.L_errors = self.L[:, 0]
+
+    def _refine(self, x: Array) -> None:
+        """Refine x (n_free, d) to the configuration of σ."""
+        geometry, stress, low, b = self._geometry, self._stress, self._low, self._geometry.network.boundary_vectors
+        # 1. Corrections by residuals in extended precision, until the error does not halve
+        at, last, step = extended(x.copy()), np.inf, 0
+        while True:
+            step += 1
+            L = geometry.bond_vectors(at, b)
+            force = geometry.tension_forces(Extended(stress, low), L)
+            size = float(np.abs(at.high).max()) + geometry.reach
+            goal = UNSEEN * EPS * float(_largest(L.high).min())
+            correction, change, left = self._correction(force.high, goal)
+            left += force.low
+            errors = self._errors(left, L, change, size)
+            for rows in blocks(len(x)):
+                at.high[rows], at.low[rows] = add(part(at, rows), extended(correction[rows]))
+            error = float(errors.max())
+            if error <= goal or not error < 0.5 * last or step == MOST_STEPS:
+                break
+            last = error
+            del L, force, correction, change, left  # 240 MB at 10⁶ vertices in space
+        if error > goal:
+            errors = self._errors(left, L, change, size, sharply=True)
+            error = float(errors.max())
+        self.certain, self.steps = bool(error < LOST * size), step
+        del force, correction, left  # 100 MB at 10⁶ vertices in space
+        bonds, rest = L.high, np.add(L.low, change, out=change)
+        del L  # 50 MB
+        # 2. The displacement to the configuration of the rounded stress.  Its forces gᵀ((σ − low) ∘ L) = −gᵀ(low ∘ L)
+        # are small, so that one solve in doubles has all digits that count.
+        shifted = np.zeros(rest.shape)  # takes memory only where there is a rounding
+        if low.any():
+            shift, change, left = self._correction(product(self._divergence, -low * bonds), goal)
+            rounding = np.abs(stress) * _largest(change) + np.abs(low) * _largest(bonds)
+            forces = _largest(left) + geometry.roundings * product(geometry.spread, rounding)
+            more = self._bound(forces)
+            if more.max() > goal:
+                more = self._bound(forces, sharply=True)
+            shifted, errors = product(self._g, shift), errors + more
+            error = float((_largest(shift) + errors).max())
+        # 3. The rounded bond vectors, with bounds on their errors
+        self.x, self.L, self.error = at.high, bonds, float(np.abs(at.low).max()) + error
+        at_ends, self.L_errors = product(geometry.ends, errors), np.empty(len(rest))
+        for rows in blocks(len(rest)):
+            bonds[rows], lost = two_sum(bonds[rows], rest[rows])
+            rough = np.abs(lost) + EPS * np.abs(rest[rows]) + EXTENDED_ROUNDING * size
+            rough += np.abs(shifted[rows])
+            rough += at_ends[rows]
+            self.L_errors[rows] = np.sqrt(dot(rough, rough))
 
     def _product(self, vector: Array) -> Array:
         """P v, (n_free, 1), by differences along the edges, which nearly equal entries do not spoil."""
-        refinement = self._refinement
-        return product(refinement._divergence, self._stress * product(refinement._g, vector))
+        return product(self._divergence, self._stress * product(self._g, vector))
 
     def _comparison(self, forces: Array) -> tuple[Array, Array]:
         """y near P⁻¹ times the forces, all positive, and a lower bound of P y; not positive where it proves nothing."""
-        refinement = self._refinement
+        geometry = self._geometry
         for reduction in (COMPARED, REDUCED):
             y = self._sign * self._factor.solve_roughly(forces, reduction)
             if np.isfinite(y).all() and (y > 0).all():
-                terms = np.abs(self._stress * product(refinement._g, y))
-                Py = self._sign * self._product(y) - refinement._roundings * product(refinement._spread, terms)
+                terms = np.abs(self._stress * product(self._g, y))
+                Py = self._sign * self._product(y) - geometry.roundings * product(geometry.spread, terms)
                 if (Py > 0).all():
                     return y, Py
         return y, np.zeros_like(forces)
 
-    def __call__(self, forces: Array, sharply: bool = False) -> Array:
+    def _bound(self, forces: Array, sharply: bool = False) -> Array:
         """Bounds (n_free, 1) for forces of at most these sizes (n_free, 1); sharper ones by one more solve."""
         relative = float((forces / self._weight).max())
-        if not self.proof:
+        if not self._proof:
             return np.full_like(self._weight, SAFETY * self.condition * relative)
         errors = self._y * float((forces / self._Py).max())
         if sharply:
@@ -280,32 +254,32 @@ class _Bound:
                 errors = np.minimum(errors, y * float((forces / Py).max()))
         return errors
 
-    def correction(self, force: Array, goal: float) -> tuple[Array, Array, Array]:
+    def _correction(self, force: Array, goal: float) -> tuple[Array, Array, Array]:
         """A correction (n_free, d) by a force (n_free, d), its change of the bond vectors, and the force that is left.
 
         The force after a correction of this size needs no extended precision.  A solver that iterates reduces it to a
         bound well below the goal.
         """
-        refinement, reduction = self._refinement, REDUCED
-        if self.proof and self._factor.iterates:
-            error = float(self(_largest(force)).max())
+        reduction = REDUCED
+        if self._proof and self._factor.iterates:
+            error = float(self._bound(_largest(force)).max())
             reduction = (
                 float(np.clip(0.1 * goal / error, MOST_REDUCTION, LEAST_REDUCTION)) if error else LEAST_REDUCTION
             )
         correction = -self._factor.solve_roughly(force, reduction)
-        change = product(refinement._g, correction)
-        return correction, change, force + product(refinement._divergence, self._stress * change)
+        change = product(self._g, correction)
+        return correction, change, force + product(self._divergence, self._stress * change)
 
-    def errors(self, left: Array, L: Extended, change: Array, size: float, sharply: bool = False) -> Array:
+    def _errors(self, left: Array, L: Extended, change: Array, size: float, sharply: bool = False) -> Array:
         """Bounds (n_free, 1) on the errors of coordinates of a size, by the forces that are left, (n_free, d)."""
-        refinement = self._refinement
+        geometry = self._geometry
         # P⁻¹ gᵀ(σ ∘ η) of a proof is a mean, over spanning trees, of sums of η along a path to a fixed vertex.
-        rounded = _largest(change) + EPS * _largest(L.high) if self.proof else _largest(change)
-        rounding = refinement._roundings * product(refinement._spread, np.abs(self._stress) * rounded)
+        rounded = _largest(change) + EPS * _largest(L.high) if self._proof else _largest(change)
+        rounding = geometry.roundings * product(geometry.spread, np.abs(self._stress) * rounded)
         forces, lost = _largest(left) + rounding, EXTENDED_ROUNDING * size
-        if self.proof:
-            return self(forces, sharply) + len(self._weight) * lost
-        return self(forces + lost * self._weight, sharply)
+        if self._proof:
+            return self._bound(forces, sharply) + len(self._weight) * lost
+        return self._bound(forces + lost * self._weight, sharply)
 
 
 def _largest(vectors: Array) -> Array:

@@ -41,10 +41,10 @@ class Saddle:
         def entries() -> Iterator[Entries]:
             for axis in range(d):
                 for i, j, edge, sign in end_pairs(network):
-                    yield Entries(d * i + axis, d * j + axis, edge, sign)
+                    yield d * i + axis, d * j + axis, edge, sign
                 for end, sign in zip(free_ends(network).T, (-1.0, 1.0), strict=True):
                     edge = np.flatnonzero(end >= 0)
-                    yield Entries(d * end[edge] + axis, n_coordinates + edge, n_edges * (1 + axis) + edge, sign)
+                    yield d * end[edge] + axis, n_coordinates + edge, n_edges * (1 + axis) + edge, sign
 
         self.pattern = FixedPattern(n_coordinates + n_edges, n_edges * (1 + d), entries(), backend, d > 2)
 

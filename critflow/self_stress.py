@@ -51,8 +51,8 @@ UNKNOWN_ERROR = 1e-8  # relative error assumed for bond vectors without error bo
 DIRECTION_MARGIN, DIRECTION_ROUNDING = 10.0, 1e-14
 
 
-def require_only_self_stress(critical: CriticalConfiguration, instead: str) -> None:
-    """Raise `InputError` for several self-stresses, or where rounding hides their number.
+def require_one_stress_by_rank(critical: CriticalConfiguration, instead: str) -> None:
+    """Raise `InputError` for several self-stresses of a configuration, or where rounding hides their number.
 
     instead  advice for the message
     """
@@ -240,8 +240,27 @@ class Spectrum:
         """An orthonormal basis of unit tensions (count, N_b) or motions (count, d·n_free), and the gap."""
         if self.dense:
             return self._null[0 if of_stresses else 1], self.gap
-        vectors, largest = self.null_vectors(count, of_stresses)
-        return vectors.T, (largest, self._smallest_nonzero(vectors, of_stresses))
+        # 1. The vectors, by inverse iteration
+        null, largest = self.null_vectors(count, of_stresses)
+
+        # 2. The smallest singular value outside their space, by Lanczos iteration
+        def outside(resolve: Callable[[Array], Array], vector: Array) -> Array:
+            rest = resolve(vector[:, None])[:, 0]
+            return rest - null @ (null.T @ rest)
+
+        n, smallest = len(null), self.gap[1]
+        start, most_restarts = np.random.default_rng(1).standard_normal(n), max(_RESTARTS_TIMES_SIZE // n, 20)
+        for shift in _MODERATE:
+            moderate = LinearOperator((n, n), matvec=partial(outside, self._filter(shift, of_stresses)), dtype=float)
+            try:
+                weights = eigsh(
+                    moderate, k=1, which="LA", v0=start, tol=1e-9, maxiter=most_restarts, return_eigenvectors=False
+                )
+            except ArpackNoConvergence:
+                continue
+            smallest = float(np.sqrt(max(shift * (1 / float(weights[0]) - 1), 0.0)))
+            break
+        return null.T, (largest, smallest)
 
     def null_vectors(self, count: int, of_stresses: bool) -> tuple[Array, float]:
         """Orthonormal vectors (n, count) of a null space, random ones of a larger one, and the norm of R on them."""
@@ -255,27 +274,6 @@ class Spectrum:
             if largest < _CONVERGED * self._tolerance:
                 break
         return vectors, largest
-
-    def _smallest_nonzero(self, null: Array, of_stresses: bool) -> float:
-        """The smallest singular value outside a null space (n, count), by Lanczos iteration."""
-        most_restarts = max(_RESTARTS_TIMES_SIZE // len(null), 20)
-
-        def outside(resolve: Callable[[Array], Array], vector: Array) -> Array:
-            rest = resolve(vector[:, None])[:, 0]
-            return rest - null @ (null.T @ rest)
-
-        for shift in _MODERATE:
-            moderate = partial(outside, self._filter(shift, of_stresses))
-            operator = LinearOperator((len(null), len(null)), matvec=moderate, dtype=float)
-            start = np.random.default_rng(1).standard_normal(len(null))
-            try:
-                weights = eigsh(
-                    operator, k=1, which="LA", v0=start, tol=1e-9, maxiter=most_restarts, return_eigenvectors=False
-                )
-            except ArpackNoConvergence:
-                continue
-            return float(np.sqrt(max(shift * (1 / float(weights[0]) - 1), 0.0)))
-        return self.gap[1]
 
     def _filter(self, shift: float, of_stresses: bool) -> Callable[[Array], Array]:
         """The map shift/(s² + shift) of the singular values s, on tensions or on motions (n, count)."""

@@ -12,9 +12,8 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
 from copy import copy
-from functools import cache
 from itertools import combinations_with_replacement
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import qdldl
@@ -33,15 +32,15 @@ from critflow.result import InputError
 # qdldl    row by row on a minimum-degree ordering; always installed, and the fastest for small matrices
 # superlu  SciPy's SuperLU on a minimum-degree ordering; always installed
 #
-# Extras bring others for large networks (`backends` of their `extra.toml`, with the sizes from which they are faster):
-# eliminating ones, and iterative ones for Laplacians of positive stresses, without inertia, as a kind of `Factor`.
+# Extras bring others for large networks (`solvers` of their `extra.toml`): eliminating ones, and iterative ones for
+# Laplacians of positive stresses, without inertia, each as a kind of `Factor`.
 
 # Entries of the upper triangle up to which qdldl is faster, of networks in the plane and in space.  Measured for one
 # numeric factorisation and four solves: on Voronoi networks of 300 to 10⁵ vertices the crossovers of the Laplacian, the
 # elastic Hessian and the saddle matrix are 180,000, 100,000 and 170,000 entries; they have 2.5, 9 and 12.5 a vertex.
 # In space factors fill in faster, as N^(4/3): on foams of 60 to 8,000 vertices the crossovers are 6,000, 11,000 and
 # 10,000 entries, of 3, 24 and 23 a vertex.
-CROSSOVERS = {"superlu": (150_000, 9_000)}
+CROSSOVER = (150_000, 9_000)
 
 
 # A solver factorises matrices of one pattern, each given by its upper triangle in columns, diagonal included:
@@ -105,8 +104,7 @@ class MinimumDegree:
         return solver
 
     def update(self, matrix: sp.csc_matrix) -> None:
-        full = copy(self._matrix)
-        full.data = matrix.data[self._place]
+        full = with_data(self._matrix, matrix.data[self._place])
         self._factor = None
         if np.isfinite(full.data).all():
             try:
@@ -136,56 +134,42 @@ def _eliminate(matrix: sp.csc_matrix, ordering: str) -> SuperLU:
 BACKENDS: dict[str, Any] = {"qdldl": QDLDL, "superlu": MinimumDegree}
 
 
-@cache
-def _brought(table: str) -> dict[str, Any]:
-    """The installed solvers that extras declare in a table, "backends" or "iterations", by name."""
-    declared = [(extra, name, entry) for extra in extras().values() for name, entry in getattr(extra, table).items()]
-    kinds = {name: extra.named(entry["place"]) for extra, name, entry in declared}
-    return {name: kind for name, kind in kinds.items() if kind.installed()}
+def with_data(matrix: sp.csc_matrix, data: Array) -> sp.csc_matrix:
+    """A matrix of the same pattern with other entries: the constructors of SciPy take longer than a product."""
+    other: sp.csc_matrix = object.__new__(sp.csc_matrix)
+    other.__dict__.update(matrix.__dict__, data=data)
+    return other
 
 
-def _crossovers(table: str) -> dict[str, Any]:
-    """The crossovers that extras declare in a table, by name, also of solvers that are not installed."""
-    return {name: entry["crossovers"] for extra in extras().values() for name, entry in getattr(extra, table).items()}
+def available_backends() -> dict[str, Any]:
+    """The sparse solvers that are installed, of the scene and of extras, by name, each good for `backend=`."""
+    solvers = dict(BACKENDS)
+    for extra in extras().values():
+        if extra.solvers:
+            solvers |= extra.named(f"{extra.solvers['module']}:installed")()
+    return solvers
 
 
-def eliminating_backends() -> dict[str, Any]:
-    """The installed sparse solvers that have an inertia, by name."""
-    return BACKENDS | _brought("backends")
+def choose_backend(backend: str, n_entries: int, in_space: bool = False, laplacian: bool = False) -> str:
+    """The name itself if it is installed, or for "auto" that of the fastest solver for that many entries.
 
-
-def available_backends() -> tuple[str, ...]:
-    """Names of the sparse solvers that are installed, each good for `backend=`."""
-    return *eliminating_backends(), *_brought("iterations")
-
-
-def choose_backend(backend: str, n_entries: int, in_space: bool = False) -> str:
-    """The name itself if it is installed, or for "auto" the fastest elimination for that many entries (`CROSSOVERS`).
-
-    in_space  whether the network has three dimensions
+    in_space   whether the network has three dimensions
+    laplacian  whether the solver may be one for Laplacians alone
 
     Raises `InputError` for a name that is unknown or not installed.
     """
     if backend == "auto":
-        sizes = {name: entries[in_space] for name, entries in (CROSSOVERS | _crossovers("backends")).items()}
-        if n_entries <= min(sizes.values()):
-            return "qdldl"  # without the import of an extra
-        larger = min(eliminating_backends().keys() & sizes.keys(), key=sizes.__getitem__)
-        return larger if n_entries > sizes[larger] else "qdldl"
-    if backend not in BACKENDS and backend not in (installed := available_backends()):
+        backend = "superlu" if n_entries > CROSSOVER[in_space] else "qdldl"
+        for extra in extras().values():
+            # An extra is not imported for smaller matrices.
+            if extra.solvers and n_entries > extra.solvers["least"][in_space]:
+                backend = extra.named(f"{extra.solvers['module']}:fastest")(backend, n_entries, in_space, laplacian)
+    elif backend not in BACKENDS and backend not in (installed := available_backends()):
         raise InputError(
             f"no backend {backend!r} is installed: choose 'auto' or one of {', '.join(installed)}, and pip install "
             "'critflow[fast,multigrid]' for all of them"
         )
     return backend
-
-
-def choose_iteration(elimination: str, n_entries: int) -> str:
-    """The iterative solver that is faster than an elimination for a Laplacian in space; none, "", for smaller ones."""
-    for name, crossovers in _crossovers("iterations").items():
-        if n_entries > crossovers.get(elimination, np.inf) and name in _brought("iterations"):
-            return name
-    return ""
 
 
 # Shift δ in units of the mean value.  A matrix with the same inertia at ±δ counts as regular; the shift is far above
@@ -195,17 +179,10 @@ REDUCED = 1e-12  # reduction of the residual at which an iterative solver ends: 
 REFINED_SOLVES = 20  # most refinements of a solve with A + δ.  Each reduces the error by δ over the smallest eigenvalue
 
 
-class Entries(NamedTuple):
-    """Contributions coefficients_e × values[sources_e] to the entries (rows_e, cols_e) of a matrix, (n_entries,) each.
-
-    Symmetric contributions may be listed in full: entries below the diagonal, and those with a negative index, are
-    ignored.
-    """
-
-    rows: Any
-    cols: Any
-    sources: Any
-    coefficients: Any
+# Rows, columns, sources and coefficients, (n_entries,) each or one for all: contributions coefficients_e ×
+# values[sources_e] to the entries (rows_e, cols_e) of a matrix.  Symmetric contributions may be listed in full: entries
+# below the diagonal, and those with a negative index, are ignored.
+Entries = tuple[Any, Any, Any, Any]
 
 
 class FixedPattern:
@@ -246,14 +223,11 @@ class FixedPattern:
         self._matrix = sp.csc_matrix((np.zeros(len(rows)), rows.astype(np.int32), starts), shape=(size, size))
         # The diagonal ends each column of an upper triangle.
         self._diagonal = starts[1:] - 1
-        self.backend = choose_backend(backend, len(places), in_space)
-        if backend == "auto" and in_space and laplacian:
-            self.backend = choose_iteration(self.backend, len(places)) or self.backend
-        kind = None if self.backend in BACKENDS else _brought("iterations").get(self.backend)
-        self._kind: type[Factor] = kind or Factor
-        # An iterative solver of "auto" leaves what it cannot serve to this one.
-        self.elimination = choose_backend("auto", len(places), in_space) if kind else self.backend
-        self.may_eliminate = not kind or backend == "auto"
+        self.backend = self.elimination = choose_backend(backend, len(places), in_space, laplacian)
+        self._kind, self.may_eliminate = Factor, backend == "auto"
+        if self.backend not in BACKENDS and issubclass(iterative := available_backends()[self.backend], Factor):
+            # An iterative solver of "auto" leaves what it cannot serve to the fastest elimination.
+            self._kind, self.elimination = iterative, choose_backend("auto", len(places), in_space)
         # The first solver has the analysis for all; factors that are gone leave theirs.
         self._first: Backend = None
         self._spare: list[Backend] = []
@@ -265,18 +239,17 @@ class FixedPattern:
     def analyse(self) -> Backend:
         """Order and analyse the pattern for elimination, as the first elimination does otherwise; its solver."""
         if self._first is None:
-            kind = BACKENDS.get(self.elimination) or _brought("backends")[self.elimination]
+            kind = BACKENDS.get(self.elimination) or available_backends()[self.elimination]
             self._first = kind(self._model())
             self._spare.append(self._first)
         return self._first
 
     def factorize(self, values: Array, shift: float | Array = 0.0) -> Factor:
         """L D Lᵀ of A + shift·1, with values (n_sources,) and a shift for all or for each of the rows (n,)."""
-        matrix = copy(self._matrix)
-        matrix.data = product(self._gather, values)
+        data = product(self._gather, values)
         if isinstance(shift, np.ndarray) or shift:
-            matrix.data[self._diagonal] += shift
-        factor = self._kind(self, matrix)
+            data[self._diagonal] += shift
+        factor = self._kind(self, with_data(self._matrix, data))
         factor.prepare()
         return factor
 
@@ -321,8 +294,12 @@ class FixedPattern:
 
 
 class Factor:
-    """L D Lᵀ of one matrix A, for any number of right-hand sides; no other factorisation changes its answers."""
+    """L D Lᵀ of one matrix A, for any number of right-hand sides; no other factorisation changes its answers.
 
+    iterates  whether the time of a solve depends on the reduction of the residual
+    """
+
+    iterates = False
     _solver: Backend = None
 
     def __init__(self, pattern: FixedPattern, matrix: sp.csc_matrix):
@@ -349,16 +326,6 @@ class Factor:
             self._solver = self._pattern._solver()
             self._solver.update(self._matrix)
         return self._solver
-
-    @property
-    def backend(self) -> str:
-        """Name of the solver (`critflow.sparse`)."""
-        return self._pattern.elimination
-
-    @property
-    def iterates(self) -> bool:
-        """Whether the time of a solve depends on the reduction of the residual."""
-        return False
 
     def solve(self, right_side: Array) -> Array:
         """x of A x = r, for r of shape (n,) or (n, d)."""
@@ -439,8 +406,8 @@ BALANCE_SHIFT = 1e-13
 
 def laplacian(network: Network, backend: str = "auto") -> FixedPattern:
     """P = gᵀ diag(σ) g over the free vertices, (n_free, n_free), from σ (N_b,) (`PrestressMatrix`)."""
-    entries = [Entries(*pair) for pair in end_pairs(network)]
-    return FixedPattern(len(network.free), network.n_edges, entries, backend, network.dimension > 2, laplacian=True)
+    in_space = network.dimension > 2
+    return FixedPattern(len(network.free), network.n_edges, end_pairs(network), backend, in_space, laplacian=True)
 
 
 def end_pairs(network: Network) -> Iterator[tuple[IntArray, IntArray, IntArray, float]]:
@@ -477,7 +444,7 @@ def block_entries(network: Network) -> Iterator[Entries]:
     number = np.maximum(number, number.T)
     for i, j, edge, sign in end_pairs(network):
         for row, col in np.ndindex(d, d):
-            yield Entries(d * i + row, d * j + col, edge + network.n_edges * number[row, col], sign)
+            yield d * i + row, d * j + col, edge + network.n_edges * number[row, col], sign
 
 
 def edge_blocks(axial: Array, vectors: Array, isotropic: Array) -> Array:

@@ -92,6 +92,7 @@ ONSET_STEPS = 16  # steps of Newton's method in one attempt; convergence is quad
 
 Mask = NDArray[np.bool_]
 Change = tuple[Array, Array, Array]
+System = tuple[Array, Array, Array, Array, Array]
 
 
 @dataclass(frozen=True, eq=False)
@@ -132,39 +133,28 @@ def newton_taut(path: Boundary, lengths: Array, start: OnsetState, damping: floa
     factor, factor_error, misses = None, start.factor_error, 0
     best = state = replace(start, sigma=np.where(start.taut, start.sigma, 0.0), error=np.inf, part=part, factor=None)
     for _ in range(ONSET_STEPS):
+        # 1. What the equations leave at the state; of two states whose residuals are rounding the later is closer
         try:
-            at = part.residuals(path, lengths, state)
+            error, L, system = part.equations(path, lengths, state)
         except InputError:
             break
-        misses = 0 if at.error < 0.5 * best.error else misses + 1
-        state = replace(state, error=at.error)
-        # Of two iterates whose residuals are rounding the later is closer.
-        if at.error < 2 * best.error:
+        misses = 0 if error < 0.5 * best.error else misses + 1
+        state = replace(state, error=error)
+        if error < 2 * best.error:
             best = state
-        if misses > (best.error > FITTED) or not np.isfinite(at.error):
+        if misses > (best.error > FITTED) or not np.isfinite(error):
             break
         try:
-            # The factor of an earlier state leaves the product of the errors of both states.
-            if factor is None or damping or not factor_error * at.error < EPS:
-                factor_error = at.error
-                factor = part.saddle.factorize(state.sigma[part.taut], at.L, damping or REGULARISATION)
-            change = part.change(path, state, at, factor, at.elongation, 1 if damping else MOST_REFINEMENTS)
+            # 2. A factor; that of an earlier state leaves the product of the errors of both states
+            if factor is None or damping or not factor_error * error < EPS:
+                factor_error = error
+                factor = part.saddle.factorize(state.sigma[part.taut], L, damping or REGULARISATION)
+            # 3. Displacements, changes of σ and of (q, s), and the state after them
+            change = factor.solve_bordered(*system, max_refinements=1 if damping else MOST_REFINEMENTS)[:3]
             state = part.moved(path, state, change)
         except (InputError, np.linalg.LinAlgError):
             break
     return replace(best, steps=state.steps, factor=factor, factor_error=factor_error)
-
-
-@dataclass(frozen=True, eq=False)
-class Residuals:
-    """The equations at a state, of the taut edges."""
-
-    velocities: Array  # A_k of (q, s), (k, d, d)
-    L: Array  # bond vectors
-    force: Array  # gᵀ(σ ∘ L)
-    elongation: Array  # ½(ℓ² − |L|²)
-    changes: Array  # c_k, of |L|²/2 by (q, s)
-    error: float  # the largest relative error
 
 
 @dataclass(frozen=True, eq=False)
@@ -178,43 +168,32 @@ class TautPart:
     rows: IntArray  # of its free vertices among the free vertices of the whole network
     several: bool  # whether they fall into several components
 
-    def residuals(self, path: Boundary, lengths: Array, state: OnsetState) -> Residuals:
-        """The equations at a state."""
+    def equations(self, path: Boundary, lengths: Array, state: OnsetState) -> tuple[float, Array, System]:
+        """The largest relative error of the equations at a state, L of the taut edges, and the system of the next step.
+
+        The system is the arguments of `solve_bordered`: f, e, c, ∂S/∂y and −S.
+        """
         L, sigma = state.bond_vectors(path)[self.taut], state.sigma[self.taut]
         velocities = path.velocities(state.strain, state.free)
         changes = np.einsum("ai,kij,aj->ka", L, velocities, L)
         target, h = 0.5 * lengths[self.taut] ** 2, 0.5 * dot(L, L)
         force = self.network.divergence @ (sigma[:, None] * L)
-        tension = np.abs(sigma) * np.sqrt(2 * h)
+        free, tension = changes[:-1] @ sigma, np.abs(sigma) * np.sqrt(2 * h)
         with np.errstate(invalid="ignore", divide="ignore"):
             error = max(
                 float(np.abs(h / target - 1).max()) / 2,
                 float(np.abs(force).max(initial=0.0) / tension.mean()),
-                float(np.abs(changes[:-1] @ sigma).max(initial=0.0) / (np.abs(sigma) @ (2 * h))),
+                float(np.abs(free).max(initial=0.0) / (np.abs(sigma) @ (2 * h))),
             )
-        return Residuals(velocities, L, force, target - h, changes, error if np.isfinite(error) else np.inf)
-
-    def change(
-        self,
-        path: Boundary,
-        state: OnsetState,
-        at: Residuals,
-        factor: SaddleFactor,
-        elongation: Array,
-        max_refinements: int = MOST_REFINEMENTS,
-    ) -> Change:
-        """The change for which forces balance and the taut edges have these changes of |L|²/2.
-
-        Displacements (n, d) on top of the affine motion with the boundary, changes of σ and of (q, s).
-        """
-        sigma = state.sigma[self.taut]
-        corner = path.stress_rates(state.strain, state.free, sigma, at.L, at.velocities)
-        sums = np.append(-at.changes[:-1] @ sigma, 0.0)
-        solved = factor.solve_bordered(-at.force, elongation, at.changes, corner, sums, max_refinements=max_refinements)
-        return solved[:3]
+        corner = path.stress_rates(state.strain, state.free, sigma, L, velocities)
+        system = -force, target - h, changes, corner, np.append(-free, 0.0)
+        return error if np.isfinite(error) else np.inf, L, system
 
     def moved(self, path: Boundary, state: OnsetState, change: Change, fraction: float = 1.0) -> OnsetState:
-        """The state after a fraction of a change."""
+        """The state after a fraction of a change.
+
+        change  displacements (n, d) on top of the affine motion with the boundary, changes of σ and of (q, s)
+        """
         displacements, stresses, boundary = change
         s, q = state.strain + fraction * float(boundary[-1]), state.free.copy()
         q[path.determined] += fraction * boundary[:-1]

@@ -13,7 +13,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from critflow.arguments import of_kind
 from critflow.calls import running
@@ -97,14 +97,6 @@ def backbone(critical: CriticalConfiguration) -> Backbone:
             component = balance.value if balance.ok else component
         components.append(component)
     return Backbone(critical, taut, tuple(components))
-
-
-def taut_mask(network: Network, taut: ArrayLike) -> Mask:
-    """A mask of edges (N_b,) that is somewhere true, else an `InputError`."""
-    mask = np.asarray(taut)
-    if mask.dtype != bool or mask.shape != (network.n_edges,) or not mask.any():
-        raise InputError(f"taut edges are a mask of shape ({network.n_edges},), somewhere true: such as sigma != 0")
-    return mask
 
 
 def connected_parts(network: Network, kept: Mask) -> list[Mask]:

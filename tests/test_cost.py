@@ -50,8 +50,8 @@ def factorised(monkeypatch):
 @pytest.fixture
 def refined(monkeypatch):
     """One entry for each configuration that is refined."""
-    calls, refine = [], Refinement.__call__
-    monkeypatch.setattr(Refinement, "__call__", lambda *arguments: calls.append(1) or refine(*arguments))
+    calls, refine = [], Refinement.__init__
+    monkeypatch.setattr(Refinement, "__init__", lambda *arguments: calls.append(1) or refine(*arguments))
     return calls
 
 

@@ -250,7 +250,7 @@ def _study_code(module: str, name: str, declared: tuple[str, ...]) -> tuple[str,
         if any(one in names if one.isidentifier() else one.split("[")[0].split()[-1] in words for one in known):
             used.add(extra)
     # Backends are chosen by the size of a matrix, by no name.
-    used |= {name for name, extra in extras().items() if extra.backends or extra.iterations}
+    used |= {name for name, extra in extras().items() if extra.solvers}
     numeric = {name for name, extra in extras().items() if extra.numeric}
     return _digest("".join(sorted(texts)).encode())[:_LENGTH], frozenset(with_needs(used) & numeric)
 

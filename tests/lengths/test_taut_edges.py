@@ -130,7 +130,7 @@ def test_the_error_of_a_state_does_not_depend_on_the_unit_of_its_stress_or_lengt
         path = scaling(NETWORK.deformed(length * np.eye(2)))
         state = all_taut(path.network, length * moved, stress * CRITICAL.sigma)
         part = taut_part(path, state.taut)
-        found.append([part.residuals(path, length * lengths, state).error for lengths in (CRITICAL.lengths, right)])
+        found.append([part.equations(path, length * lengths, state)[0] for lengths in (CRITICAL.lengths, right)])
     # With wrong lengths, and with the right ones, where only forces are left.
     np.testing.assert_allclose(found, [found[0]] * 5, rtol=1e-9)
     force = NETWORK.divergence @ (CRITICAL.sigma[:, None] * NETWORK.bond_vectors(moved))

@@ -5,10 +5,11 @@ from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import pytest
+from eliminating import ELIMINATING
 from problems import random_stress
 
 from critflow import voronoi_network
-from critflow.sparse import eliminating_backends, laplacian
+from critflow.sparse import laplacian
 
 NETWORK = voronoi_network(300, seed=2)
 RIGHT = np.random.default_rng(3).standard_normal((len(NETWORK.free), 2))
@@ -22,7 +23,7 @@ def stresses(count):
     return sigmas
 
 
-@pytest.mark.parametrize("backend", eliminating_backends())
+@pytest.mark.parametrize("backend", ELIMINATING)
 def test_every_live_factor_keeps_its_numbers(backend):
     pattern, sigmas = laplacian(NETWORK, backend), stresses(4)
     factors = [pattern.factorize(sigma) for sigma in sigmas[:2]]
@@ -39,9 +40,9 @@ def test_every_live_factor_keeps_its_numbers(backend):
         np.testing.assert_array_equal(factor.solve(RIGHT), answer)
 
 
-@pytest.mark.parametrize("backend", eliminating_backends())
+@pytest.mark.parametrize("backend", ELIMINATING)
 def test_a_solver_serves_the_next_factor_when_its_own_is_gone(monkeypatch, backend):
-    kind, further = eliminating_backends()[backend], []
+    kind, further = ELIMINATING[backend], []
     another = kind.another
     monkeypatch.setattr(kind, "another", lambda *arguments: further.append(1) or another(*arguments))
     pattern, factor = laplacian(NETWORK, backend), None
@@ -51,7 +52,7 @@ def test_a_solver_serves_the_next_factor_when_its_own_is_gone(monkeypatch, backe
     assert len(further) == 1 and factor.sound
 
 
-@pytest.mark.parametrize("backend", eliminating_backends())
+@pytest.mark.parametrize("backend", ELIMINATING)
 def test_threads_share_a_pattern(backend):
     pattern, sigmas = laplacian(NETWORK, backend), stresses(24)
     expected = [laplacian(NETWORK, backend).factorize(sigma).solve(RIGHT) for sigma in sigmas]
@@ -60,7 +61,7 @@ def test_threads_share_a_pattern(backend):
     np.testing.assert_array_equal(found, expected)
 
 
-@pytest.mark.parametrize("backend", eliminating_backends())
+@pytest.mark.parametrize("backend", ELIMINATING)
 def test_a_factor_is_sent_to_another_process_without_its_solver(backend):
     factor = laplacian(NETWORK, backend).factorize(stresses(1)[0])
     sent = pickle.loads(pickle.dumps(factor))
@@ -68,7 +69,7 @@ def test_a_factor_is_sent_to_another_process_without_its_solver(backend):
     np.testing.assert_array_equal(sent.multiply(RIGHT), factor.multiply(RIGHT))
 
 
-@pytest.mark.parametrize("backend", eliminating_backends())
+@pytest.mark.parametrize("backend", ELIMINATING)
 def test_a_vertex_without_stress_leaves_the_others_their_answers(backend):
     # Every edge of one free vertex is slack: P has a row of zeros, and forces elsewhere have one answer up to it.
     sigma = random_stress(NETWORK.n_edges, 1)

@@ -2,11 +2,11 @@
 
 import numpy as np
 import pytest
+from eliminating import ELIMINATING
 from problems import NETWORKS, dense_bond_vectors, grounded, random_stress
 
 from critflow import CriticalManifold, voronoi_network
 from critflow.saddles import Saddle
-from critflow.sparse import eliminating_backends
 
 
 def assert_solved(network, sigma, L, u, multipliers, forces, elongations, atol=1e-10):
@@ -19,7 +19,7 @@ def assert_solved(network, sigma, L, u, multipliers, forces, elongations, atol=1
 
 
 @pytest.mark.parametrize("name", ["voronoi", "voronoi 3D", "square-octagon"])
-@pytest.mark.parametrize("backend", eliminating_backends())
+@pytest.mark.parametrize("backend", ELIMINATING)
 def test_saddle_solves_both_equations(backend, name):
     network = NETWORKS[name]()
     d, m = network.dimension, network.n_edges

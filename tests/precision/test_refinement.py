@@ -23,7 +23,7 @@ from critflow import (
     voronoi_network,
 )
 from critflow.double_double import extended
-from critflow.refinement import Refinement
+from critflow.refinement import ExtendedGeometry, Refinement
 from critflow.taut_part import backbone
 from workflows.benchmarks import reference
 
@@ -206,12 +206,12 @@ def test_condition_is_skeels(signed):
 def test_wrong_factor_is_refined_or_rejected():
     # A factor of another stress contracts errors slowly or not at all; the proof does not depend on it.
     sigma = random_stress(18, 6)
-    manifold, refinement = CriticalManifold(NETWORK), Refinement(NETWORK)
+    manifold, geometry = CriticalManifold(NETWORK), ExtendedGeometry(NETWORK)
     true = exact_configuration(NETWORK, sigma)
     for distance in (0.0, 1e-6, 1e-2, 0.3, 3.0, 30.0):
         other = sigma * (1 + distance * np.random.default_rng(1).random(18))
         start = manifold.balance(other)
-        refined = refinement(extended(sigma), start.factor, start.coordinates)
+        refined = Refinement(geometry, extended(sigma), start.factor, start.coordinates)
         assert refined.certain == (distance < 1)
         if refined.certain:
             assert reference.largest_error(refined.x, true.coordinates[NETWORK.free]) <= refined.error

@@ -8,7 +8,14 @@ from units import same_in_units
 
 from critflow import CriticalManifold, equilibrium
 from critflow.double_double import extended
-from critflow.refinement import Refinement, exact_bond_vectors, exact_displacement, exact_forces, inverse_norm
+from critflow.refinement import (
+    ExtendedGeometry,
+    Refinement,
+    exact_bond_vectors,
+    exact_displacement,
+    exact_forces,
+    inverse_norm,
+)
 
 
 def refined(network, units, distance, signed=False):
@@ -16,7 +23,7 @@ def refined(network, units, distance, signed=False):
     sigma[::6] *= -0.3 if signed else 1.0
     manifold = CriticalManifold(network)
     start = manifold.balance(sigma * (1 + distance * np.random.default_rng(1).random(len(sigma))))
-    found = Refinement(network)(extended(sigma), start.factor, start.coordinates)
+    found = Refinement(ExtendedGeometry(network), extended(sigma), start.factor, start.coordinates)
     return {
         "number": (found.certain, found.condition, found.steps),
         "length": (found.x, found.L, found.error, found.L_errors),

@@ -9,7 +9,7 @@ from critflow.deformation import deformation_of
 from critflow.elastic import elasticity_at_transition
 from critflow.engine import Variable
 from critflow.growth import NO_STIFFENING
-from critflow.manifold import require_one_self_stress
+from critflow.manifold import require_one_stress_by_count
 from critflow.taut_edges import NO_STRESS
 from critflow.taut_part import backbone
 
@@ -109,7 +109,7 @@ def rigid_parts(critical):
 def moduli_of_parts(parts, volume):
     """The moduli at the transition of each rigid part, which add up."""
     for part in parts:
-        require_one_self_stress(part.network)
+        require_one_stress_by_count(part.network)
     # A configuration from elsewhere is solved again for its stress, which gives bounds on its errors.
     known = [part if np.isfinite(part.bond_errors).all() else solved(part) for part in parts]
     return [elasticity_at_transition(part, volume) for part in known]

@@ -15,7 +15,7 @@ import numpy as np
 from critflow import CritflowError, CriticalManifold, Network
 from critflow.extensions import provided
 from critflow.faces import planar_faces
-from critflow.manifold import require_one_self_stress
+from critflow.manifold import require_one_stress_by_count
 from critflow.points import check_voronoi
 from critflow.result import NetworkError, StudyError
 
@@ -47,7 +47,7 @@ def check_own(network, *, planar_faces_needed=False):
     if network.cell is None or network.dimension != 2:
         raise StudyError("network: this study needs a periodic network in the plane, to deform its cell: give one")
     try:
-        require_one_self_stress(network)
+        require_one_stress_by_count(network)
     except CritflowError as error:
         raise StudyError(f"network: {error}") from error
     if planar_faces_needed and network.faces is None:

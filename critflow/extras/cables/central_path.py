@@ -42,14 +42,14 @@ def follow_central_path(path: BoundaryPath, lengths: Array, start: OnsetState) -
     for _ in range(CENTRAL_STEPS):
         mean = float(np.mean(state.sigma * h))
         try:
-            at = part.residuals(path, lengths, state)
+            _, L, (forces, elongation, borders, corner, sums) = part.equations(path, lengths, state)
             # At the end of the path steps remain until lengths are right.
             ended = mean < CENTRAL_END * unit
-            if ended and float((np.abs(at.elongation - h) / square).max()) < CENTRAL_FITTED:
+            if ended and float((np.abs(elongation - h) / square).max()) < CENTRAL_FITTED:
                 break
-            factor = part.saddle.factorize(state.sigma, at.L, compliance=h / state.sigma)
+            factor = part.saddle.factorize(state.sigma, L, compliance=h / state.sigma)
             target = (1.0 if ended else CENTRAL_DECREASE) * mean / state.sigma
-            change = part.change(path, state, at, factor, at.elongation - target)
+            change = factor.solve_bordered(forces, elongation - target, borders, corner, sums)[:3]
             h_change = target - h - h * change[1] / state.sigma
             fraction = min(_fraction(state.sigma, change[1]), _fraction(h, h_change))
             state, h = part.moved(path, state, change, fraction), h + fraction * h_change
@@ -70,4 +70,4 @@ def without_slack_stress(path: BoundaryPath, lengths: Array, state: OnsetState) 
     """The state without the small stresses of its slack edges, with its error."""
     part = taut_part(path, state.taut)
     state = replace(state, sigma=np.where(state.taut, state.sigma, 0.0))
-    return replace(state, error=np.inf if part is None else part.residuals(path, lengths, state).error)
+    return replace(state, error=np.inf if part is None else part.equations(path, lengths, state)[0])

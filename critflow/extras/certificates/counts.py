@@ -18,12 +18,13 @@ from numpy.typing import ArrayLike
 from critflow.arguments import of_kind
 from critflow.calls import running
 from critflow.extras.pruning.digits import rounding_note
+from critflow.extras.pruning.pruning import taut_mask
 from critflow.networks import Array, IntArray, Network, validated_coordinates
 from critflow.numerics import LARGEST_DENSE, REGULARISATION, STABLE_MARGIN
 from critflow.result import InputError, Record, Solution, Stats, Status
 from critflow.saddles import Saddle, positive
 from critflow.self_stress import ITERATION_ERROR, Spectrum, edge_without_length
-from critflow.taut_part import Mask, taut_mask, taut_networks
+from critflow.taut_part import Mask, taut_networks
 
 # Part of the size of a network within which pins lie on one point or line.
 _COINCIDENT = 1e-6

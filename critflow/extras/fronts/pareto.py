@@ -30,7 +30,7 @@ from critflow.manifold import (
     Balance,
     CriticalConfiguration,
     CriticalManifold,
-    require_one_self_stress,
+    require_one_stress_by_count,
 )
 from critflow.networks import Array, Network
 from critflow.numerics import norms
@@ -156,7 +156,7 @@ def _pair(manifold: CriticalManifold, objectives: Mapping[Any, str] | Sequence[A
     if same(pair[0].quantity, pair[1].quantity):
         raise InputError("both objectives are the same quantity: give two different ones")
     if any(one.quantity.one_self_stress for one in pair):
-        require_one_self_stress(manifold.network)
+        require_one_stress_by_count(manifold.network)
     return pair
 
 

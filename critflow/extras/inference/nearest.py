@@ -33,7 +33,7 @@ from critflow.manifold import Balance, CriticalManifold
 from critflow.networks import Array, Network, validated_coordinates
 from critflow.numerics import LARGEST_DENSE
 from critflow.result import InputError, Solution, Stats, Status
-from critflow.sparse import Entries, FixedPattern, end_pairs, free_ends, spread_columns
+from critflow.sparse import FixedPattern, end_pairs, free_ends, spread_columns
 
 NEAREST_CONVERGED = 1e-9  # change of log σ in a step of Gauss and Newton below which it has converged
 NEAREST_ROUGH = 1e-3  # the same with a regularisation that is then left out
@@ -348,10 +348,10 @@ def _step_pattern(network: Network) -> FixedPattern:
     entries = []
     for axis in range(d):
         for i, j, edge, sign in end_pairs(network):
-            entries.append(Entries(d * i + axis, multipliers + d * j + axis, edge, sign))
+            entries.append((d * i + axis, multipliers + d * j + axis, edge, sign))
         for end, sign in zip(free_ends(network).T, (-1.0, 1.0), strict=True):
             edge = np.flatnonzero(end >= 0)
-            entries.append(Entries(stresses + edge, multipliers + d * end[edge] + axis, m * (1 + axis) + edge, sign))
+            entries.append((stresses + edge, multipliers + d * end[edge] + axis, m * (1 + axis) + edge, sign))
     return FixedPattern(2 * n * d + m, m * (1 + d), entries, in_space=d > 2)
 
 

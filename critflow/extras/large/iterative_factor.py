@@ -18,18 +18,13 @@ from critflow.sparse import REDUCED, Array, Factor, FixedPattern, by_columns
 class MultigridFactor(Factor):
     """A Laplacian of one pattern, solved by conjugate gradients with algebraic multigrid."""
 
-    @staticmethod
-    def installed() -> bool:
-        """Whether PyAMG is there."""
-        return multigrid.INSTALLED
-
     def __init__(self, pattern: FixedPattern, matrix: sp.csc_matrix):
         super().__init__(pattern, matrix)
         self._multigrid: multigrid.Multigrid | None = None
 
     def prepare(self) -> None:
         if multigrid.serves(self._matrix):
-            self._multigrid = multigrid.Multigrid(self._matrix)
+            self._multigrid, self.iterates = multigrid.Multigrid(self._matrix), True
             return
         self._refuse("mixed signs or other matrices")
         super().prepare()
@@ -41,14 +36,6 @@ class MultigridFactor(Factor):
                 f"the backend {self._pattern.backend!r} serves solves with positive stresses alone, not {call}: choose "
                 f"backend={self._pattern.elimination!r}, or 'auto'"
             )
-
-    @property
-    def backend(self) -> str:
-        return self._pattern.backend if self.iterates else super().backend
-
-    @property
-    def iterates(self) -> bool:
-        return self._multigrid is not None
 
     def solve(self, right_side: Array) -> Array:
         return self.solve_roughly(right_side, REDUCED)
@@ -62,7 +49,7 @@ class MultigridFactor(Factor):
     def eliminate(self) -> bool:
         changes = self.iterates and self._pattern.may_eliminate
         if changes:
-            self._multigrid = None
+            self._multigrid, self.iterates = None, False
         return changes
 
     @property

@@ -57,11 +57,6 @@ _N_REPLACED = 14
 class Pardiso:
     """The interface is that of `Backend` in `critflow.sparse`."""
 
-    @staticmethod
-    def installed() -> bool:
-        """Whether MKL is there."""
-        return MKL is not None
-
     def __init__(self, model: sp.csc_matrix):
         self.size = model.shape[0]
         # The upper triangle by rows, and the position of each of its entries in the columns.

@@ -31,7 +31,7 @@ from critflow.networks import Array
 from critflow.numerics import EPS
 from critflow.result import InputError, Record, Solution, Stats, Status
 from critflow.saddles import Saddle
-from critflow.self_stress import require_only_self_stress
+from critflow.self_stress import require_one_stress_by_rank
 from critflow.springs import SpringState
 
 # Part by which a response may deviate at the stress `limit`; error beyond which responses are not trusted, as a part of
@@ -123,7 +123,7 @@ def _at_transition(critical: CriticalConfiguration, source: Pair, targets: tuple
     if not np.isfinite(critical.bond_vectors).all():
         raise InputError("the configuration is not known, its coordinates are NaN: look at the status of its solution")
     found = compliances(critical)
-    require_only_self_stress(critical, "follow strain_path() and give one of its states")
+    require_one_stress_by_rank(critical, "follow strain_path() and give one of its states")
     if found.held(source):
         note = f"the edges hold the source {source}, so that no motion changes its distance: name another pair"
         return _failed(critical, source, targets, Status.rigid, note)

@@ -17,7 +17,7 @@ from critflow.arguments import of_kind
 from critflow.calls import running
 from critflow.checks import blocks, components, opened_edges
 from critflow.networks import Array, IntArray, Network
-from critflow.result import NetworkError
+from critflow.result import InputError, NetworkError
 
 Mask = NDArray[np.bool_]
 
@@ -151,3 +151,11 @@ def part_of(network: Network, kept: IntArray, note: str) -> Pruned:
     mask[kept] = True
     part, vertices = network.part(mask, note)
     return Pruned(part, kept, vertices)
+
+
+def taut_mask(network: Network, taut: ArrayLike) -> Mask:
+    """A mask of edges (N_b,) that is somewhere true, else an `InputError`."""
+    mask = np.asarray(taut)
+    if mask.dtype != bool or mask.shape != (network.n_edges,) or not mask.any():
+        raise InputError(f"taut edges are a mask of shape ({network.n_edges},), somewhere true: such as sigma != 0")
+    return mask

@@ -10,12 +10,13 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from critflow.elastic import elastic_response, total_response
+from critflow.extras.pruning.pruning import taut_mask
 from critflow.extras.rest.at_rest import Springs, errors_of, response_at_rest
 from critflow.linear_response import LinearResponse
 from critflow.networks import Network, validated_coordinates
 from critflow.result import InputError
 from critflow.springs import SpringLaw, SpringState, edge_directions, spring_state
-from critflow.taut_part import taut_mask, taut_networks
+from critflow.taut_part import taut_networks
 
 # Change of a tensor by a stress that counts as rounding, relative to the affine tensor and to the largest σ over the
 # largest k: 0.6 was found in random networks just past the transition.

@@ -14,7 +14,7 @@ import numpy as np
 
 from critflow.arguments import of_kind
 from critflow.calls import running
-from critflow.manifold import CriticalConfiguration, CriticalManifold, StressedBonds, require_one_self_stress
+from critflow.manifold import CriticalConfiguration, CriticalManifold, StressedBonds, require_one_stress_by_count
 from critflow.networks import Array
 from critflow.numerics import dot
 from critflow.quantities import (
@@ -67,7 +67,7 @@ def properties(critical: CriticalConfiguration, quantities: Sequence[str | Quant
         raise InputError("give a list of at least one quantity, such as ['B_0']")
     parsed = {key if isinstance(key, str) else key.name: quantity(critical.network, key) for key in given}
     if any(one.one_self_stress for one in parsed.values()):
-        require_one_self_stress(critical.network)
+        require_one_stress_by_count(critical.network)
     for one in parsed.values():
         require_valid(one, critical)
     balance = critical.manifold.balance(critical.sigma)

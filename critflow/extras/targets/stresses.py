@@ -20,7 +20,7 @@ from critflow.extras.targets.problem import (
     require_all_valid,
 )
 from critflow.extras.targets.refusals import limiting_stress, refusal_of
-from critflow.manifold import Balance, CriticalConfiguration, CriticalManifold, require_one_self_stress
+from critflow.manifold import Balance, CriticalConfiguration, CriticalManifold, require_one_stress_by_count
 from critflow.networks import Array
 from critflow.optima import optimize
 from critflow.quantities import Quantity
@@ -129,7 +129,7 @@ class Stresses(Variables):
 
     def refusal(self, targets: Sequence[Target]) -> str:
         if any(target.quantity.one_self_stress for target in targets):
-            require_one_self_stress(self.manifold.network)
+            require_one_stress_by_count(self.manifold.network)
         require_all_valid(self, targets)
         self._targets = list(targets)
         return refusal_of(self.manifold, targets, self.positive)

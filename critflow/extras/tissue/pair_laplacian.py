@@ -28,6 +28,6 @@ def pair_laplacian(
             for end, other in np.ndindex(2, 2):
                 i, j = first[:, end], second[:, other]
                 inside = (i >= 0) & (j >= 0)
-                yield Entries(d * i[inside] + row, d * j[inside] + col, source[inside], signs[end] * signs[other])
+                yield d * i[inside] + row, d * j[inside] + col, source[inside], signs[end] * signs[other]
 
     return FixedPattern(d * len(network.free), len(first) * d * d, entries(), backend, d > 2)

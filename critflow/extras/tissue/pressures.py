@@ -11,6 +11,7 @@ It is positive definite for small differences of pressure; its inertia says wher
 
 from __future__ import annotations
 
+from copy import copy
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import ClassVar
@@ -27,7 +28,7 @@ from critflow.networks import Array, Network
 from critflow.numerics import EPS, set_read_only
 from critflow.refinement import HOPELESS, LOST, MOST_STEPS, SAFETY, UNSEEN, ExtendedGeometry, magnification
 from critflow.result import InputError, Record, Stats, Status
-from critflow.sparse import Entries, Factor, FixedPattern, end_pairs, free_ends
+from critflow.sparse import Factor, FixedPattern, end_pairs, free_ends
 
 # Force of the pressures on an edge from its left to its right, from (L_x, L_y): q(L_y, −L_x), half at each end.
 _TURNED = np.array([0.5, -0.5])
@@ -104,6 +105,9 @@ class PressureManifold:
         self.network, self.jumps = network, pressure_jumps(network)
         self.pattern = _pattern(network, backend)
         self._geometry = ExtendedGeometry(network)
+        # Sums with |g|ᵀ: what each edge adds to both of its ends.
+        self._sums = copy(self._geometry)
+        self._sums.around = [(edges, np.abs(signs)) for edges, signs in self._geometry.around]
         self._spread = abs(network.divergence)
 
     def solve(
@@ -179,7 +183,7 @@ class PressureManifold:
         pulled = multiply(extended(-np.repeat(sigma[:, None], 2, axis=1)), L)
         turned = Extended(L.high[:, ::-1] * _TURNED, L.low[:, ::-1] * _TURNED)
         pushed = multiply(Extended(q.high[:, None], q.low[:, None]), turned)
-        return add(self._geometry.divergence(pulled), self._geometry.spread(pushed))
+        return add(self._geometry.divergence(pulled), self._sums.divergence(pushed))
 
 
 def pressurised_configuration(
@@ -223,11 +227,11 @@ class PressureBalance:
 
 def _pattern(network: Network, backend: str) -> FixedPattern:
     """[[P, −Q], [Q, P]] over the free coordinates, (2 n_free)², from (σ, q) (2 N_b,)."""
-    entries = [Entries(2 * i + a, 2 * j + a, edge, sign) for i, j, edge, sign in end_pairs(network) for a in (0, 1)]
+    entries = [(2 * i + a, 2 * j + a, edge, sign) for i, j, edge, sign in end_pairs(network) for a in (0, 1)]
     tail, head = free_ends(network).T
     edge = np.flatnonzero((tail >= 0) & (head >= 0))
     t, h, source = tail[edge], head[edge], network.n_edges + edge
     # The contributions of the edges around a vertex to its own block cancel, since q sums to zero there.
     for i, j, sign in ((2 * t, 2 * h + 1, -0.5), (2 * h, 2 * t + 1, 0.5)):
-        entries += [Entries(i, j, source, sign), Entries(j, i, source, sign)]
+        entries += [(i, j, source, sign), (j, i, source, sign)]
     return FixedPattern(2 * len(network.free), 2 * network.n_edges, entries, backend)

@@ -26,7 +26,7 @@ from critflow.manifold import CriticalConfiguration
 from critflow.networks import Array
 from critflow.numerics import LARGEST_DENSE, quasi_random
 from critflow.result import InputError, Record
-from critflow.self_stress import require_only_self_stress
+from critflow.self_stress import require_one_stress_by_rank
 from critflow.sparse import spread_columns
 
 
@@ -106,7 +106,7 @@ def require_floppy_motions(critical: CriticalConfiguration, instead: str) -> Non
             f"{slack} of {network.n_edges} edges are slack, and forces on their vertices are not small there: take the "
             "taut part, backbone(critical).configuration, or relax the whole network with weak_equilibrium()"
         )
-    require_only_self_stress(critical, instead)
+    require_one_stress_by_rank(critical, instead)
     if network.dimension * len(network.free) < network.n_edges:
         raise InputError("the network has no floppy motions, so it has no soft band: use strain_path()")
 

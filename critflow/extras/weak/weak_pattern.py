@@ -7,7 +7,7 @@ import scipy.sparse as sp
 
 from critflow.networks import Array, IntArray, Network
 from critflow.result import InputError
-from critflow.sparse import Entries, FixedPattern, block_entries, n_block_values
+from critflow.sparse import FixedPattern, block_entries, n_block_values
 
 
 class WeakPattern(FixedPattern):
@@ -19,7 +19,7 @@ class WeakPattern(FixedPattern):
     def __init__(self, network: Network, hessian: sp.csr_array):
         n_springs, self._keys = n_block_values(network), _keys(hessian)
         rows, cols = np.divmod(self._keys, hessian.shape[0])
-        weak = Entries(rows, cols, n_springs + np.arange(len(rows)), 1.0)
+        weak = (rows, cols, n_springs + np.arange(len(rows)), 1.0)
         entries, in_space = [*block_entries(network), weak], network.dimension > 2
         super().__init__(hessian.shape[0], n_springs + len(rows), entries, in_space=in_space)
 

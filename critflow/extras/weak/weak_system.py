@@ -24,7 +24,7 @@ from critflow.manifold import CriticalConfiguration
 from critflow.networks import Array
 from critflow.numerics import MOST_REFINEMENTS, dot
 from critflow.saddles import CONTRACTION, REFINED
-from critflow.sparse import Entries, Factor, FixedPattern, spread_columns
+from critflow.sparse import Factor, FixedPattern, spread_columns
 
 # Step of differences of fourth order along a strain: their errors are 1e-12 and, of second derivatives, 1e-9.
 _STEP = 1e-3
@@ -48,7 +48,7 @@ class WeakSystem:
         self.compliance = float(sigma @ self.flexible_stress)
         unit = sp.csr_array(sp.diags_array(1 / self.lengths) @ self.rigidity)
         parts = [sp.coo_array(part) for part in (self.prestress, self.hessian, unit.T @ unit)]
-        entries = [Entries(part.row, part.col, np.full(part.nnz, n), part.data) for n, part in enumerate(parts)]
+        entries = [(part.row, part.col, np.full(part.nnz, n), part.data) for n, part in enumerate(parts)]
         self._pattern = FixedPattern(self.rigidity.shape[1], 3, entries, in_space=d > 2)
         self.scales = [float(np.abs(part.diagonal()).mean()) for part in parts[:2]]
 

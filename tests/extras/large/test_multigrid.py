@@ -3,12 +3,13 @@
 import numpy as np
 import pytest
 import scipy.sparse as sp
+from eliminating import ELIMINATING
 from problems import random_stress
 
 from critflow import CriticalManifold, InputError, Status, voronoi_network
-from critflow import sparse as backends
-from critflow.extras.large import multigrid, pardiso
-from critflow.sparse import available_backends, block_laplacian, choose_backend, choose_iteration, eliminating_backends
+from critflow.extensions import extras
+from critflow.extras.large import choice, multigrid, pardiso
+from critflow.sparse import available_backends, block_laplacian, choose_backend
 
 pytest.importorskip("pyamg")
 
@@ -22,16 +23,15 @@ SIGNED = STRESS * np.where(np.arange(FOAM.n_edges) % 7, 1.0, -0.3)
 @pytest.fixture
 def chosen(monkeypatch):
     """Let "auto" choose multigrid at this size."""
-    crossovers = backends._crossovers
-    always = {"pyamg": dict.fromkeys(eliminating_backends(), 0)}
-    monkeypatch.setattr(backends, "_crossovers", lambda table: always if table == "iterations" else crossovers(table))
+    monkeypatch.setitem(extras()["large"].solvers, "least", [0, 0])
+    monkeypatch.setattr(choice, "MULTIGRID", dict.fromkeys(ELIMINATING, 0))
 
 
 @pytest.mark.parametrize("sigma", [np.ones(FOAM.n_edges), STRESS, WEAK], ids=["equal", "random", "weak bonds"])
 def test_configurations_and_bounds_are_those_of_elimination(sigma):
     manifold, other = CriticalManifold(FOAM, "pyamg"), CriticalManifold(FOAM, "qdldl")
     balance, expected = manifold.balance(sigma), other.balance(sigma)
-    assert balance.factor.backend == "pyamg"
+    assert balance.factor.iterates
     np.testing.assert_allclose(balance.coordinates, expected.coordinates, rtol=0, atol=1e-9)
     found, true = manifold.solve(sigma), other.solve(sigma)
     assert found.status is Status.ok and found.negative_pivots == 0
@@ -73,7 +73,7 @@ def test_the_automatic_choice_serves_every_call(chosen, sigma, iterates):
     assert found.negative_pivots == true.negative_pivots
     assert found.stats.error_bound == pytest.approx(true.stats.error_bound, rel=0.5)
     factor, expected = manifold.balance(sigma).factor, other.balance(sigma).factor
-    assert (factor.backend == "pyamg") is iterates
+    assert factor.iterates is iterates
     np.testing.assert_allclose(np.log(np.abs(factor.pivots)).sum(), np.log(np.abs(expected.pivots)).sum(), rtol=1e-12)
 
 
@@ -84,10 +84,12 @@ def test_parts_without_a_fixed_vertex_are_singular(chosen):
 
 
 def test_the_choice_by_dimension_and_size():
-    for elimination in {"superlu", "pardiso"} & eliminating_backends().keys():
-        assert choose_iteration(elimination, 10**7) == "pyamg"
-        assert choose_iteration(elimination, 10**3) == ""
-    assert choose_iteration("qdldl", 10**7) == ""
+    for elimination in {"superlu", "pardiso"} & ELIMINATING.keys():
+        assert choice.fastest(elimination, 10**7, True, True) == "pyamg"
+        assert choice.fastest(elimination, 10**3, True, True) == elimination
+    assert choose_backend("auto", 10**7, True, True) == "pyamg"
+    for in_space, laplacian in ((True, False), (False, True)):
+        assert choose_backend("auto", 10**7, in_space, laplacian) in ELIMINATING
     assert CriticalManifold(FOAM).prestress.backend != "pyamg"
 
 
@@ -98,24 +100,21 @@ def test_planar_laplacians_and_other_matrices_are_eliminated(chosen):
 
 
 def test_what_is_missing_is_said(monkeypatch):
-    installed = dict(backends._brought("backends"))
-    monkeypatch.setattr(backends, "_brought", lambda table: installed if table == "backends" else {})
-    assert choose_iteration("superlu", 10**7) == ""
+    monkeypatch.setattr(multigrid, "INSTALLED", False)
+    assert choose_backend("auto", 10**7, True, True) in ELIMINATING
     with pytest.raises(InputError, match=r"'pyamg' is installed: .* pip install 'critflow\[fast,multigrid\]'"):
         CriticalManifold(FOAM, "pyamg")
 
 
 def test_what_is_not_there_is_not_installed(monkeypatch):
-    backends._brought.cache_clear()
     monkeypatch.setattr(multigrid, "INSTALLED", False)
     monkeypatch.setattr(pardiso, "MKL", None)
-    assert available_backends() == ("qdldl", "superlu")
-    backends._brought.cache_clear()
+    assert tuple(available_backends()) == ("qdldl", "superlu")
 
 
 @pytest.mark.parametrize(("in_space", "size"), [(False, 20_000), (True, 3_000)])
 def test_pardiso_takes_matrices_above_its_size(monkeypatch, in_space, size):
-    monkeypatch.setattr(backends, "_brought", lambda table: {"pardiso": pardiso.Pardiso} if table == "backends" else {})
+    monkeypatch.setattr(choice, "installed", lambda: {"pardiso": pardiso.Pardiso})
     assert choose_backend("auto", size, in_space) == "qdldl"
     assert choose_backend("auto", size + 1, in_space) == "pardiso"
     assert choose_backend("auto", 10**8, in_space) == "pardiso"

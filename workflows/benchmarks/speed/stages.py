@@ -81,7 +81,7 @@ def measured(n_vertices: int, seed: int, least: float) -> list[Timing]:
     manifold = stage("analysis", _analysed, network)
     sigma = stable_rng(seed, "stress", str(n_vertices)).uniform(0.5, 1.5, network.n_edges)
     balance = stage("configuration", manifold.balance, sigma)
-    backend = balance.factor.backend
+    backend = manifold.prestress.backend
     plain = critical_configuration(network, sigma, network.all_coordinates(balance.coordinates))
     stage.note(plain.residual, backend)
     gradient = stage("gradient", _gradient, balance)
