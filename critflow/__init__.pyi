@@ -46,8 +46,8 @@ from .paths import strain_path as strain_path
 from .points import delaunay_network as delaunay_network
 from .points import voronoi_network as voronoi_network
 from .quantities import Quantity as Quantity
-from .quantity_names import quantity as quantity
-from .quantity_names import upper_bound as upper_bound
+from .quantities import quantity as quantity
+from .quantities import upper_bound as upper_bound
 from .result import CritflowError as CritflowError
 from .result import InputError as InputError
 from .result import Solution as Solution

@@ -3,8 +3,8 @@
     needs       other extras that it imports
     numeric     false where nothing of it decides the numbers of a study
     kinds       classes of the scene that its package teaches to functions which are `extensible`
-    quantities  name, such as "onset[D]" -> "module:factory" within its folder, as in `quantity_names`
-    commands    name -> "module:function" within its folder
+    quantities  name, such as "onset[D]" -> "module:factory" within its folder, as in `quantities.FACTORIES`
+    commands    name -> `place`, "module:function" within its folder, and `help`, its line in `critflow --help`
     functions   name -> "module:function" within its folder, of a service that the scene calls by `provided`
     solvers     of sparse matrices: `module` within its folder, and `least`, numbers of entries from which it is asked,
                 as `choose_backend` of `critflow.sparse` does
@@ -31,14 +31,6 @@ _KNOWN = Path(__file__).with_name("known_extras.toml")
 
 
 @dataclass(frozen=True)
-class Command:
-    """A subcommand: where its function is, and its line in `critflow --help`."""
-
-    place: str
-    help: str
-
-
-@dataclass(frozen=True)
 class Extra:
     """The declarations of one extra."""
 
@@ -47,7 +39,7 @@ class Extra:
     numeric: bool = True
     kinds: list[str] = field(default_factory=list)
     quantities: dict[str, str] = field(default_factory=dict)
-    commands: dict[str, Command] = field(default_factory=dict)
+    commands: dict[str, dict[str, str]] = field(default_factory=dict)
     functions: dict[str, str] = field(default_factory=dict)
     solvers: dict[str, Any] = field(default_factory=dict)
 
@@ -76,7 +68,7 @@ def extras() -> dict[str, Extra]:
     """All extras that are there, by name, in alphabetical order."""
     files = sorted(_FOLDER.glob("*/extra.toml"))
     declared = {file.parent.name: tomllib.loads(file.read_text(encoding="utf-8")) for file in files}
-    return {name: _extra(name, **entries) for name, entries in declared.items()}
+    return {name: Extra(name, **entries) for name, entries in declared.items()}
 
 
 def with_needs(names: set[str]) -> set[str]:
@@ -87,10 +79,6 @@ def with_needs(names: set[str]) -> set[str]:
         needed.add(name)
         waiting |= set(extras()[name].needs) - needed if name in extras() else set()
     return needed
-
-
-def _extra(name: str, commands: dict[str, dict[str, str]] | None = None, **entries: Any) -> Extra:
-    return Extra(name, commands={one: Command(**entry) for one, entry in (commands or {}).items()}, **entries)
 
 
 @cache

@@ -38,12 +38,12 @@ from critflow.quantities import (
     force_map,
     is_dilation,
     own,
+    quantity,
     require_exact_hessian,
     require_valid,
     transition_modulus,
     transition_modulus_error,
 )
-from critflow.quantity_names import quantity
 from critflow.result import InputError, Solution, Status
 from critflow.taut_edges import unknown_configuration
 

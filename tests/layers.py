@@ -3,7 +3,7 @@
 LAYERS = (
     *("result", "calls", "arguments", "extensions", "minimisers", "checks", "deformation", "faces", "networks"),
     *("points", "lattices", "numerics", "sparse", "saddles", "double_double", "refinement"),
-    *("manifold", "taut_part", "quantities", "quantity_names", "isogonal", "self_stress", "springs"),
+    *("manifold", "taut_part", "quantities", "isogonal", "self_stress", "springs"),
     *("equilibria", "cones", "taut_edges", "lengths", "descent", "optima", "linear_response", "elastic", "growth"),
     *("lean_steps", "paths", "engine", "pictures", "extras", "command", "__main__"),
 )

@@ -13,8 +13,7 @@ NAMES = sorted(critflow.__all__)
 IN_MODULES = {
     "taut_part": ("backbone",),
     "isogonal": ("face_modes",),
-    "quantity_names": ("stress_hessian", "flat_directions"),
-    "quantities": ("transition_modulus",),
+    "quantities": ("transition_modulus", "stress_hessian", "flat_directions"),
     "extras.cables.rigidity_surface": ("strain_plane",),
     "extras.certificates.spaces": ("zero_modes",),
     "extras.design_stiffness.stiffnesses": ("isotropic_targets",),

@@ -267,8 +267,8 @@ def test_help_imports_no_extra_and_prints_what_the_commands_print(capsys):
         assert f"Usage: critflow {name} [OPTIONS]" in text
         if name in declared:
             command, extra = declared[name]
-            assert (extra.named(command.place).help or "").splitlines()[0] == command.help
-            assert command.help in " ".join(text.split())
+            assert (extra.named(command["place"]).help or "").splitlines()[0] == command["help"]
+            assert command["help"] in " ".join(text.split())
 
 
 def test_help_is_written_for_users(capsys):

@@ -34,7 +34,7 @@ import critflow
 from critflow import sparse as backends
 from critflow.command.main import main
 from critflow.extensions import extras
-from critflow.quantity_names import ALIASES
+from critflow.quantities import ALIASES
 from workflows.pages.paper import EQUATIONS, named
 
 ROOT = Path(__file__).parents[1]

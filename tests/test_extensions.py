@@ -83,7 +83,7 @@ def share(network, pair):
 
 def test_what_an_extra_writes_in_brackets_goes_to_its_factory(monkeypatch):
     """Names in other words than EDGE, FACE and D, such as a pair of vertices."""
-    monkeypatch.setattr("critflow.quantity_names.quantities", lambda: {"share[I-J]": f"{__name__}:share"})
+    monkeypatch.setattr("critflow.quantities.quantities", lambda: {"share[I-J]": f"{__name__}:share"})
     network = lattice("honeycomb", 2, 2)
     with pytest.raises(ValueError, match="3-5:1:0"):
         quantity(network, "share[3-5:1:0]")

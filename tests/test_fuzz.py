@@ -34,8 +34,7 @@ from random_problems import a_problem, numbers
 import critflow
 from critflow import CritflowError, CriticalManifold, PowerLaw, WormLike
 from critflow.isogonal import face_modes
-from critflow.quantities import transition_modulus
-from critflow.quantity_names import flat_directions, stress_hessian
+from critflow.quantities import flat_directions, stress_hessian, transition_modulus
 from critflow.self_stress import Spectrum, edge_without_length
 from critflow.taut_part import backbone
 from workflows.benchmarks import reference

@@ -86,7 +86,7 @@ class Subcommands(click.Group):
         own = {name: command for name, command in self.commands.items() if command.callback}
         # Those of extras are known by their declarations until they are used.
         self.of_extras = {name: (extra, one) for extra in extras().values() for name, one in extra.commands.items()}
-        self.commands = own | {name: click.Command(name, help=one.help) for name, (_, one) in self.of_extras.items()}
+        self.commands = own | {name: click.Command(name, help=one["help"]) for name, (_, one) in self.of_extras.items()}
         return super().make_context(info_name, args, parent, **more)
 
     def list_commands(self, ctx: click.Context) -> list[str]:
@@ -96,7 +96,7 @@ class Subcommands(click.Group):
         """The subcommand of the first word; `InputError` for one of an extra that is not installed."""
         if args[0] in self.of_extras:
             extra, command = self.of_extras[args[0]]
-            return args[0], extra.named(command.place), args[1:]
+            return args[0], extra.named(command["place"]), args[1:]
         if args[0] not in self.commands and (absent := missing(args[0])):
             raise InputError(
                 f"{args[0]} belongs to the extra {absent!r} of critflow, which is not installed: install critflow again"

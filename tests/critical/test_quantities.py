@@ -23,14 +23,15 @@ from critflow import (
     voronoi_network,
 )
 from critflow.quantities import (
+    ALIASES,
     PenalisedModulus,
     TransitionModulus,
     evaluate,
+    names,
     pure_shear,
     require_exact_hessian,
     transition_modulus,
 )
-from critflow.quantity_names import ALIASES, names
 
 
 def spelled(network):

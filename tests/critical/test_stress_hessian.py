@@ -5,7 +5,7 @@ import pytest
 from problems import random_stress, with_random_stiffness
 
 from critflow import CriticalManifold, InputError, isogonal_modes, lattice, voronoi_network
-from critflow.quantity_names import flat_directions, stress_hessian
+from critflow.quantities import flat_directions, stress_hessian
 
 
 @pytest.mark.parametrize(("n_vertices", "seed"), [(60, 1), (80, 2), (100, 3)])

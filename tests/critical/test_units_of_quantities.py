@@ -9,8 +9,13 @@ from units import same_in_units
 from critflow import CriticalManifold, isogonal_modes
 from critflow.isogonal import affine_bulk_modulus, face_modes
 from critflow.manifold import critical_configuration
-from critflow.quantities import PenalisedModulus, TransitionModulus, pure_shear, transition_modulus_error
-from critflow.quantity_names import flat_directions
+from critflow.quantities import (
+    PenalisedModulus,
+    TransitionModulus,
+    flat_directions,
+    pure_shear,
+    transition_modulus_error,
+)
 from critflow.taut_part import backbone
 
 

@@ -18,7 +18,7 @@ import critflow as cf
 from critflow.engine import Axis, Study, stable_rng
 from critflow.isogonal import affine_bulk_modulus, face_modes
 from critflow.points import STANDARD_HARD_CORE
-from critflow.quantity_names import flat_directions
+from critflow.quantities import flat_directions
 from critflow.result import StudyError
 
 from ..paper.verdicts import committed_run

@@ -11,7 +11,7 @@ from critflow.calls import running
 from critflow.elastic import elasticity
 from critflow.extras.certificates.counts import Rigidity, rigidity
 from critflow.manifold import CriticalConfiguration
-from critflow.quantity_names import upper_bound
+from critflow.quantities import upper_bound
 from critflow.result import CritflowError, Record, Status
 from critflow.saddles import Saddle
 from critflow.taut_part import backbone

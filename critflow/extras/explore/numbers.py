@@ -15,7 +15,7 @@ from critflow.growth import stiffening
 from critflow.manifold import CriticalConfiguration, CriticalManifold
 from critflow.networks import Array, Network
 from critflow.numerics import EPS
-from critflow.quantity_names import quantity
+from critflow.quantities import quantity
 from critflow.result import CritflowError
 
 T = TypeVar("T")

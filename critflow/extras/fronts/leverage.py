@@ -27,8 +27,7 @@ from critflow.linear_response import TRUSTED_ERROR
 from critflow.manifold import NO_LENGTH, CriticalConfiguration, CriticalManifold
 from critflow.networks import Array, IntArray, Network
 from critflow.numerics import EPS, dot, norms
-from critflow.quantities import Quantity, require_valid
-from critflow.quantity_names import quantity
+from critflow.quantities import Quantity, quantity, require_valid
 from critflow.result import InputError, Record, Solution, Stats, Status
 from critflow.sparse import Factor
 

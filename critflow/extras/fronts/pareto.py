@@ -34,7 +34,7 @@ from critflow.manifold import (
 )
 from critflow.networks import Array, Network
 from critflow.numerics import norms
-from critflow.quantity_names import quantity
+from critflow.quantities import quantity
 from critflow.result import InputError, Solution, Stats, Status
 
 FRONT_CERTIFIED = 1e-5  # largest relative residual of the first-order conditions of a certified point

@@ -25,9 +25,9 @@ from critflow.quantities import (
     Quantity,
     TensionVariance,
     TransitionModulus,
+    quantity,
     require_valid,
 )
-from critflow.quantity_names import quantity
 from critflow.result import InputError, Record
 
 

@@ -32,8 +32,7 @@ from critflow.isogonal import face_modes, has_face_modes, isogonal_modes
 from critflow.manifold import CriticalConfiguration, CriticalManifold
 from critflow.networks import Array
 from critflow.numerics import dot
-from critflow.quantities import Quantity, StressedBonds
-from critflow.quantity_names import quantity
+from critflow.quantities import Quantity, StressedBonds, quantity
 from critflow.result import InputError
 
 SHORTEST_ISOGONAL = 5e-2  # shortest length of an isogonal design by default, in units of the mean

@@ -21,8 +21,7 @@ from critflow.extras.targets.constrained import Minimum, Point, Problem, minimis
 from critflow.extras.targets.stress_form import same
 from critflow.manifold import Balance
 from critflow.networks import Array, Network
-from critflow.quantities import Quantity, own, require_valid
-from critflow.quantity_names import quantity
+from critflow.quantities import Quantity, own, quantity, require_valid
 from critflow.result import InputError, Solution
 from critflow.springs import SpringState
 

@@ -29,8 +29,7 @@ from critflow.extras.targets.problem import (
 from critflow.extras.targets.stresses import Stresses
 from critflow.manifold import Balance, CriticalConfiguration, CriticalManifold
 from critflow.networks import Array, Network, validated_coordinates
-from critflow.quantities import LengthVariance, Quantity, TensionVariance
-from critflow.quantity_names import ALIASES
+from critflow.quantities import ALIASES, LengthVariance, Quantity, TensionVariance
 from critflow.result import InputError, Record, Solution, Stats, Status
 from critflow.springs import SpringState
 

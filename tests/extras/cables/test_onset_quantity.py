@@ -3,7 +3,7 @@
 import pytest
 
 from critflow import InputError, lattice, optimize, quantity
-from critflow.quantity_names import names
+from critflow.quantities import names
 
 
 def test_onsets_are_named():

@@ -4,6 +4,7 @@ from functools import partial
 
 import numpy as np
 import pytest
+from extras.stiffness_checks import assert_derivatives_by_stiffness
 from problems import with_random_stiffness
 from quantity_checks import (
     KINDS,
@@ -13,7 +14,6 @@ from quantity_checks import (
     stress,
 )
 from refusals import refused
-from stiffness_checks import assert_derivatives_by_stiffness
 
 from critflow import (
     CriticalManifold,
@@ -27,8 +27,7 @@ from critflow import (
     upper_bound,
     voronoi_network,
 )
-from critflow.quantities import require_exact_hessian
-from critflow.quantity_names import names
+from critflow.quantities import names, require_exact_hessian
 
 
 def spelled(network):

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from extras.stiffness_checks import assert_derivatives_by_stiffness
 from problems import at, dense_bond_vectors
 from quantity_checks import (
     KINDS,
@@ -11,10 +12,9 @@ from quantity_checks import (
     stress,
 )
 from refusals import refused
-from stiffness_checks import assert_derivatives_by_stiffness
 
 from critflow import quantity, upper_bound, voronoi_network
-from critflow.quantity_names import names
+from critflow.quantities import names
 
 
 def spelled(network):

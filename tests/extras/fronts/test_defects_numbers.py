@@ -5,7 +5,7 @@ import pytest
 from problems import random_stress
 
 from critflow import CriticalManifold, Status, edge_leverage, prune_towards, voronoi_network
-from critflow.quantity_names import quantity
+from critflow.quantities import quantity
 
 NETWORK = voronoi_network(30, seed=3)
 SIGMA = random_stress(NETWORK.n_edges, seed=4)

@@ -18,7 +18,7 @@ from critflow import (
     spring_state,
     voronoi_network,
 )
-from critflow.quantity_names import flat_directions, stress_hessian
+from critflow.quantities import flat_directions, stress_hessian
 
 MANIFOLD = CriticalManifold(voronoi_network(20, seed=1))
 CRITICAL = MANIFOLD.configuration(np.linspace(0.5, 1.5, 30))

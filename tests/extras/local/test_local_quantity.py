@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 from derivatives import assert_derivative
+from extras.stiffness_checks import Unknown
 from extras_there import skip_without
 from problems import hung_ring, oblique, random_stress, voronoi_3d
 from refusals import refused
-from stiffness_checks import Unknown
 
 from critflow import (
     CriticalManifold,

@@ -2,8 +2,8 @@
 
 import numpy as np
 import pytest
+from extras.stiffness_checks import Unknown, assert_derivatives_by_stiffness
 from quantity_checks import KINDS, MANIFOLDS
-from stiffness_checks import Unknown, assert_derivatives_by_stiffness
 
 from critflow import properties, quantity
 from critflow.extras.sensitivities.gradients import by_stiffness

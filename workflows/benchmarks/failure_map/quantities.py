@@ -7,8 +7,7 @@ import numpy as np
 
 import critflow as cf
 from critflow.optima import objective_of
-from critflow.quantities import evaluate, pure_shear, transition_modulus
-from critflow.quantity_names import stress_hessian
+from critflow.quantities import evaluate, pure_shear, stress_hessian, transition_modulus
 
 from ...shared.populations import OPTIMA
 from ...shared.strain_protocol import critical_by_strain
