@@ -9,11 +9,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from functools import reduce
 from itertools import product
-from pathlib import Path
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.backend_bases import FigureCanvasBase
 from matplotlib.collections import LineCollection, PolyCollection
 from matplotlib.colors import Colormap, LinearSegmentedColormap, Normalize
 from matplotlib.patches import Polygon
@@ -21,26 +19,11 @@ from numpy.typing import ArrayLike
 
 from critflow.faces import Faces
 from critflow.networks import Array, IntArray
-from critflow.result import InputError
 
 # Where edges are shown by their stiffness, and how: also for drawings that are made without matplotlib.
 
 TENSION_COLOURS = ("#b8d4ea", "#4f93c4", "#1c4f86", "#0b1530")
 """From a light to a dark blue-black, so that strong edges stand out on white and print in grey."""
-
-# Values that differ by less than this part of the largest are equal; beyond this ratio their logarithm is shown.
-_EQUAL, _WIDE = 1e-6, 10.0
-
-
-def varied(values: Array) -> bool:
-    """Whether positive values (n,) differ by more than rounding."""
-    return bool(values.size and values.max() > (1 + _EQUAL) * values.min())
-
-
-def widely(values: Array) -> bool:
-    """Whether positive values (n,) differ so much that colours show their logarithm."""
-    return bool(values.max() > _WIDE * values.min())
-
 
 # Okabe and Ito's colours, distinct for all common kinds of colour vision.
 COLOURS = ("#0072B2", "#56B4E9", "#D55E00", "#009E73", "#E69F00", "#CC79A7", "#7F7F7F")
@@ -211,19 +194,3 @@ def shade_faces(
     if cell is not None:
         shading.set_clip_path(Polygon(CORNERS @ np.asarray(cell), closed=True, transform=axes.transData))
     return shading
-
-
-def require_picture(path: Path) -> None:
-    """Raise `InputError` where a figure cannot be saved to a path."""
-    endings = FigureCanvasBase.get_supported_filetypes()
-    if path.suffix[1:].lower() not in endings:
-        raise InputError(f"a picture cannot have the ending {path.suffix!r}: choose .png, .pdf or .svg")
-    require_folder(path)
-
-
-def require_folder(path: Path) -> None:
-    """Raise `InputError` where a file cannot be written for want of its folder, or is a folder itself."""
-    if not path.parent.is_dir():
-        raise InputError(f"there is no folder {path.parent} for {path.name}: make it, or choose another")
-    if path.is_dir():
-        raise InputError(f"{path} is a folder: give the name of a file in it")

@@ -33,7 +33,7 @@ import re
 from abc import ABC, abstractmethod
 from dataclasses import dataclass, is_dataclass
 from difflib import get_close_matches
-from functools import cache, cached_property
+from functools import cached_property
 from typing import ClassVar
 
 import numpy as np
@@ -371,14 +371,15 @@ def pure_shear(dimension: int) -> Array:
     return A
 
 
+_MODULI = dict[tuple[int, str], TransitionModulus]()  # by dimension and name
+
+
 def named_modulus(network: Network, name: str) -> TransitionModulus:
     """B_0 or G_0: the same object at every call, since those of one name are equal."""
-    return _named_modulus(network.dimension, name)
-
-
-@cache
-def _named_modulus(d: int, name: str) -> TransitionModulus:
-    return TransitionModulus(dilation(d) if name == "B_0" else pure_shear(d), name)
+    key = (network.dimension, name)
+    if key not in _MODULI:
+        _MODULI[key] = TransitionModulus((dilation if name == "B_0" else pure_shear)(network.dimension), name)
+    return _MODULI[key]
 
 
 def transition_modulus(network: Network, strain: Deformable) -> TransitionModulus:

@@ -346,12 +346,9 @@ def show(file: Path, settings: Sequence[str], out: Path | None) -> None:
 
     The configuration that --set chooses, with its certificate."""
     from critflow.engine.dataset import opened_dataset
-    from critflow.pictures import require_picture
 
     if file.is_dir():
         raise InputError(f"{file} is a folder: give the dataset NAME.nc in it")
-    if out is not None:
-        require_picture(out)
     with opened_dataset(file) as dataset:
         if settings or out:
             print(provided("draw_case", "drawings of cases")(dataset, settings, out, file.parent))

@@ -80,12 +80,12 @@ def _recomputed(folder: Folder, study: Study, case: Case) -> Iterator[str]:
         except Exception as error:
             yield f"case {case.id} cannot be computed again: {type(error).__name__}: {error}"
             return
-    same = stored.environment == environment()
+    tolerance = 0.0 if stored.environment == environment() else _CLOSE
     expected = {**stored.arrays, "status": np.asarray(stored.status, arrays["status"].dtype)}
     for name in sorted((arrays.keys() | expected.keys()) - volatile):
         if name not in arrays or name not in expected:
             yield f"case {case.id}: {name} is not in both the stored and the recomputed case"
-        elif not (_equal(expected[name], arrays[name]) or (not same and _close(expected[name], arrays[name]))):
+        elif not _equal(expected[name], arrays[name], tolerance):
             yield f"case {case.id}: {name} is another one when it is computed again"
 
 
@@ -113,15 +113,14 @@ def _differences(assembly: Assembly, dataset: xr.Dataset) -> Iterator[str]:
             yield f"its {name} is {dataset.attrs.get(name)!r:.200}, not {attributes.get(name)!r:.200}"
 
 
-def _equal(expected: np.ndarray, stored: np.ndarray) -> bool:
-    same_kind = expected.dtype == stored.dtype or expected.dtype.kind == "U"  # words are stored as characters
-    return same_kind and np.array_equal(expected, stored, equal_nan=expected.dtype.kind == "f")
-
-
-def _close(expected: np.ndarray, found: np.ndarray) -> bool:
-    scale = float(np.nanmax(np.abs(expected), initial=0.0)) if expected.dtype.kind == "f" else 0.0
-    close = expected.dtype.kind == "f" and expected.shape == found.shape
-    return close and np.allclose(found, expected, rtol=_CLOSE, atol=_CLOSE * scale, equal_nan=True)
+def _equal(expected: np.ndarray, found: np.ndarray, tolerance: float = 0.0) -> bool:
+    """Whether arrays are equal to the bit, or floating-point numbers within a tolerance relative to their largest."""
+    floating = expected.dtype.kind == "f"
+    if floating and tolerance:
+        least = tolerance * float(np.nanmax(np.abs(expected), initial=0.0))
+        return expected.shape == found.shape and np.allclose(found, expected, tolerance, least, equal_nan=True)
+    same_kind = expected.dtype == found.dtype or expected.dtype.kind == "U"  # words are stored as characters
+    return same_kind and np.array_equal(expected, found, equal_nan=floating)
 
 
 def _plain(attributes: dict[Any, Any]) -> dict[str, list]:

@@ -18,6 +18,7 @@ from numpy.typing import ArrayLike
 from critflow.arguments import of_kind
 from critflow.calls import running
 from critflow.extras.drawing.depth import draw_in_depth
+from critflow.extras.drawing.scales import varied, widely
 from critflow.networks import Array, Network
 from critflow.pictures import (
     COLOURS,
@@ -31,8 +32,6 @@ from critflow.pictures import (
     periodic_segments,
     shade_faces,
     unit_pressure_tensions,
-    varied,
-    widely,
 )
 from critflow.result import InputError, Solution
 

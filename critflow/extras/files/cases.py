@@ -11,6 +11,8 @@ import numpy as np
 import xarray as xr
 
 from critflow.extensions import provided
+from critflow.extras.drawing.checks import require_picture
+from critflow.extras.drawing.draw import network_figure
 from critflow.extras.files.data import stored_configuration
 from critflow.extras.files.hints import choose_case
 from critflow.manifold import CriticalConfiguration
@@ -25,6 +27,8 @@ def draw_case(dataset: xr.Dataset, words: Sequence[str], path: Path | None, fold
 
     Raises `InputError` for a dataset without the arrays of a configuration, or a case without result.
     """
+    if path is not None:
+        require_picture(path)
     case = choose_case(dataset, words)
     axes = [(axis, case[axis].item()) for axis in case.attrs["axes"].split()]
     name = "-".join(f"{axis}-{value}" for axis, value in axes)
@@ -39,8 +43,7 @@ def draw_case(dataset: xr.Dataset, words: Sequence[str], path: Path | None, fold
     critical = CriticalConfiguration(network, sigma, x, network.bond_vectors(x))
     title = ", ".join(f"{axis} {value}" for axis, value in axes)
     text = provided("certificate_text", "certificates")(critical, title, outcome)
-    drawn = provided("network_figure", "pictures of networks")
-    figure = drawn(network.edges, network.offsets, arrays["cell"], x, sigma, critical.lengths, title)
+    figure = network_figure(network.edges, network.offsets, arrays["cell"], x, sigma, critical.lengths, title)
     path = path or folder / f"{name}.png"
     figure.savefig(path, dpi=200)
     plt.close(figure)

@@ -11,8 +11,9 @@ from pathlib import Path
 import numpy as np
 import scipy
 
+from critflow.extras.drawing.scales import varied, widely
 from critflow.extras.files.data import Array, IntArray, NetworkData, bond_vectors_of, optional
-from critflow.pictures import BORDER, TENSION_COLOURS, images_in_cell, varied, widely
+from critflow.pictures import BORDER, TENSION_COLOURS, images_in_cell
 from critflow.result import InputError
 
 # STL has no field for units, and programs show its header of 80 bytes.

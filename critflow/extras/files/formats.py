@@ -7,13 +7,13 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from critflow.arguments import shown
+from critflow.extras.drawing.checks import require_folder
 from critflow.extras.files.data import NetworkData, from_dataset, optional, require_regular
 from critflow.extras.files.drawings import write_solid, write_svg
 from critflow.extras.files.graphs import from_graph, read_graph, write_graph
 from critflow.extras.files.meshes import from_mesh, read_mesh, write_mesh
 from critflow.extras.files.particles import from_atoms, read_gsd, read_lammps, write_gsd, write_lammps
 from critflow.extras.files.tables import read_tables, write_tables
-from critflow.pictures import require_folder
 from critflow.result import InputError
 
 

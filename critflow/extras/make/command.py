@@ -59,8 +59,8 @@ def make(
     writable_format(out)
     if picture is not None:
         # matplotlib takes a third of the time of a small network.
+        from critflow.extras.drawing.checks import require_picture
         from critflow.extras.drawing.draw import draw, saved
-        from critflow.pictures import require_picture
 
         require_picture(picture)
     imported = read(files, hints)
