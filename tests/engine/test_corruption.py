@@ -10,6 +10,7 @@ from disturbed import PLAIN, STUDY, contents_of, stamps_of, words_of
 from critflow.command.main import main
 from critflow.engine.settings import select
 from critflow.engine.store import shard_path
+from critflow.engine.study import Study
 
 CASES = select(STUDY).cases
 
@@ -167,3 +168,25 @@ def test_nothing_is_drawn_from_a_dataset_with_a_flipped_bit(out, capsys, words):
     flip_number(out / "plain.nc")
     assert main([words[0], str(out if words == ["figures"] else out / "plain.nc"), *words[1:]]) == 4
     assert "plain.nc" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("elsewhere", "change", "code"), [(False, 0.0, 0), (False, 1e-15, 4), (True, 0.9e-6, 0), (True, 1e-5, 4)]
+)
+def test_a_case_computed_again_is_the_same_to_the_bit_and_elsewhere_to_a_part_of_its_largest_number(
+    out, capsys, monkeypatch, elsewhere, change, code
+):
+    computed = Study.computed
+
+    def perturbed(study, parameters, values):
+        arrays = computed(study, parameters, values)
+        numbers = np.array(arrays["values"])
+        numbers[0] += change * numbers.max()  # the smallest one
+        return arrays | {"values": numbers}
+
+    monkeypatch.setattr(Study, "computed", perturbed)
+    if elsewhere:
+        monkeypatch.setattr("critflow.engine.verify.environment", lambda: "another machine")
+    capsys.readouterr()
+    assert main(["verify", str(out), "--sample=4"]) == code
+    assert ("values is another one" in capsys.readouterr().err) == (code == 4)
