@@ -205,6 +205,7 @@ def newton(
         # 1. The matrix: the Hessian, with a shift where a part may be floppy only, as one of slack edges is; its convex
         # part where it is indefinite
         if not reuse:
+            factor = None  # its solver, with the memory of its numbers, then serves the next one
             convex = force >= convex_above and step < convex_until
             if not convex:
                 factor = state.factorize(max(shift, floppy_shift))
@@ -341,6 +342,7 @@ def correction_of(state: SpringState, factor: Factor | None) -> tuple[Displaceme
         correction = state.exact_displacement(factor)
         if np.isfinite(correction.remainder):
             return correction, factor
+        factor.release()
     factor = state.factorize()
     if state.taut() or (factor.sound and not factor.n_negative):
         # Small pivots may still be accurate; whether corrections shrink decides.

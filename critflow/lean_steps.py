@@ -130,6 +130,7 @@ class LeanSteps:
             balanced = size <= LOOSEST_TOLERANCE * (scale * springs.length_scale)
             reuse = factor is not None and (balanced or size < REUSE_AFTER * before)
             if not reuse:
+                factor = None  # its solver, with the memory of its numbers, then serves the next one
                 K = (stiffness - sigma) / length**2
                 factor = springs.pattern.factorize(edge_blocks(K, L.T, sigma))
                 if not np.minimum.reduce(sigma) > TAUT * scale and factor.indefinite:

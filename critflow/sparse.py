@@ -308,9 +308,13 @@ class Factor:
         self._pivots: Array | None = None
         self._singular = False
 
-    def __del__(self) -> None:
+    def release(self) -> None:
+        """Leave the solver and its memory to the next factor; a later solve would eliminate again."""
         if self._solver is not None:
             self._pattern._spare.append(self._solver)
+            self._solver = None
+
+    __del__ = release
 
     def __getstate__(self) -> dict[str, Any]:
         """Without the solver."""

@@ -8,8 +8,8 @@ import pytest
 from eliminating import ELIMINATING
 from problems import random_stress
 
-from critflow import voronoi_network
-from critflow.sparse import laplacian
+from critflow import CriticalManifold, strain_path, voronoi_network
+from critflow.sparse import QDLDL, laplacian
 
 NETWORK = voronoi_network(300, seed=2)
 RIGHT = np.random.default_rng(3).standard_normal((len(NETWORK.free), 2))
@@ -50,6 +50,32 @@ def test_a_solver_serves_the_next_factor_when_its_own_is_gone(monkeypatch, backe
         # The last factor is there until this one is.
         factor = pattern.factorize(sigma)
     assert len(further) == 1 and factor.sound
+
+
+@pytest.mark.parametrize("backend", ELIMINATING)
+def test_a_released_factor_leaves_its_solver_and_eliminates_again_for_a_later_solve(monkeypatch, backend):
+    kind, further = ELIMINATING[backend], []
+    another = kind.another
+    monkeypatch.setattr(kind, "another", lambda *arguments: further.append(1) or another(*arguments))
+    pattern = laplacian(NETWORK, backend)
+    first, second = stresses(2)
+    factor = pattern.factorize(first)
+    answer = factor.solve(RIGHT)
+    factor.release()
+    following = pattern.factorize(second)
+    assert not further and following.sound
+    np.testing.assert_array_equal(factor.solve(RIGHT), answer)
+    assert len(further) == 1
+
+
+def test_a_path_holds_the_numbers_of_one_hessian_at_a_time(monkeypatch):
+    """Those of a network of 100,000 vertices are 230 MB."""
+    further, another = [], QDLDL.another
+    monkeypatch.setattr(QDLDL, "another", lambda *arguments: further.append(1) or another(*arguments))
+    critical = CriticalManifold(NETWORK).configuration(random_stress(NETWORK.n_edges, 1))
+    for strains in ([1e-3], [0.3]):
+        assert strain_path(critical, strains).ok
+    assert not further
 
 
 @pytest.mark.parametrize("backend", ELIMINATING)
