@@ -28,6 +28,7 @@ from critflow import (
     upper_bound,
     voronoi_network,
 )
+from critflow.manifold import critical_configuration
 from critflow.quantities import derivatives_along, evaluate
 
 # Lengths are of order one and P is well conditioned (below 1e3), so both evaluations agree to about 1e-13.
@@ -215,3 +216,10 @@ def test_a_configuration_keeps_its_manifold_and_a_copy_makes_one():
     copied = pickle.dumps(critical)
     assert len(copied) < 2 * len(pickle.dumps(manifold.network))
     assert pickle.loads(copied).manifold.network.n_edges == manifold.network.n_edges
+
+
+@pytest.mark.parametrize("scale", [1e-3, 1.0, 40.0])
+def test_a_stress_and_coordinates_that_balance_are_stored_with_unit_mean_square(scale):
+    found = CriticalManifold(voronoi_network(20, seed=1)).configuration(np.linspace(1.0, 2.0, 30))
+    joined = critical_configuration(found.network, scale * found.sigma, found.coordinates)
+    np.testing.assert_allclose(joined.sigma, found.sigma, rtol=1e-14)

@@ -5,7 +5,7 @@ import pytest
 from problems import triangular_lattice
 
 from critflow import CriticalManifold, Network, Status, equilibrium, lattice, spring_state, voronoi_network
-from critflow.equilibria import minimum_factor
+from critflow.equilibria import compressed_edges, minimum_factor
 
 METHODS = ["newton", "fire"]
 
@@ -105,3 +105,9 @@ def test_indefinite_start_reaches_a_minimum(size, seed):
     assert np.linalg.eigvalsh(H).min() > -1e-8
     if size < 1:
         assert solution.value.energy < 1e-20
+
+
+@pytest.mark.parametrize("compression", [0.1, 1e-6, -0.1])
+def test_compressed_edges_are_those_that_push_with_their_stress(compression):
+    state = collinear(compression)
+    np.testing.assert_array_equal(compressed_edges(state), np.maximum(-state.sigma, 0.0))
