@@ -101,6 +101,7 @@ def iterate_lengths(
         if not deviations[-1] < 0.5 * deviations[-1 - PATIENCE]:
             return
         yield balance, deviations[-1]
+        balance.factor.release()  # its solver serves the next balance
         # 2. The c that minimises |f − Σ_j c_j Δf_j| over the differences of the last steps (Anderson, 1965).
         # 3. θ ← θ + f − Σ_j c_j (Δθ_j + Δf_j).
         f = STEP * stretch

@@ -147,7 +147,7 @@ def newton_taut(path: Boundary, lengths: Array, start: OnsetState, damping: floa
         try:
             # 2. A factor; that of an earlier state leaves the product of the errors of both states
             if factor is None or damping or not factor_error * error < EPS:
-                factor_error = error
+                factor, factor_error = None, error  # its solver serves the next one
                 factor = part.saddle.factorize(state.sigma[part.taut], L, damping or REGULARISATION)
             # 3. Displacements, changes of σ and of (q, s), and the state after them
             change = factor.solve_bordered(*system, max_refinements=1 if damping else MOST_REFINEMENTS)[:3]
