@@ -24,6 +24,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import astuple, dataclass, replace
+from functools import singledispatch
 from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
@@ -31,7 +32,7 @@ import numpy as np
 from critflow.arguments import of_kind, of_known_kind
 from critflow.calls import running
 from critflow.deformation import Deformable, Deformation, deformation_of
-from critflow.extensions import extensible, provided
+from critflow.extensions import from_extras
 from critflow.linear_response import TRUSTED_ERROR, accumulated_rounding
 from critflow.manifold import CriticalConfiguration, CriticalManifold
 from critflow.networks import Array, Network
@@ -137,9 +138,9 @@ def stiffening(
     return solution.or_raise("no stiffening coefficients") if throw else solution
 
 
-@extensible
+@singledispatch
 def exact_stiffening(
-    critical: CriticalConfiguration, path: Deformation, law: SpringLaw, manifold: CriticalManifold | None
+    critical: Any, path: Deformation, law: SpringLaw, manifold: CriticalManifold | None
 ) -> StiffeningSolution:
     """The coefficients by the kind of springs; those on edges here, which are sums over the disconnected taut parts."""
     # 1. The stiffnesses of the manifold, in a fixed cell
@@ -147,7 +148,7 @@ def exact_stiffening(
         critical.require_same_geometry(manifold.network)
         critical = replace(critical, network=manifold.network)
     if path.free:
-        relaxing = provided("relaxing_component", "free components of the cell")
+        relaxing = from_extras("relaxing_component", "free components of the cell")
         return failed(Status.floppy, relaxing(critical, path))
     # 2. Each taut part; the first failure decides the status
     solutions = [

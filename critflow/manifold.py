@@ -23,7 +23,7 @@ from scipy.sparse.linalg import LinearOperator
 from critflow.arguments import of_kind
 from critflow.checks import check_opened, components, edge_values
 from critflow.double_double import two_product
-from critflow.extensions import provided
+from critflow.extensions import from_extras
 from critflow.networks import Array, Network
 from critflow.numerics import dot, norms, product, read_only, restore_read_only, set_read_only
 from critflow.refinement import ExtendedGeometry, Refinement
@@ -267,7 +267,7 @@ class CriticalManifold:
         nearly singular that no digit is certain.
         """
         if pressures is not None:
-            return provided("pressurised_configuration", "pressures in faces")(self, sigma, pressures, throw)
+            return from_extras("pressurised_configuration", "pressures in faces")(self, sigma, pressures, throw)
         return self.solve(sigma, throw).value
 
     def solve(

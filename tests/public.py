@@ -3,7 +3,6 @@
 import inspect
 from importlib import import_module
 
-from extras_there import absent
 
 import critflow
 

@@ -9,11 +9,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from extras_there import missing
 from problems import square_octagon
 from public import NAMES, checked_functions
 
 import critflow
+import critflow_extras as ce
 from critflow import CritflowError, CriticalManifold, InputError, Network, calls, lattice, spring_state
 from critflow.arguments import generator, of_kind
 
@@ -66,9 +66,9 @@ RIGHT = {
 }
 # Arguments that an extra makes.
 OF_EXTRAS = {
-    "local": lambda: {"response": critflow.local_response(CRITICAL, (0, 2, (1, 1)), (1, 3, (0, 0))).value},
-    "weak": lambda: {"energy": critflow.AngleSprings(2.0)},
-    "examine": lambda: {"examination": critflow.examine(NETWORK, CRITICAL.coordinates, deformations=())},
+    "local": lambda: {"response": ce.local_response(CRITICAL, (0, 2, (1, 1)), (1, 3, (0, 0))).value},
+    "weak": lambda: {"energy": ce.AngleSprings(2.0)},
+    "examine": lambda: {"examination": ce.examine(NETWORK, CRITICAL.coordinates, deformations=())},
 }
 for extra, made in OF_EXTRAS.items():
     RIGHT |= {} if missing("", extra) else made()

@@ -11,7 +11,6 @@ from pathlib import Path
 import pytest
 import xarray as xr
 from distributed import Client
-from extras_there import absent
 
 from critflow import extensions
 from critflow.command import main as command_module

@@ -27,7 +27,6 @@ import matplotlib
 import matplotlib.pyplot as plt
 import numpy as np
 import pytest
-from extras_there import PUBLIC, absent, left_out_without_services, mentioned, skip_without
 from PIL import Image
 
 import critflow
@@ -124,7 +123,6 @@ def run_python(page: Path, group: list[Block], folder: Path) -> list[str]:
 def test_the_code_of_a_page_runs_and_prints_what_the_page_shows(page, tmp_path, monkeypatch, empty_pictures):
     for package in NEEDED.get(name_of(page), ()):
         pytest.importorskip(package)
-    skip_without(mentioned("".join(block.text for block in executed(page))))
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(backends, "BACKENDS", dict(backends.BACKENDS))  # a page adds one
     found = blocks(page)
@@ -132,7 +130,7 @@ def test_the_code_of_a_page_runs_and_prints_what_the_page_shows(page, tmp_path, 
         if block.kind == "python" and block.file and not is_of_the_package(block):
             (tmp_path / block.file).write_text(block.text, encoding="utf-8")
     group = [block for block in found if block.kind == "python" and not block.file]
-    with left_out_without_services(), empty_pictures():
+    with empty_pictures():
         for block in found:
             if block.kind == "console":
                 for line in block.text.replace("\\\n", " ").splitlines():
@@ -271,7 +269,6 @@ def test_the_gallery_has_short_scripts_and_shows_them_all():
 
 @pytest.mark.parametrize("script", programs.gallery_scripts(), ids=lambda script: script.stem)
 def test_a_picture_of_the_gallery_is_made_by_its_script(script):
-    skip_without(mentioned(script.read_text(encoding="utf-8")))
     assert 5_000 < programs.execute_script(script).stat().st_size < 120_000
 
 
@@ -293,10 +290,9 @@ def test_a_committed_picture_is_the_one_of_its_script(script, tmp_path, monkeypa
     texts += [
         (DOCS / "gallery" / name).read_text(encoding="utf-8") for name in re.findall(r"gallery/(\w+\.py)", texts[0])
     ]
-    skip_without(mentioned("".join(texts)))
     monkeypatch.setattr(sys, "argv", [str(script), str(tmp_path / "made.png")])
     agg = matplotlib.rcParamsDefault | {"backend": "Agg"}
-    with left_out_without_services(), matplotlib.rc_context(agg):
+    with matplotlib.rc_context(agg):
         runpy.run_path(str(script), run_name="__main__")
     made, committed = reduced(tmp_path / "made.png"), reduced(script.with_suffix(".png"))
     assert made.shape == committed.shape

@@ -6,8 +6,6 @@ from importlib import import_module
 
 import matplotlib.pyplot as plt
 import pytest
-from extras_there import PACKAGE as FOLDER
-from extras_there import absent, left_out_without_services, used_by_file
 
 import critflow
 

@@ -8,14 +8,12 @@ from pathlib import Path
 
 import numpy as np
 import xarray as xr
-from extras_there import skip_without
 from test_docs import DOCS, blocks, is_of_the_package
 from test_extras import ROOT, without
 
 
 def test_the_extra_of_the_documents_is_one_folder(tmp_path):
     """The page has its files, its tests, and what its command prints."""
-    skip_without(["design_names"])
     page = blocks(DOCS / "extending.md")
     folder, files = without(tmp_path), [block for block in page if is_of_the_package(block)]
     for block in files:

@@ -13,7 +13,6 @@ import fuzzing
 import numpy as np
 import pytest
 import random_problems
-from extras_there import PUBLIC
 from fuzzing import (
     a_deformation,
     answers_or_explains,

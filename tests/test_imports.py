@@ -6,11 +6,11 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from extras_there import PUBLIC, absent
 from layers import LAYERS
 from public import NAMES
 
 import critflow
+import critflow_extras as ce
 from critflow.extensions import extras
 
 ROOT = Path(critflow.__file__).parent
@@ -85,7 +85,7 @@ def test_a_layer_imports_only_those_before_it(name):
 
 def extras_of(modules: set[str]) -> set[str]:
     """The extras among modules, by name."""
-    return {module.split(".")[2] for module in modules if module.startswith("critflow.extras.")}
+    return {module.split(".")[2] for module in modules if module.startswith("critflow_extras.")}
 
 
 def test_the_scene_imports_no_extra():
@@ -193,11 +193,11 @@ def test_every_public_name_is_there():
 
 def test_a_name_of_a_deleted_extra_says_which(monkeypatch):
     monkeypatch.delitem(vars(critflow), "nearest_critical", raising=False)
-    monkeypatch.delitem(sys.modules, "critflow.extras.inference.nearest", raising=False)
-    monkeypatch.setitem(sys.modules, "critflow.extras.inference", None)
+    monkeypatch.delitem(sys.modules, "critflow_extras.inference.nearest", raising=False)
+    monkeypatch.setitem(sys.modules, "critflow_extras.inference", None)
     for relation in ("belongs to",) if absent(["inference"]) else ("needs", "belongs to"):
         with pytest.raises(AttributeError, match=f"nearest_critical {relation} the extra 'inference', which is not"):
-            critflow.nearest_critical  # noqa: B018
+            ce.nearest_critical  # noqa: B018
         monkeypatch.setattr("critflow.extensions.extras", dict)
 
 
@@ -259,7 +259,7 @@ def test_studies_name_their_neighbours_relatively():
         assert "from workflows" not in file.read_text(encoding="utf-8"), file
 
 
-@pytest.mark.parametrize("name", sorted(name for name in SOURCES if name != "critflow.extras.explore.view"))
+@pytest.mark.parametrize("name", sorted(name for name in SOURCES if name != "critflow_extras.explore.view"))
 def test_results_do_not_change_and_arrays_are_not_compared(name):
     # == of arrays has no truth value, so that a class that holds them compares by identity.
     for node in (node for node in ast.walk(TREES[name]) if isinstance(node, ast.ClassDef)):

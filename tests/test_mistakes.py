@@ -9,10 +9,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 import xarray as xr
-from extras_there import skip_without
 from refusals import refused
 
 import critflow as cf
+import critflow_extras as ce
 from critflow import CritflowError, InputError, SolveError
 from critflow.command.main import main
 
@@ -270,7 +270,7 @@ CALLS = {
     },
     "certificates": {
         "certificate of a network": (
-            lambda: cf.certify(NETWORK),
+            lambda: ce.certify(NETWORK),
             *(InputError, "critical must be a CriticalConfiguration, not a Network", MAKES_ONE),
         ),
     },
@@ -278,7 +278,7 @@ CALLS = {
         "quantity in lower case": (lambda: cf.quantity(NETWORK, "C_b"), InputError, "did you mean 'C_B'?"),
     },
     "sensitivities": {
-        "property misspelt": (lambda: cf.properties(BEST, ["B0"]), InputError, "did you mean 'B_0'?"),
+        "property misspelt": (lambda: ce.properties(BEST, ["B0"]), InputError, "did you mean 'B_0'?"),
     },
     "design_names": {
         "quantity of no edge": (
@@ -288,15 +288,15 @@ CALLS = {
     },
     "drawing": {
         "drawing of a dataset": (
-            lambda: cf.draw(DATASET),
+            lambda: ce.draw(DATASET),
             *(InputError, "a Dataset cannot be drawn", "give a network, a configuration or a state"),
         ),
         "colour a word": (
-            lambda: cf.draw(BEST, color="red"),
+            lambda: ce.draw(BEST, color="red"),
             *(InputError, "color must be an array of numbers", "not 'red'"),
         ),
         "a picture in place of axes": (
-            lambda: cf.draw(BEST, "x.png"),
+            lambda: ce.draw(BEST, "x.png"),
             *(InputError, "ax must be an Axes, not 'x.png'", "draw(...).figure.savefig('x.png')"),
         ),
     },
@@ -308,25 +308,25 @@ CALLS = {
     },
     "cables": {
         "deformation misspelt": (
-            lambda: cf.critical_strain(NETWORK, 1.05 * CRITICAL.lengths, "shear"),
+            lambda: ce.critical_strain(NETWORK, 1.05 * CRITICAL.lengths, "shear"),
             *(InputError, "no deformation is called 'shear'", "simple_shear, pure_shear"),
         ),
         "lengths too short": (
-            lambda: cf.critical_strain(NETWORK, np.ones(7), "simple_shear"),
+            lambda: ce.critical_strain(NETWORK, np.ones(7), "simple_shear"),
             *(InputError, "rest_lengths must have one value per edge", "shape (90,), not (7,)"),
         ),
     },
     "targets": {
         "beyond the bound": (
-            lambda: cf.design(NETWORK, {"B_0": 1.0}),
+            lambda: ce.design(NETWORK, {"B_0": 1.0}),
             *(SolveError, "B_0 is at most 0.28664132", "its bound for every stress", "1 was requested"),
         ),
         "no such quantity": (
-            lambda: cf.design(NETWORK, {"nu": -0.5}),
+            lambda: ce.design(NETWORK, {"nu": -0.5}),
             *(InputError, "no quantity is called 'nu'", "choose from B_0, G_0", "modulus[D]"),
         ),
         "targets as a set": (
-            lambda: cf.design(NETWORK, {"B_0"}),
+            lambda: ce.design(NETWORK, {"B_0"}),
             InputError,
             "targets must be a Mapping",
             "{'B_0': 0.25}",
@@ -335,50 +335,50 @@ CALLS = {
     },
     "design_stiffness rest targets": {
         "a target of another change": (
-            lambda: cf.design(NETWORK, {"poisson": -0.5}),
+            lambda: ce.design(NETWORK, {"poisson": -0.5}),
             *(InputError, "poisson is a target of change='stiffness', not of change='stress'"),
         ),
     },
     "design_stiffness": {
         "no such quantity of stiffnesses": (
-            lambda: cf.design(STATE, {"nu": -0.5}, change="stiffness"),
+            lambda: ce.design(STATE, {"nu": -0.5}, change="stiffness"),
             *(InputError, "no quantity is called 'nu'", "choose from B_0, G_0", "modulus[D]"),
         ),
         "a network in place of springs": (
-            lambda: cf.design(NETWORK, {"poisson": -0.5}, change="stiffness"),
+            lambda: ce.design(NETWORK, {"poisson": -0.5}, change="stiffness"),
             *(InputError, "change='stiffness' starts from springs on edges", "spring_state(network, ...)"),
         ),
         "limits of an unknown quantity": (
-            lambda: cf.design(STATE, {"B_0": 0.2}, change="stiffness", within={"colour": (0.1, 10)}),
+            lambda: ce.design(STATE, {"B_0": 0.2}, change="stiffness", within={"colour": (0.1, 10)}),
             *(InputError, "edges have no quantity 'colour'", "choose from stiffnesses"),
         ),
     },
     "fronts": {
         "objectives one by one": (
-            lambda: cf.pareto(NETWORK, "B_0", "C_G0", 3),
+            lambda: ce.pareto(NETWORK, "B_0", "C_G0", 3),
             *(InputError, "both objectives stand in one list", "pareto(network, ['B_0', 'V_L'], 11)"),
         ),
-        "one objective": (lambda: cf.pareto(NETWORK, "B_0"), InputError, "both objectives stand in one list"),
+        "one objective": (lambda: ce.pareto(NETWORK, "B_0"), InputError, "both objectives stand in one list"),
         "a target without its value": (
-            lambda: cf.prune_towards(BEST, "B_0", 0.2),
+            lambda: ce.prune_towards(BEST, "B_0", 0.2),
             *(InputError, "targets must be a Mapping", "not 'B_0'"),
         ),
     },
     "files": {
         "columns in place of a network": (
-            lambda: cf.network_from({"x": [0, 1]}),
+            lambda: ce.network_from({"x": [0, 1]}),
             *(InputError, "{'x': [0, 1]}", "not a known source of a network", "edges= and positions="),
         ),
         "a whole dataset": (
-            lambda: cf.network_from(DATASET),
+            lambda: ce.network_from(DATASET),
             *(InputError, "choose one seed and one population", "dataset.sel(seed=0, population='max_B_0')"),
         ),
         "several cases of a dataset": (
-            lambda: cf.network_from(DATASET.sel(seed=1)),
+            lambda: ce.network_from(DATASET.sel(seed=1)),
             *(InputError, "choose one population", "dataset.sel(population='max_B_0')"),
         ),
         "unknown ending": (
-            lambda: cf.write_network(BEST, "x.npz"),
+            lambda: ce.write_network(BEST, "x.npz"),
             *(InputError, "the ending '.npz' of 'x.npz'", "choose one of .csv", ".graphml", ".vtu"),
         ),
     },
@@ -391,7 +391,7 @@ ACCEPTED = {
         "strains as percentages": (lambda: cf.strain_path(BEST, [1, 2, 5]).status, cf.Status.ok),
         "compressed edges": (lambda: type(MANIFOLD.configuration(-np.ones(90))), cf.CriticalConfiguration),
     },
-    "files": {"a plane network without the size of its model": (lambda: cf.write_network(BEST, "x.stl"), None)},
+    "files": {"a plane network without the size of its model": (lambda: ce.write_network(BEST, "x.stl"), None)},
 }
 
 # A solution and a field of its value, which is read as solution.value.NAME.
@@ -606,7 +606,6 @@ def rows(table):
 
 @pytest.mark.parametrize("extras, name", rows(CALLS))
 def test_a_wrong_call_gives_its_kind_of_error_and_its_sentence(extras, name, monkeypatch, tmp_path):
-    skip_without(extras.split())
     monkeypatch.chdir(tmp_path)
     call, kind, *words = CALLS[extras][name]
     with pytest.raises(kind) as caught:
@@ -620,7 +619,6 @@ def test_a_wrong_call_gives_its_kind_of_error_and_its_sentence(extras, name, mon
 
 @pytest.mark.parametrize("extras, name", rows(ACCEPTED))
 def test_a_call_that_is_no_mistake_returns(extras, name, monkeypatch, tmp_path):
-    skip_without(extras.split())
     monkeypatch.chdir(tmp_path)
     call, expected = ACCEPTED[extras][name]
     assert call() == expected
@@ -662,7 +660,6 @@ def here(tmp_path, monkeypatch):
 
 @pytest.mark.parametrize("extras, name", rows(COMMANDS))
 def test_a_wrong_command_gives_its_exit_code_and_its_sentence(extras, name, here, results, capsys):
-    skip_without(extras.split())
     words, code, *decisive = COMMANDS[extras][name]
     files = sorted(here.rglob("*"))
     capsys.readouterr()

@@ -16,23 +16,21 @@ from critflow import (
     Network,
     PowerLaw,
     delaunay_network,
-    design,
     elasticity,
     equilibrium,
-    foam_network,
     lattice,
     optimize,
-    rigidity,
     spring_state,
     strain_path,
     voronoi_network,
 )
 from critflow.deformation import strain_basis
-from critflow.extras.anisotropy.tensors import affine_stress_corrected, stress_corrected, stress_strain
-from critflow.extras.certificates.spaces import zero_modes
-from critflow.extras.design_stiffness.stiffnesses import isotropic_targets
-from critflow.extras.tensegrity.second_order import second_order_rigidity
-from critflow.extras.weak.soft_spectrum import soft_spectrum
+from critflow_extras import design, foam_network, rigidity
+from critflow_extras.anisotropy.tensors import affine_stress_corrected, stress_corrected, stress_strain
+from critflow_extras.certificates.spaces import zero_modes
+from critflow_extras.design_stiffness.stiffnesses import isotropic_targets
+from critflow_extras.tensegrity.second_order import second_order_rigidity
+from critflow_extras.weak.soft_spectrum import soft_spectrum
 from workflows.benchmarks.lammps import Lammps
 
 # SymPy before 1.15 calls a function that mpmath 1.4 deprecates.

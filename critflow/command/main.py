@@ -34,7 +34,7 @@ from critflow.engine.store import (
     reason_lines,
 )
 from critflow.engine.study import plural
-from critflow.extensions import extras, missing, provided
+from critflow.extensions import from_extras, joined, loaded, more
 from critflow.result import CritflowError, EnvironmentFailure, InputError, IntegrityError
 
 INTERRUPTED, INTEGRITY, FAILED_CASES = 130, 4, 3  # exit codes
@@ -80,28 +80,30 @@ def warn(sentence: str) -> None:
 
 
 class Subcommands(click.Group):
-    """The subcommands of critflow and of all extras that are installed, in the order of their use."""
-
-    def make_context(self, info_name: str | None, args: list[str], parent: Any = None, **more: Any) -> click.Context:
-        own = {name: command for name, command in self.commands.items() if command.callback}
-        # Those of extras are known by their declarations until they are used.
-        self.of_extras = {name: (extra, one) for extra in extras().values() for name, one in extra.commands.items()}
-        self.commands = own | {name: click.Command(name, help=one["help"]) for name, (_, one) in self.of_extras.items()}
-        return super().make_context(info_name, args, parent, **more)
+    """The subcommands of critflow, and those of the entry points `critflow.commands`, in the order of their use."""
 
     def list_commands(self, ctx: click.Context) -> list[str]:
-        return list(self.commands)
+        """The words of the help: one whose package is broken is left out with a warning."""
+        words = list(self.commands)
+        for name, entry in joined("commands").items():
+            try:
+                loaded(entry)
+                words.append(name)
+            except EnvironmentFailure as error:
+                warn(str(error))
+        return words
+
+    def get_command(self, ctx: click.Context, name: str) -> click.Command | None:
+        entry = joined("commands").get(name)
+        return loaded(entry) if entry else self.commands.get(name)
 
     def resolve_command(self, ctx: click.Context, args: list[str]) -> Any:
-        """The subcommand of the first word; `InputError` for one of an extra that is not installed."""
-        if args[0] in self.of_extras:
-            extra, command = self.of_extras[args[0]]
-            return args[0], extra.named(command["place"]), args[1:]
-        if args[0] not in self.commands and (absent := missing(args[0])):
-            raise InputError(
-                f"{args[0]} belongs to the extra {absent!r} of critflow, which is not installed: install critflow again"
-            )
-        return super().resolve_command(ctx, args)
+        """The subcommand of the first word; `UsageError` for an unknown one."""
+        try:
+            return super().resolve_command(ctx, args)
+        except click.UsageError as error:
+            error.message += more("commands, such as examine and convert")
+            raise
 
 
 @click.group(cls=Subcommands, no_args_is_help=False, epilog="critflow COMMAND --help prints the options of a command.")
@@ -351,7 +353,7 @@ def show(file: Path, settings: Sequence[str], out: Path | None) -> None:
         raise InputError(f"{file} is a folder: give the dataset NAME.nc in it")
     with opened_dataset(file) as dataset:
         if settings or out:
-            print(provided("draw_case", "drawings of cases")(dataset, settings, out, file.parent))
+            print(from_extras("draw_case", "drawings of cases")(dataset, settings, out, file.parent))
         else:
             print(dataset.attrs["summary"])
 

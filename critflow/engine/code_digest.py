@@ -2,8 +2,8 @@
 
 The digest covers
 
-    scene   every module of critflow that can decide numbers, and those of the extras that the study uses
-    study   the case function and the definitions that it reaches, in the files of the study and in this engine
+    scene   every module of critflow that can decide numbers, and those of critflow-extras that the study uses
+    study   the case function and the definitions that it reaches, in its files, this engine and `critflow.studies`
 
 Comments, docstrings and layout invalidate no stored case, nor do figures, claims and other definitions that the case
 function does not reach, even in the same file.  No name of a machine, user or folder is stored anywhere.
@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import ast
 import errno
+import importlib
 import importlib.util
 import itertools
 import os
@@ -35,7 +36,7 @@ from typing import Any
 import numpy as np
 
 from critflow.engine.study import Study, nearest
-from critflow.extensions import extras, known_names, with_needs
+from critflow.extensions import EXTRAS, has_extras, quantity_entry
 from critflow.result import EnvironmentFailure, InputError, StudyError
 
 _PACKAGE = Path(__file__).parents[1]
@@ -54,9 +55,8 @@ _ABSENT = {
     }.items()
     for name in names
 }
-_NOT_NUMERIC = ("command", "pictures.py", "engine", "studies", "extras", "__init__.py", "__main__.py")
-_EXTRAS = "critflow.extras"
-_WORD = re.compile(r"(\w+)(\[|$)")  # a text that may be the name of a quantity, or of variables of a design
+_NOT_NUMERIC = ("command", "pictures.py", "engine", "studies", "__init__.py", "__main__.py")
+_STUDIES = f"{__package__.partition('.')[0]}.studies"
 _ALL = "*"  # all that a module defines
 _LENGTH = 12  # digits of a digest
 _PACKAGES = ("numpy", "scipy", "qdldl", "clarabel", "pypardiso", "pyamg")  # that numbers may depend on
@@ -83,7 +83,11 @@ _numbers = itertools.count()  # every execution has a unique module name, so tha
 def named_studies() -> dict[str, Path]:
     """Every study that can be run by name: in ./workflows, in the installed package, in the source checkout."""
     studies: dict[str, Path] = {}
-    for folder in (Path("workflows"), _PACKAGE / "studies", _PACKAGE.parent / "workflows"):
+    folders = [Path("workflows"), _PACKAGE / "studies", _PACKAGE.parent / "workflows"]
+    if has_extras():
+        extras = Path(str(_file(EXTRAS))).parent
+        folders += [extras / "studies", extras.parent / "studies"]
+    for folder in folders:
         for path in sorted([*folder.glob("*/study.py"), *folder.glob("benchmarks/*/study.py")]):
             studies.setdefault(path.parent.name, path)
         for path in sorted(folder.glob("[!_]*.py")):
@@ -189,33 +193,29 @@ def code_version(study: Study) -> str:
 
 
 def used_extras(study: Study) -> frozenset[str]:
-    """The extras whose code counts for the cases of a study: those that it declares, imports or names."""
+    """The modules of critflow-extras whose code counts for the cases of a study, with all that they import of it.
+
+    The definitions of the study import them, or the study or its settings name what is in them (`Study.extras`).
+    """
     return _study_code(*_origin(study))[1]
 
 
 def _origin(study: Study) -> tuple[str, str, tuple[str, ...]]:
-    """Module and name of the case function, and the extras that the study declares."""
+    """Module and name of the case function, and the names of critflow-extras that the study declares."""
     module, name = (str(getattr(study.case, attribute, "")) for attribute in ("__module__", "__qualname__"))
     return module, name, tuple(study.extras)
 
 
-def numeric_extras(modules: Iterable[str]) -> set[str]:
-    """The extras that decide numbers, of which there are modules."""
-    names = {name.split(".")[2] for name in modules if name.startswith(f"{_EXTRAS}.")}
-    return {name for name in names if extras()[name].numeric}
-
-
-def numeric_modules(of_extras: Iterable[str]) -> dict[str, Path]:
-    """Files of the scene and of some extras that can decide numbers, by their paths in the package."""
+def numeric_modules(of_extras: Iterable[str] = ()) -> dict[str, Path]:
+    """Files of the scene that can decide numbers, and of some modules of critflow-extras, by path or module."""
     files = [path for path in _PACKAGE.rglob("*.py") if path.relative_to(_PACKAGE).parts[0] not in _NOT_NUMERIC]
-    for name in of_extras:
-        files += (_PACKAGE / "extras" / name).rglob("*.py")
-    return {path.relative_to(_PACKAGE).as_posix(): path for path in sorted(files)}
+    found = {path.relative_to(_PACKAGE).as_posix(): path for path in sorted(files)}
+    return found | {name: path for name in sorted(of_extras) if (path := _file(name)) is not None}
 
 
 @cache
 def _scene_digest(used: frozenset[str]) -> str:
-    """Digest of the scene and of some extras."""
+    """Digest of the scene and of some modules of critflow-extras."""
     lines = (f"{name}\0{_file_digest(path)}\n" for name, path in numeric_modules(used).items())
     return _digest("".join(lines).encode())[:_LENGTH]
 
@@ -227,37 +227,47 @@ def _file_digest(path: Path) -> str:
 
 @cache
 def _study_code(module: str, name: str, declared: tuple[str, ...]) -> tuple[str, frozenset[str]]:
-    """Digest of the definitions that a function reaches, and the extras whose code counts for it.
-
-    These are the extras that the definitions import or name, such as "design", "onset[D]" or "variables of stress".
-    """
-    texts, names, words, used = list[str](), set[str](), set[str](), set(declared)
+    """Digest of the definitions that a function reaches, and the modules of critflow-extras that count for it."""
+    texts, names, modules = list[str](), set(declared), set[str]()
     for (where, one), parts in reached_definitions(module, name).items():
         # A study has the same digest in each folder, whose modules have another root.
         texts.append(f"{where.removeprefix(_root(module))} {one} {''.join(map(_text, parts))}\n")
         for node in (node for part in parts for node in ast.walk(part)):
             if isinstance(node, ast.Attribute):
                 names.add(node.attr)
-            elif isinstance(node, ast.Constant) and isinstance(node.value, str) and (word := _WORD.match(node.value)):
-                words.add(word[1])
             for source, imported in _imports(where, node):
-                whole = f"{source}.{imported}".lstrip(".")
-                if whole.startswith(f"{_EXTRAS}."):
-                    used.add(whole.split(".")[2])
-                elif whole.startswith("critflow."):
-                    names.add(imported)
-    for extra, known in known_names().items():
-        if any(one in names if one.isidentifier() else one.split("[")[0].split()[-1] in words for one in known):
-            used.add(extra)
-    # Backends are chosen by the size of a matrix, by no name.
-    used |= {name for name, extra in extras().items() if extra.solvers}
-    numeric = {name for name, extra in extras().items() if extra.numeric}
-    return _digest("".join(sorted(texts)).encode())[:_LENGTH], frozenset(with_needs(used) & numeric)
+                names.add(imported)
+                modules |= {source, imported, f"{source}.{imported}"}
+    if has_extras():
+        package = importlib.import_module(EXTRAS)
+        used = {one for one in modules if one.startswith(f"{EXTRAS}.")}
+        used |= {entry.module for one in declared if (entry := quantity_entry(one))}
+        # A name of the package counts where the study imports the package, or declares the name.
+        known = names if EXTRAS in modules else set(declared)
+        used |= {getattr(package, one).__module__ for one in known & set(package.__all__)}
+        modules = _with_imports(used)
+    return _digest("".join(sorted(texts)).encode())[:_LENGTH], frozenset(modules if has_extras() else ())
+
+
+def _with_imports(modules: set[str]) -> set[str]:
+    """Modules of critflow-extras, their packages, and all that they import of it."""
+    found, waiting = set[str](), set(modules)
+    while waiting:
+        name = waiting.pop()
+        path = _file(name)
+        if path is None or name in found or name == EXTRAS:
+            continue
+        found.add(name)
+        waiting.add(name.rpartition(".")[0])
+        for node in ast.walk(_parsed(path)):
+            if isinstance(node, ast.ImportFrom) and (node.module or "").startswith(f"{EXTRAS}."):
+                waiting |= {str(node.module), *(f"{node.module}.{alias.name}" for alias in node.names)}
+    return found
 
 
 def reached_definitions(module: str, name: str) -> dict[tuple[str, str], list[ast.stmt]]:
-    """The definitions that a function reaches, by module and name, in the files of its study and in this engine."""
-    ours, reached = (_root(module), str(__package__)), dict[tuple[str, str], list[ast.stmt]]()
+    """The definitions that a function reaches, by module and name, in its study, this engine and `critflow.studies`."""
+    ours, reached = (_root(module), str(__package__), _STUDIES), dict[tuple[str, str], list[ast.stmt]]()
     bound, waiting = dict[str, dict[str, list[ast.stmt]]](), [(module, name)]
     while waiting:
         module, name = waiting.pop()
@@ -358,7 +368,10 @@ def _text(node: Any) -> str:
 @cache
 def libraries() -> Mapping[str, str]:
     """Versions that must be equal in every process of a run, with a digest of the files that decide numbers."""
-    files = numeric_modules(name for name, extra in extras().items() if extra.numeric)
+    files = numeric_modules()
+    if has_extras():
+        folder = Path(str(_file(EXTRAS))).parent
+        files |= {path.relative_to(folder.parent).as_posix(): path for path in sorted(folder.rglob("*.py"))}
     digest = _digest("".join(f"{name}\0{_digest(path.read_bytes())}" for name, path in files.items()).encode())
     return {"critflow": f"{version('critflow')} {digest[:_LENGTH]}"} | _versions()
 

@@ -128,7 +128,8 @@ def select(study: Study, words: Sequence[str] = ()) -> Selection:
         labels = parameters[coordinate.parameter]
         if not isinstance(labels[0], str) and any(later <= earlier for earlier, later in itertools.pairwise(labels)):
             raise StudyError(f"{coordinate.parameter} must increase from each value to the next")
-    selection = Selection(study.storing(_variables(study, given.get("variables", "all"))), parameters, axes)
+    stored = study.storing(_variables(study, given.get("variables", "all")))
+    selection = Selection(stored.counting(parameters), parameters, axes)
     count = selection.count
     require(count <= LONGEST, f"these settings give {count:,} cases: choose at most {LONGEST:,}")
     if study.check is not None:

@@ -26,6 +26,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from critflow.extensions import quantity_entry
 from critflow.result import Status, StudyError
 
 if TYPE_CHECKING:  # a case function needs neither library
@@ -266,7 +267,7 @@ class Study:
     # Variables that a figure, an animation, "claims", "summary" or "verify" reads; all variables without an entry.
     needs: Mapping[str, Sequence[str]] = field(default_factory=dict)
     workers: int | None = None  # largest number of simultaneous cases: 1 if cases measure time
-    extras: Sequence[str] = ()  # of critflow that cases use without an import or a name in the study
+    extras: Sequence[str] = ()  # names of critflow-extras that cases use and the study does not import
     left_out: Sequence[Variable] = ()  # rows of the table that are not stored; set by `storing`
 
     def __post_init__(self) -> None:
@@ -365,6 +366,12 @@ class Study:
         dims = {dim for variable in kept for dim in variable.dims}
         labels = [coordinate for coordinate in self.coordinates if coordinate.name in dims]
         return replace(self, variables=kept, coordinates=labels, left_out=left_out)
+
+    def counting(self, parameters: Mapping[str, Any]) -> Study:
+        """The study whose code counts the quantities, of packages that joined, which the settings name."""
+        values = (one for value in parameters.values() for one in (value if isinstance(value, tuple) else (value,)))
+        named = [one for one in values if isinstance(one, str) and quantity_entry(one)]
+        return replace(self, extras=(*self.extras, *named)) if set(named) - set(self.extras) else self
 
     def computed(self, parameters: Mapping[str, Any], values: Mapping[str, int | str]) -> dict[str, np.ndarray]:
         """Arrays of one case, computed and checked."""

@@ -42,7 +42,7 @@ PACKAGE = Path(critflow.__file__).parent
 
 def package_of(layer: str) -> str:
     """The module of the scene, or the package of the extra."""
-    return f"critflow.extras.{layer}" if (PACKAGE / "extras" / layer).is_dir() else f"critflow.{layer}"
+    return f"critflow_extras.{layer}" if (PACKAGE / "extras" / layer).is_dir() else f"critflow.{layer}"
 
 
 def files_of(layer: str) -> list[Path]:
@@ -102,7 +102,7 @@ def in_theory(layer: str) -> list[str]:
     text = "".join(page.read_text(encoding="utf-8") for page in sorted(THEORY.glob("*.md")))
     found = re.findall(rf"`{layer}: (\w+(?:\.[a-z]\w*)*)", text)
     paths = [path_of(layer, name).split(".") for name in found]
-    depth = 5 if package_of(layer).startswith("critflow.extras.") else 3  # of the name in its module
+    depth = 5 if package_of(layer).startswith("critflow_extras.") else 3  # of the name in its module
     return [".".join(path[:depth]) for path in paths if within(".".join(path[:-1]), layer) and len(path) >= depth]
 
 

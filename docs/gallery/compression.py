@@ -3,6 +3,8 @@
 It requires compressed edges, dashed here; the value is known in closed form.
 """
 
+import critflow_extras as ce
+
 import critflow as cf
 from critflow.quantities import transition_modulus
 
@@ -11,7 +13,7 @@ stiffest = cf.optimize(network, "G_0", signs="any")
 bound = cf.upper_bound(
     network, transition_modulus(network, [[0.0, 0.5], [0.5, 0.0]])
 )
-axes = cf.draw(
+axes = ce.draw(
     stiffest, title=f"$G_0$ = {stiffest.objective:.4f} k, bound {bound:.4f} k"
 )
 axes.figure.colorbar(

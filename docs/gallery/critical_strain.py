@@ -5,6 +5,7 @@ the network rigid. Edges are 3 % too long; bars are standard errors of four
 networks.
 """
 
+import critflow_extras as ce
 import matplotlib.pyplot as plt
 import numpy as np
 
@@ -15,9 +16,9 @@ coordinations, n = np.linspace(3.3, 4.2, 7), 4
 onsets = np.empty((n, len(coordinations)))
 for seed in range(n):
     for at, z in enumerate(coordinations):
-        network = cf.diluted(lattice, z=z, seed=seed)
+        network = ce.diluted(lattice, z=z, seed=seed)
         lengths = np.full(network.n_edges, 1.03)
-        onset = cf.critical_strain(network, lengths, "simple_shear")
+        onset = ce.critical_strain(network, lengths, "simple_shear")
         onsets[seed, at] = onset.value.strain
 error = onsets.std(axis=0, ddof=1) / np.sqrt(n)
 figure, axes = plt.subplots(figsize=(5, 3.6), layout="constrained")

@@ -4,14 +4,14 @@ Segments of a rod of length ℓ have the stiffness 1/ℓ. Lengths of the picture
 are kept as rest lengths.
 """
 
-import critflow as cf
+import critflow_extras as ce
 
-network = cf.fibre_network("mikado", 150, z=3.6, seed=1)
+network = ce.fibre_network("mikado", 150, z=3.6, seed=1)
 lengths = [
     sum(bond**2) ** 0.5 for bond in network.bond_vectors(network.positions)
 ]
-onset = cf.critical_strain(network, lengths, "simple_shear", throw=False)
-axes = cf.draw(
+onset = ce.critical_strain(network, lengths, "simple_shear", throw=False)
+axes = ce.draw(
     onset.value.configuration,
     title=f"taut in shear at γ = {onset.value.strain:.3f}",
 )

@@ -4,10 +4,11 @@ Discs show the part of each vertex in the zero modes of a displaced Voronoi
 network.
 """
 
+import critflow_extras as ce
 import numpy as np
+from critflow_extras.certificates.spaces import zero_modes
 
 import critflow as cf
-from critflow.extras.certificates.spaces import zero_modes
 
 network = cf.voronoi_network(n_vertices=100, seed=4)
 x = network.positions + 0.05 * np.random.default_rng(0).standard_normal(
@@ -15,7 +16,7 @@ x = network.positions + 0.05 * np.random.default_rng(0).standard_normal(
 )
 modes = zero_modes(network, x).value.modes
 moving = np.sum(modes**2, axis=(0, 2)) / 2
-axes = cf.draw(
+axes = ce.draw(
     network,
     vertices=moving,
     title=f"{len(modes)} independent motions without a change of length",

@@ -3,11 +3,13 @@
 Four edges meet at each vertex; far edges fade.
 """
 
+import critflow_extras as ce
+
 import critflow as cf
 
-foam = cf.foam_network(n_vertices=60, seed=1)
+foam = ce.foam_network(n_vertices=60, seed=1)
 best = cf.optimize(foam, "B_0")
-axes = cf.draw(
+axes = ce.draw(
     best, title=f"{foam.n_vertices} vertices, $B_0$ = {best.objective:.4f}"
 )
 axes.figure.set_size_inches(4.4, 3.9)

@@ -4,6 +4,7 @@ The sides of a square net are pinned to a circle; twice the stress in one
 direction shortens its edges.
 """
 
+import critflow_extras as ce
 import numpy as np
 
 import critflow as cf
@@ -29,7 +30,7 @@ pins = {
 }
 network = cf.Network(edges.reshape(-1, 2), pins=pins)
 sigma = np.where(np.arange(network.n_edges) < len(rows), 1.0, 2.0)
-axes = cf.draw(cf.CriticalManifold(network).configuration(sigma), width=2.5)
+axes = ce.draw(cf.CriticalManifold(network).configuration(sigma), width=2.5)
 axes.figure.colorbar(
     axes.collections[0], ax=axes, shrink=0.7, label="tension, up to a factor"
 )

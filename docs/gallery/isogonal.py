@@ -4,6 +4,7 @@ Directions and tensions of all edges are the same in each panel; the lengths are
 not.
 """
 
+import critflow_extras as ce
 import matplotlib.pyplot as plt
 import numpy as np
 
@@ -16,7 +17,7 @@ direction = np.random.default_rng(0).standard_normal(network.faces.n_faces)
 figure, row = plt.subplots(1, 2, figsize=(5.6, 3), layout="constrained")
 for axes, fraction in zip(row, (0.0, 0.9), strict=True):
     critical = modes.towards(direction, fraction)
-    cf.draw(
+    ce.draw(
         critical,
         axes,
         title=f"$B_0$ = {cf.elasticity(critical).value.bulk:.10f} k",

@@ -3,6 +3,7 @@
 A linear program over the isogonal modes; no edge is shorter than 0.15.
 """
 
+import critflow_extras as ce
 import numpy as np
 
 import critflow as cf
@@ -16,7 +17,7 @@ sides = faces.edges[faces.starts[chosen] : faces.starts[chosen + 1]]
 large = modes.largest(
     np.bincount(sides, minlength=network.n_edges), shortest=0.15
 ).value
-axes = cf.draw(
+axes = ce.draw(
     large,
     title=f"perimeter {large.lengths[sides].sum():.2f}, "
     f"$B_0$ = {cf.elasticity(large).value.bulk:.4f} k",

@@ -3,14 +3,15 @@
 All edges at once, exactly, from one factorisation.
 """
 
+import critflow_extras as ce
 import numpy as np
 
 import critflow as cf
 
 network = cf.voronoi_network(n_vertices=150, seed=5)
 critical = cf.optimize(network, "V_L").value
-leverage = cf.edge_leverage(critical, "B_0")
-axes = cf.draw(
+leverage = ce.edge_leverage(critical, "B_0")
+axes = ce.draw(
     critical, color=np.abs(leverage.value.change), cmap="viridis", width=2.5
 )
 axes.set_title(

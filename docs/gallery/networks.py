@@ -3,23 +3,24 @@
 Each generator takes a seed, and prunes to the part that can carry tension.
 """
 
+import critflow_extras as ce
 import matplotlib.pyplot as plt
 
 import critflow as cf
 
 networks = {
-    "diluted kagome": cf.diluted(cf.lattice("kagome", 6, 6), z=3.4, seed=1),
-    "phantom": cf.fibre_network("phantom", 10, 10, z=3.4, seed=1),
-    "Delaunay": cf.diluted(cf.delaunay_network(80, seed=1), z=4.2, seed=1),
-    "packing": cf.packing_network(80, z=4.5, seed=1),
-    "random regular": cf.regular_network(80, z=3, seed=1),
+    "diluted kagome": ce.diluted(cf.lattice("kagome", 6, 6), z=3.4, seed=1),
+    "phantom": ce.fibre_network("phantom", 10, 10, z=3.4, seed=1),
+    "Delaunay": ce.diluted(cf.delaunay_network(80, seed=1), z=4.2, seed=1),
+    "packing": ce.packing_network(80, z=4.5, seed=1),
+    "random regular": ce.regular_network(80, z=3, seed=1),
     "oblique Voronoi": cf.voronoi_network(
         100, seed=1, cell=[[1.5, 0.0], [0.6, 1.0]]
     ),
 }
 figure, grid = plt.subplots(2, 3, figsize=(6.4, 4.6), layout="constrained")
 for axes, (title, network) in zip(grid.flat, networks.items(), strict=True):
-    cf.draw(
+    ce.draw(
         network,
         axes,
         title=title,

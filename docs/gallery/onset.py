@@ -4,6 +4,7 @@ The edges are 5 % longer than at the isotropic transition. γ_c follows from
 cone programs, with bounds.
 """
 
+import critflow_extras as ce
 import numpy as np
 
 import critflow as cf
@@ -11,8 +12,8 @@ import critflow as cf
 network = cf.voronoi_network(n_vertices=200, seed=1)
 ratio = cf.critical_from_lengths(network, np.ones(network.n_edges)).ratio
 lengths = np.full(network.n_edges, 1.05 * ratio)
-onset = cf.critical_strain(network, lengths, "simple_shear")
-axes = cf.draw(
+onset = ce.critical_strain(network, lengths, "simple_shear")
+axes = ce.draw(
     onset.value.configuration,
     title=f"rigid from γ = {onset.value.strain:.6f}"
     f" ± {onset.value.upper - onset.value.lower:.0e}",

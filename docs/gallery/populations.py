@@ -4,6 +4,7 @@ Every panel has the same edges and a single self-stress; only the objective
 differs.
 """
 
+import critflow_extras as ce
 import matplotlib.pyplot as plt
 import numpy as np
 
@@ -19,7 +20,7 @@ found = {
 }
 figure, grid = plt.subplots(2, 2, figsize=(4.6, 4.6), layout="constrained")
 for axes, (title, critical) in zip(grid.flat, found.items(), strict=True):
-    cf.draw(critical, axes, title=title)
+    ce.draw(critical, axes, title=title)
 figure.colorbar(
     axes.collections[0], ax=grid, shrink=0.6, label="tension, up to a factor"
 )

@@ -4,12 +4,13 @@ Stiffnesses of a triangulation are chosen for Poisson's ratio 0.1.  A ribbon
 has k ∝ width/|L|; the SVG file, 100 mm wide, is the same drawing to cut.
 """
 
+import critflow_extras as ce
 import numpy as np
+from critflow_extras.design_stiffness.stiffnesses import isotropic_targets
 from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 
 import critflow as cf
-from critflow.extras.design_stiffness.stiffnesses import isotropic_targets
 from critflow.pictures import add_cell, periodic_segments
 
 network = cf.delaunay_network(24, seed=1)
@@ -17,8 +18,8 @@ lengths = np.linalg.norm(network.bond_vectors(network.positions), axis=1)
 state = cf.spring_state(network, lengths, network.positions)
 limits = {"stiffnesses": (0.3 / lengths, 3 / lengths)}  # of widths
 goal = isotropic_targets(2, 0.7, 0.1)
-found = cf.design(state, goal, change="stiffness", within=limits).value
-cf.write_network(found, "print.svg", size=100, width=1.5, by_stiffness=True)
+found = ce.design(state, goal, change="stiffness", within=limits).value
+ce.write_network(found, "print.svg", size=100, width=1.5, by_stiffness=True)
 
 width = found.network.stiffness * lengths
 width *= 1.5 / width.mean()  # mm

@@ -4,6 +4,7 @@ The coordinates have errors; the nearest critical configuration gives back the
 tensions with standard errors.
 """
 
+import critflow_extras as ce
 import matplotlib.pyplot as plt
 import numpy as np
 
@@ -15,7 +16,7 @@ truth = cf.CriticalManifold(network).configuration(
     np.exp(0.3 * rng.standard_normal(network.n_edges))
 )
 seen = truth.coordinates + 0.01 * rng.standard_normal(truth.coordinates.shape)
-fit = cf.nearest_critical(network, seen, error=0.01)
+fit = ce.nearest_critical(network, seen, error=0.01)
 figure, axes = plt.subplots(figsize=(4.4, 4.2), layout="constrained")
 sigma = fit.value.sigma
 axes.errorbar(

@@ -4,11 +4,12 @@ Each point is the onset of rigidity on a ray of strains; the region inside is
 floppy.
 """
 
+import critflow_extras as ce
 import matplotlib.pyplot as plt
 import numpy as np
+from critflow_extras.cables.rigidity_surface import strain_plane
 
 import critflow as cf
-from critflow.extras.cables.rigidity_surface import strain_plane
 
 network = cf.voronoi_network(n_vertices=60, seed=1)
 ratio = cf.critical_from_lengths(network, np.ones(network.n_edges)).ratio
@@ -16,7 +17,7 @@ stretch, shear = np.diag([1.0, -1.0]), np.array([[0.0, 1.0], [1.0, 0.0]])
 figure, axes = plt.subplots(figsize=(4.4, 4.2), layout="constrained")
 for excess, colour in ((1.02, "#0072B2"), (1.05, "#D55E00")):
     lengths = np.full(network.n_edges, excess * ratio)
-    surface = cf.rigidity_surface(
+    surface = ce.rigidity_surface(
         network, lengths, strain_plane(stretch, shear, n=16)
     )
     angle = np.linspace(0, 2 * np.pi, 16, endpoint=False)

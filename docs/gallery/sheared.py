@@ -4,6 +4,7 @@ The same stress balances on the sheared cell, at another configuration; no
 minimum-image rule is involved.
 """
 
+import critflow_extras as ce
 import matplotlib.pyplot as plt
 
 import critflow as cf
@@ -15,7 +16,7 @@ figure, row = plt.subplots(
 )
 for axes, shear in zip(row, (0.0, 0.7), strict=True):
     sheared = network.deformed([[1.0, shear], [0.0, 1.0]])
-    cf.draw(
+    ce.draw(
         cf.CriticalManifold(sheared).configuration(sigma),
         axes,
         title=f"simple shear {shear}",

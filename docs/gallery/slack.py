@@ -4,14 +4,15 @@ A diluted lattice of cables in simple shear: thin grey edges are slack, and the
 others carry all of the force.
 """
 
+import critflow_extras as ce
 import numpy as np
 
 import critflow as cf
 
-network = cf.diluted(cf.lattice("triangular", 10, 10), z=3.4, seed=1)
-onset = cf.critical_strain(network, np.ones(network.n_edges), "simple_shear")
+network = ce.diluted(cf.lattice("triangular", 10, 10), z=3.4, seed=1)
+onset = ce.critical_strain(network, np.ones(network.n_edges), "simple_shear")
 n_taut = len(onset.value.taut_edges)
-axes = cf.draw(
+axes = ce.draw(
     onset.value.configuration,
     title=f"{n_taut} of {network.n_edges} edges are taut",
 )

@@ -4,11 +4,13 @@ Line width and colour show the tension. B_0 equals its upper bound over all
 stresses.
 """
 
+import critflow_extras as ce
+
 import critflow as cf
 
 network = cf.voronoi_network(n_vertices=200, seed=7)
 best = cf.optimize(network, "B_0")
-axes = cf.draw(
+axes = ce.draw(
     best, title=f"$B_0$ = {best.objective:.4f} k, bound {best.bound:.4f} k"
 )
 axes.figure.colorbar(

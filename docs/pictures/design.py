@@ -5,8 +5,9 @@ from pathlib import Path
 
 from matplotlib.figure import Figure
 
-from critflow import CriticalManifold, design, voronoi_network
+from critflow import CriticalManifold, voronoi_network
 from critflow.pictures import draw_network
+from critflow_extras import design
 
 manifold = CriticalManifold(voronoi_network(100, seed=1))
 fig = Figure(figsize=(9, 3.3), layout="constrained")

@@ -3,7 +3,8 @@
 import sys
 from pathlib import Path
 
-from critflow import draw, optimize, voronoi_network
+from critflow import optimize, voronoi_network
+from critflow_extras import draw
 
 network = voronoi_network(n_vertices=200, seed=7)
 best = optimize(network, "B_0")

@@ -7,7 +7,8 @@ from pathlib import Path
 import matplotlib.pyplot as plt
 import numpy as np
 
-from critflow import CriticalManifold, draw, elasticity, lattice, optimize, voronoi_network
+from critflow import CriticalManifold, elasticity, lattice, optimize, voronoi_network
+from critflow_extras import draw
 
 honeycomb = lattice("honeycomb", 4, 4)
 critical = CriticalManifold(honeycomb).configuration(np.ones(honeycomb.n_edges))

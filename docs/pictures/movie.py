@@ -13,9 +13,10 @@ from matplotlib.cm import ScalarMappable
 from matplotlib.colors import Normalize
 from PIL import Image
 
-from critflow import Cable, critical_strain, equilibrium, fibre_network, spring_state, strain_path
+from critflow import Cable, equilibrium, spring_state, strain_path
 from critflow.deformation import deformation_of
 from critflow.pictures import TENSION_MAP, add_cell, add_edges, periodic_segments
+from critflow_extras import critical_strain, fibre_network
 
 FLOPPY, RIGID, LAST = 14, 24, 0.12  # frames before and after the onset; strain of the last one past it
 

@@ -5,16 +5,9 @@ from pathlib import Path
 
 from matplotlib.figure import Figure
 
-from critflow import (
-    delaunay_network,
-    diluted,
-    fibre_network,
-    lattice,
-    packing_network,
-    regular_network,
-    voronoi_network,
-)
+from critflow import delaunay_network, lattice, voronoi_network
 from critflow.pictures import draw_network
+from critflow_extras import diluted, fibre_network, packing_network, regular_network
 
 SHEARED = [[1.5, 0.0], [0.6, 1.0]]
 NETWORKS = {

@@ -6,8 +6,9 @@ from pathlib import Path
 import matplotlib.pyplot as plt
 import numpy as np
 
-from critflow import critical_from_lengths, critical_strain, voronoi_network
+from critflow import critical_from_lengths, voronoi_network
 from critflow.deformation import deformation_of
+from critflow_extras import critical_strain
 
 network = voronoi_network(n_vertices=100, seed=1)
 lengths = np.full(network.n_edges, 1.05 * critical_from_lengths(network, np.ones(network.n_edges)).ratio)

@@ -6,7 +6,8 @@ from pathlib import Path
 import matplotlib.pyplot as plt
 import numpy as np
 
-from critflow import critical_strain, fibre_network, strain_path
+from critflow import strain_path
+from critflow_extras import critical_strain, fibre_network
 
 network = fibre_network("mikado", 150, z=3.4, seed=2)
 lengths = np.linalg.norm(network.bond_vectors(network.positions), axis=1)

@@ -6,7 +6,8 @@ from pathlib import Path
 import matplotlib.pyplot as plt
 import numpy as np
 
-from critflow import CriticalManifold, Status, design, upper_bound, voronoi_network
+from critflow import CriticalManifold, Status, upper_bound, voronoi_network
+from critflow_extras import design
 
 manifold = CriticalManifold(voronoi_network(n_vertices=20, seed=1))
 largest = upper_bound(manifold, "B_0")

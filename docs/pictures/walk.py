@@ -8,8 +8,9 @@ import numpy as np
 from matplotlib.cm import ScalarMappable
 from matplotlib.colors import Normalize
 
-from critflow import CriticalManifold, draw, elasticity, optimize, voronoi_network
+from critflow import CriticalManifold, elasticity, optimize, voronoi_network
 from critflow.pictures import TENSION_MAP
+from critflow_extras import draw
 
 network = voronoi_network(n_vertices=100, seed=3)
 manifold = CriticalManifold(network)

@@ -6,8 +6,9 @@ from pathlib import Path
 import matplotlib.pyplot as plt
 import numpy as np
 
-from critflow import AngleSprings, optimize, voronoi_network, weak_forces
-from critflow.extras.weak.weak_equilibrium import weak_equilibrium
+from critflow import optimize, voronoi_network
+from critflow_extras import AngleSprings, weak_forces
+from critflow_extras.weak.weak_equilibrium import weak_equilibrium
 
 critical = optimize(voronoi_network(n_vertices=60, seed=1), "B_0").value
 angles = AngleSprings()

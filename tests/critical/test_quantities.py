@@ -37,7 +37,7 @@ from critflow.quantities import (
 def spelled(network):
     """The names of all quantities of the scene."""
     factories = names(network)
-    scene = [name for name, factory in factories.items() if not factory.startswith("critflow.extras.")]
+    scene = [name for name, factory in factories.items() if not factory.startswith("critflow_extras.")]
     return [name for name in scene if "uniaxial_free" not in name]
 
 

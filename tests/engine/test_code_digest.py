@@ -12,7 +12,6 @@ import netCDF4
 import pytest
 import xarray as xr
 from disturbed import stamps_of
-from extras_there import skip_without
 from packaging.requirements import Requirement
 from packaging.utils import canonicalize_name
 
@@ -125,6 +124,7 @@ def test_a_file_is_executed_once_for_each_content(tmp_path):
 STUDY = '''
 """A study in a file."""
 import critflow as cf
+import critflow_extras as ce
 from critflow.result import Status
 from critflow.engine import Axis, Study, Variable
 from . import _tools
@@ -208,16 +208,15 @@ def test_a_change_of_texts_and_figures_does_not_count(version, change):
 @pytest.mark.parametrize(
     ("change", "names"),
     [
-        (("numbers.py", "helper(seed)}", "cf.design}"), {"targets"}),
+        (("numbers.py", "helper(seed)}", "ce.design}"), {"targets"}),
         (("numbers.py", "helper(seed)}", 'f"onset[{seed}]"}'), {"cables"}),
         (("_numbers.py", "return stable_rng(1)", "from critflow import weak_forces\n    return weak_forces"), {"weak"}),
-        (("_tools.py", "three = 3", "from critflow.extras.local.diagonals import face_diagonals as three"), {"local"}),
+        (("_tools.py", "three = 3", "from critflow_extras.local.diagonals import face_diagonals as three"), {"local"}),
         (("numbers.py", "parameters={}", 'parameters={}, extras=("rest",)'), {"rest"}),
-        (("_numbers.py", "def two(): ...", "def two():\n    import critflow.extras.weak"), set()),
+        (("_numbers.py", "def two(): ...", "def two():\n    import critflow_extras.weak"), set()),
     ],
 )
 def test_the_extras_of_a_case_are_those_that_it_names_and_their_needs(version, change, names):
-    skip_without(names)
     numeric = {name for name in with_needs(names) if extras()[name].numeric}  # drawings decide no number
     assert version(change, look=used_extras) - version(look=used_extras) == numeric
 
@@ -304,11 +303,10 @@ def test_kept_cases_of_other_code_are_told_apart(tmp_path, run, source, capsys, 
 
 
 def test_an_extra_that_a_case_uses_without_a_name_must_be_declared(tmp_path, run, source, monkeypatch):
-    skip_without(["tensegrity"])
     # As in a process that has not imported it for another test.
-    for module in [name for name in sys.modules if name.startswith("critflow.extras.tensegrity")]:
+    for module in [name for name in sys.modules if name.startswith("critflow_extras.tensegrity")]:
         monkeypatch.delitem(sys.modules, module)
-    hidden = "import_module('critflow.extras.' + 'tens' + 'egrity')"
+    hidden = "import_module('critflow_extras.' + 'tens' + 'egrity')"
     change = ("import numpy as np", "from importlib import import_module\nimport numpy as np")
     change += ("    sleep(parameters", f"    {hidden}\n    sleep(parameters")
     assert Path(code_digest.__file__).parents[1].joinpath("extras", "tensegrity").is_dir()

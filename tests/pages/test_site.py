@@ -84,7 +84,7 @@ def test_a_page_of_a_function_shows_its_pictures_and_links_to_its_uses(site):
     page = article(site["reference/entries/critical_strain"])
     assert page.xpath(".//figure//a[contains(@href, 'gallery/index.html#')]/img")
     assert page.xpath(".//a[contains(@href, 'howto/rigidity.html')]")
-    assert page.xpath(".//dt[@id='critflow.critical_strain']")
+    assert page.xpath(".//dt[@id='ce.critical_strain']")
 
 
 def test_a_tab_has_a_picture(site):

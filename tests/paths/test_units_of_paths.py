@@ -4,7 +4,6 @@ from dataclasses import replace
 from functools import partial
 
 import numpy as np
-from extras_there import skip_without
 from problems import NETWORKS, critical_of, partly_compressed, slack_lattice, stiff_lattice, voronoi_3d
 from units import same_in_units
 
@@ -43,7 +42,6 @@ def of_springs(network, units, **options):
 
 
 def of_free_springs(network, units):
-    skip_without(["rest"])
     return of_springs(network, units, deformation="uniaxial_free")
 
 
@@ -82,7 +80,6 @@ def judged(network, units):
 
 def floppy(network, units, **options):
     """Slack cables next to taut ones."""
-    skip_without(["cables"])
     critical = slack_lattice()[2]
     start = critical_configuration(network, critical.sigma, units.length * critical.coordinates)
     start = replace(start, rest_lengths=units.length * critical.rest_lengths)
@@ -115,7 +112,6 @@ test_paths_in_other_units = same_in_units(
 
 
 def modulus_next_to_slack_cables(network, units):
-    skip_without(["cables"])
     critical = slack_lattice()[2]
     rest, x = 0.999 * units.length * critical.rest_lengths, units.length * critical.coordinates
     state = equilibrium(spring_state(network, rest, x, Cable())).value

@@ -1,7 +1,6 @@
 """The ensemble study end to end, small: what it stores, whether the stored arrays bear out the stored numbers."""
 
 import numpy as np
-from extras_there import skip_without
 
 from critflow import CriticalManifold, Status, voronoi_network
 from critflow.command.main import main
@@ -100,7 +99,6 @@ def test_what_is_not_unique_says_so(dataset):
 
 
 def test_show_prints_a_certificate(folder, tmp_path, capsys, assert_picture):
-    skip_without(["files"])
     picture = tmp_path / "one.png"
     words = ["--set", "seed=1", "--set", "population=max_B_0", "--out", str(picture)]
     assert main(["show", str(folder / "ensemble.nc"), *words]) == 0

@@ -7,7 +7,6 @@ import sys
 import matplotlib.pyplot as plt
 import numpy as np
 import pytest
-from extras_there import mentioned, skip_without
 from scipy.stats import spearmanr
 
 from critflow.command.main import ensemble_path
@@ -36,7 +35,6 @@ def execute(monkeypatch, folder):
 
     def run(name):
         path = FOLDER / f"{name}.ipynb"
-        skip_without(mentioned("".join(cell.text for cell in programs.cells_of(path) if cell.code)))
         cells, names = programs.execute_notebook(path, folder)
         if "ensemble" in names:
             names["ensemble"].close()

@@ -6,11 +6,12 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from critflow import lattice, upper_bound, voronoi_network, write_network
+from critflow import lattice, upper_bound, voronoi_network
 from critflow.command.main import main
 from critflow.engine.code_digest import load_study
 from critflow.engine.settings import select
 from critflow.result import StudyError
+from critflow_extras import write_network
 from workflows.benchmarks.failure_map.outcomes import Outcome
 
 NETWORK = voronoi_network(24, seed=3).deformed([[1.1, 0.2], [0.0, 1.0]])

@@ -5,12 +5,13 @@ from itertools import groupby
 import pytest
 from problems import Factorisations
 
-from critflow import Status, foam_network, voronoi_network
+from critflow import Status, voronoi_network
 from critflow.engine.code_digest import load_study
 from critflow.engine.dataset import Assembly, opened_dataset, write_dataset
 from critflow.engine.settings import select
 from critflow.engine.store import Folder
 from critflow.engine.tasks import Job, compute_network
+from critflow_extras import foam_network
 
 NETWORKS = {"ensemble": voronoi_network, "three_dimensions": foam_network}
 

@@ -7,13 +7,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 import xarray as xr
+from workflows.topology import fracture
 
 from critflow import CriticalManifold, Status, voronoi_network
 from critflow.engine.code_digest import load_study, named_studies
 from workflows.shared.populations import LABELS, NAMES, PAPER_POPULATIONS, POPULATIONS
 from workflows.shared.reports import finite, spread, status_counts
 from workflows.shared.verification import balance_error, bond_vectors, contradictions, forces
-from workflows.topology import fracture
 
 WORKFLOWS = Path(__file__).parents[2] / "workflows"
 

@@ -11,9 +11,10 @@ from typing import Any
 
 import numpy as np
 
-from critflow import Hookean, PowerLaw, write_network
+from critflow import Hookean, PowerLaw
 from critflow.networks import Array
 from critflow.springs import SpringState
+from critflow_extras import write_network
 
 from .timing import peer
 

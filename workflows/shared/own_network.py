@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from critflow import CritflowError, CriticalManifold, Network
-from critflow.extensions import provided
+from critflow.extensions import from_extras
 from critflow.faces import planar_faces
 from critflow.manifold import require_one_stress_by_count
 from critflow.points import check_voronoi
@@ -86,7 +86,7 @@ def _network_of(file) -> Network:
     if not Path(file).suffix:
         raise StudyError(f"network={file} must be a file whose ending names its format, such as tissue.csv")
     try:
-        read = provided("network_from", "networks of files")(file, strict=True)
+        read = from_extras("network_from", "networks of files")(file, strict=True)
     except CritflowError as error:
         raise StudyError(f"network={file}: {error}; critflow convert reads and repairs it") from error
     network = read.network

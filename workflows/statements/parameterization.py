@@ -6,8 +6,8 @@ Each function takes a `Sample` and returns a number and whether the statement ho
 import numpy as np
 
 import critflow as cf
-from critflow.extras.tissue.face_springs import FaceSprings
 from critflow.self_stress import Spectrum
+from critflow_extras.tissue.face_springs import FaceSprings
 
 from .sample import ZERO, differences, floppy_motions, rank
 

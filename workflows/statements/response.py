@@ -6,8 +6,9 @@ Each function takes a `Sample` and returns a number and whether the statement ho
 import numpy as np
 
 import critflow as cf
-from critflow.extras.hessian.splits import geometric_split
-from critflow.extras.weak.weak_equilibrium import weak_equilibrium
+import critflow_extras as ce
+from critflow_extras.hessian.splits import geometric_split
+from critflow_extras.weak.weak_equilibrium import weak_equilibrium
 
 from .sample import rank
 
@@ -75,7 +76,7 @@ def equal_lengths_any_spring(sample):
 def stiffened(sample):
     """Modulus along dilation at a strain of +0.01 over that at −0.01, equal lengths with bending of 1e-5 k, relaxed."""
     strains = np.array([-STRAIN - STEP, -STRAIN + STEP, STRAIN - STEP, STRAIN + STEP])
-    relaxed = weak_equilibrium(sample.equal_lengths, cf.AngleSprings(), strains, BENDING).value
+    relaxed = weak_equilibrium(sample.equal_lengths, ce.AngleSprings(), strains, BENDING).value
     below, _, above = np.diff(relaxed.stress * (1 + strains)) / np.diff(strains)
     return above / below, above > 100 * below > 0
 

@@ -6,6 +6,7 @@ from itertools import pairwise
 import numpy as np
 
 import critflow as cf
+import critflow_extras as ce
 from critflow.optima import objective_of
 from critflow.quantities import evaluate, pure_shear, stress_hessian, transition_modulus
 
@@ -94,7 +95,7 @@ def _moduli(numbers):
 
 def _rigidity(problem):
     coordinates = np.asarray(problem.critical.coordinates, dtype=problem.dtype)
-    solution = cf.rigidity(problem.network, coordinates)
+    solution = ce.rigidity(problem.network, coordinates)
     return Answer(solution.status, (solution.value.n_self_stresses, solution.value.n_zero_modes), 0.0)
 
 

@@ -1,0 +1,3 @@
+"""Small runs of the studies."""
+
+from study_runs import *  # noqa: F403
