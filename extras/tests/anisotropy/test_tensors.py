@@ -4,7 +4,7 @@ from functools import partial
 
 import numpy as np
 import pytest
-from extras.increments import assert_increments
+from increments import assert_increments
 from problems import (
     NETWORKS,
     UNPINNED,

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from derivatives import assert_derivative
-from extras.onsets import check
+from onsets import check
 from problems import thinned, voronoi_3d
 
 from critflow import (

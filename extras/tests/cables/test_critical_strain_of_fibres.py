@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from extras.onsets import check
+from onsets import check
 
 from critflow import SolveError, Status, critical_from_lengths
 from critflow_extras import critical_strain, fibre_network, packing_network, rigidity_surface

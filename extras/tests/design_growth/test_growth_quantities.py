@@ -4,7 +4,7 @@ from functools import partial
 
 import numpy as np
 import pytest
-from extras.stiffness_checks import assert_derivatives_by_stiffness
+from stiffness_checks import assert_derivatives_by_stiffness
 from problems import with_random_stiffness
 from quantity_checks import (
     KINDS,

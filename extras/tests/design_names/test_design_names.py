@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from extras.stiffness_checks import assert_derivatives_by_stiffness
+from stiffness_checks import assert_derivatives_by_stiffness
 from problems import at, dense_bond_vectors
 from quantity_checks import (
     KINDS,

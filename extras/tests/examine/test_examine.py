@@ -5,7 +5,7 @@ from importlib import import_module
 
 import numpy as np
 import pytest
-from extras.tissue_patches import tissue
+from tissue_patches import tissue
 from scipy.spatial import ConvexHull
 
 import critflow

@@ -1,7 +1,7 @@
 """The command `critflow examine`."""
 
 import numpy as np
-from extras.tissue_patches import tissue
+from tissue_patches import tissue
 
 from critflow import calls, lattice
 from critflow.command.main import main

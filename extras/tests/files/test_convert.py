@@ -3,7 +3,7 @@
 import os
 
 import pytest
-from extras.tissue_patches import tissue
+from tissue_patches import tissue
 
 from critflow import lattice
 from critflow.command.main import main

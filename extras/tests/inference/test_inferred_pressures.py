@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from extras.tissue_patches import loaded
+from tissue_patches import loaded
 from refusals import refused
 
 import critflow_extras.tissue.pressures  # noqa: F401  # a service of it is used

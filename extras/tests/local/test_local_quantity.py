@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from derivatives import assert_derivative
-from extras.stiffness_checks import Unknown
+from stiffness_checks import Unknown
 from problems import hung_ring, oblique, random_stress, voronoi_3d
 from refusals import refused
 

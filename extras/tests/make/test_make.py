@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from extras.tissue_patches import tissue
+from tissue_patches import tissue
 
 import critflow
 import critflow_extras as ce

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from extras.stiffness_checks import Unknown, assert_derivatives_by_stiffness
+from stiffness_checks import Unknown, assert_derivatives_by_stiffness
 from quantity_checks import KINDS, MANIFOLDS
 
 from critflow import quantity

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from extras.increments import assert_increments
+from increments import assert_increments
 from refusals import refused
 
 from critflow import elasticity, equilibrium, lattice, voronoi_network

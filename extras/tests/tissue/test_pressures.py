@@ -4,7 +4,7 @@ import mpmath as mp
 import numpy as np
 import pytest
 from derivatives import assert_derivative
-from extras.tissue_patches import loaded
+from tissue_patches import loaded
 from problems import face_areas
 
 from critflow import (

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from extras.tissues import disordered_tissue
+from tissues import disordered_tissue
 from responses import (
     STRAIN_PATHS,
     assert_affine,

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import scipy.sparse as sp
 from derivatives import assert_derivative, first_derivative, second_derivative
-from extras.tissues import disordered_tissue
+from tissues import disordered_tissue
 from problems import (
     NETWORKS,
     grounded,
