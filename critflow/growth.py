@@ -40,7 +40,6 @@ from critflow.numerics import EPS, dot, norms, product
 from critflow.quantities import dilation, pure_shear
 from critflow.refinement import exact_displacement
 from critflow.result import Record, Solution, Stats, Status
-from critflow.saddles import Saddle, SaddleFactor
 from critflow.self_stress import require_one_stress_by_rank, stabilises
 from critflow.springs import HOOKEAN, SpringLaw, checked_law
 from critflow.taut_part import backbone
@@ -189,7 +188,7 @@ def stiffening_of_part(
         return failed(Status.ill_conditioned, "rounding hides which configuration balances this stress exactly")
     # 3. Its responses, and the derivatives of the energy
     strains = strains_of_growth(path)
-    energy = StrainedEnergy(network, sigma, balance.bond_vectors, manifold.saddle, law, strains)
+    energy = StrainedEnergy(network, sigma, balance.bond_vectors, manifold.system(sigma), law, strains)
     return with_status(energy, *coefficients(energy, network.volume, path))
 
 
@@ -310,7 +309,7 @@ class StrainedEnergy:
     Springs on edges of the stress σ (N_b,) and bond vectors L (N_b, d); others override `third` and `third_error`, and
     have D and `responses` to the strains with an amplitude, a work and a residual.
 
-    system  the saddle system of the network at σ
+    system  `CriticalManifold.system` at σ
     """
 
     def __init__(
@@ -318,7 +317,7 @@ class StrainedEnergy:
         network: Network,
         sigma: Array,
         L: Array,
-        system: Saddle,
+        system: Any,
         law: SpringLaw,
         strains: Sequence[Array],
     ):
@@ -332,7 +331,7 @@ class StrainedEnergy:
         factor = system.factorize(sigma, L)
         self.responses: Sequence[Any] = [self.respond(A, sigma, factor) for A in strains]
 
-    def respond(self, A: Array, sigma: Array, factor: SaddleFactor) -> Response:
+    def respond(self, A: Array, sigma: Array, factor: Any) -> Response:
         """The response to a strain: a solution, and a second one of what is left by the first."""
         network, L, s, g = self.network, self.L, self.s, self.network.free_incidence
         affine = L @ A.T

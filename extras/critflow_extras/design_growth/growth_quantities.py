@@ -104,7 +104,7 @@ class StiffeningQuantity(SpringResponse):
         network, d = balance.network, balance.network.dimension
 
         def strained(*strains: Array) -> StrainedEnergy:
-            system = balance.manifold.saddle
+            system = balance.manifold.system(balance.sigma)
             return StrainedEnergy(network, balance.sigma, balance.bond_vectors, system, HOOKEAN, strains)
 
         if self.deformation is not None:

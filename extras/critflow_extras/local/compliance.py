@@ -207,7 +207,7 @@ def compliances(balance: Balanced) -> Compliances:
             raise InputError(
                 f"local responses need positive stresses, and edge {edge} has {sigma[edge]:.3g}: take cables"
             )
-        factor = balance.manifold.saddle.factorize(sigma, L)
+        factor = balance.manifold.system(sigma).factorize(sigma, L)
         shared["compliances of pairs"] = Compliances(balance.manifold.network, sigma, L, factor)
     found: Compliances = shared["compliances of pairs"]
     return found
