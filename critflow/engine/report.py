@@ -189,8 +189,8 @@ def entries(claims: Iterable[Claim]) -> list[str]:
     lines = []
     for claim in claims:
         place = f" ({claim.place})" if claim.place else ""
-        below = [f"measured: {claim.value} ({claim.sample})"]
-        below += [f"{name}: {text}" for name, text in (("printed", claim.paper), ("criterion", claim.criterion)) if text]
+        named = {"measured": f"{claim.value} ({claim.sample})", "printed": claim.paper, "criterion": claim.criterion}
+        below = [f"{name}: {text}" for name, text in named.items() if text]
         if claim.because:
             below.append(": ".join(filter(None, (DIFFERENCES.get(claim.difference), claim.because))))
         for row in claim.rows:

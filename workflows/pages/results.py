@@ -30,8 +30,8 @@ KEPT = ("figures", "claims.json", "claims.md", "summary.json")
 _VISIBLE, _VISIBLE_PART = 6, 0.03
 HEAD = """# Results of {package.name}
 
-`critflow run NAME` writes to `results/NAME/`, which git ignores. `reference/NAME/` has what git keeps of a run: figures,
-claims and summary. Figures and claims are made from the dataset of a run, sometimes by later code than the run itself.
+`critflow run NAME` writes to `results/NAME/`, which git ignores. `reference/NAME/` has what git keeps of a run:
+figures, claims and summary. They are made from the dataset of a run, sometimes by later code than the run itself.
 Times are seconds with one or two processes, on two cores that other programs shared. This page is written by
 `python -m workflows.pages.results`.
 """
@@ -73,15 +73,16 @@ def _study(study: str, package: Package) -> str:
     """Its pictures in the order of the paper, each with its number and content, and links to those not listed."""
     folder = package.reference / study / "figures"
     present = sorted(file for kind in ("png", "gif") for file in folder.glob(f"*.{kind}"))
-    lines, shown = [f"## {study}"], set[str]()
+    lines, shown = [f"## {study}"], set[Path]()
     for figure in (figure for figure in FIGURES[package.name] if figure.study == study):
         label = printed(figure.label) or "Beyond the paper"
         files = [file for name in figure.pictures for file in present if file.stem == name]
         pictures = [f"![{label}](reference/{study}/figures/{file.name})" for file in files]
         lines += ["", *pictures, "", f"*{label}: {figure.meaning}. {figure.seen}".rstrip() + "*"]
-        shown |= {file.name for file in files}
-    if others := [f"[{file.stem}](reference/{study}/figures/{file.name})" for file in present if file.name not in shown]:
-        lines += ["", f"More pictures: {', '.join(others)}."]
+        shown |= {*files}
+    if others := [file for file in present if file not in shown]:
+        names = (f"[{file.stem}](reference/{study}/figures/{file.name})" for file in others)
+        lines += ["", f"More pictures: {', '.join(names)}."]
     if len(lines) == 1:
         lines += ["", f"It has no figures: [its claims](reference/{study}/claims.md)."]
     return "\n".join([*lines, ""])
@@ -92,7 +93,8 @@ def _equations() -> str:
     lines = [
         "## The paper, number by number",
         "",
-        "The equations with the numbers that the paper prints. Functions are in `critflow` unless their package is named.",
+        "Equations have the numbers that the paper prints. Functions are in `critflow`, tests in `tests/`, unless the",
+        "folder is named.",
         "",
         *head("paper", "meaning", "function", "test", "verdict"),
     ]
