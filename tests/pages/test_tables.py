@@ -8,8 +8,18 @@ import pytest
 from critflow.engine.code_digest import load_study
 from workflows.pages.packages import CRITFLOW, ROOT, Package
 from workflows.pages.tables import COMMITTED, MODULI, committed_runs, filled, pages
-from workflows.pages.verdicts import LONGEST, differences, found, holding, links, of_committed_run, of_the_paper, short
-from workflows.pages.verdicts import statement_counts, what_we_found
+from workflows.pages.verdicts import (
+    LONGEST,
+    differences,
+    found,
+    holding,
+    links,
+    of_committed_run,
+    of_the_paper,
+    short,
+    statement_counts,
+    what_we_found,
+)
 from workflows.paper.statements import STATEMENTS
 from workflows.paper.verdicts import committed_run
 
@@ -81,7 +91,7 @@ def package_with(folder, runs, **more):
 @pytest.fixture
 def package(tmp_path):
     """Committed results of two studies, one claim of which belongs to another study, and of a study of an extension."""
-    others = {"weak": [claim("robust", "holds"), claim("equal-lengths", "undecided")]}
+    others = {"weak": [claim("robust", "holds"), claim("equal-lengths", "undecided")], "far": []}
     runs = {
         "ensemble": [claim("equal-lengths", "holds"), claim("kappa-force", "differs", difference="number")],
         "shear": [

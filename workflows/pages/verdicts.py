@@ -74,10 +74,11 @@ def _capital(text: str) -> str:
 
 def links(package: Package) -> str:
     """The tables of the studies, as the targets of links [STUDY] of a page in docs/."""
+    linked = {*committed(package), *(study for _, study in of_the_paper(package).values())}
     lines = []
     for one in (package, *package.extensions):
         folder = os.path.relpath(one.reference, package.folder / "docs")
-        lines += [f"[{study}]: {folder}/{study}/claims.md" for study in committed(one)]
+        lines += [f"[{study}]: {folder}/{study}/claims.md" for study in committed(one) if study in linked]
     return "\n".join(lines)
 
 
