@@ -1,4 +1,4 @@
-"""The picture of docs/theory/onset.md: python docs/pictures/onset.py [FILE]."""
+"""The picture of extras/docs/theory/onset.md: python extras/docs/pictures/onset.py [FILE]."""
 
 import sys
 from pathlib import Path

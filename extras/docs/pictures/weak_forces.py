@@ -1,4 +1,4 @@
-"""The picture of docs/theory/weak_forces.md: python docs/pictures/weak_forces.py [FILE]."""
+"""The picture of extras/docs/theory/weak_forces.md: python extras/docs/pictures/weak_forces.py [FILE]."""
 
 import sys
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""The picture of docs/theory/targets.md: python docs/pictures/targets.py [FILE]."""
+"""The picture of extras/docs/theory/targets.md: python extras/docs/pictures/targets.py [FILE]."""
 
 import sys
 from pathlib import Path

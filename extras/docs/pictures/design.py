@@ -1,4 +1,4 @@
-"""Three configurations of one B_0 that soften, keep and stiffen: python docs/pictures/design.py [FILE]."""
+"""Three configurations of one B_0 that soften, keep and stiffen: python extras/docs/pictures/design.py [FILE]."""
 
 import sys
 from pathlib import Path

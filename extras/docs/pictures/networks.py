@@ -1,4 +1,4 @@
-"""Networks of the literature, one of each kind: python docs/pictures/networks.py [FILE]."""
+"""Networks of the literature, one of each kind: python extras/docs/pictures/networks.py [FILE]."""
 
 import sys
 from pathlib import Path
