@@ -10,8 +10,8 @@ from typing import NamedTuple
 
 
 class Equation(NamedTuple):
-    """One labelled equation: its number, its page in docs/theory or, where the extras compute it, extras/docs/theory,
-    its meaning, the public function or method that computes it, and the test that checks it."""
+    """One labelled equation: its number, its page in docs/theory, its meaning, the public function or method that
+    computes it, and the test that checks it."""
 
     label: str
     number: str

@@ -229,10 +229,9 @@ TABLES: dict[str, Callable[[Path], str]] = {
 
 def pages() -> list[Path]:
     """The pages that are filled by default, without those that the site makes."""
-    found = {ROOT / "README.md"}
-    for docs in (ROOT / "docs", ROOT / "extras" / "docs"):
-        found |= set(docs.rglob("*.md")) - {*(docs / "_build").rglob("*.md"), *(docs / "notebooks").glob("0*.md")}
-    return sorted(found)
+    docs = ROOT / "docs"
+    made = {*(docs / "_build").rglob("*.md"), *(docs / "notebooks").glob("0*.md")}
+    return [ROOT / "README.md", *sorted(set(docs.rglob("*.md")) - made)]
 
 
 def write_committed() -> None:
