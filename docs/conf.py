@@ -24,7 +24,6 @@ html_theme = "furo"
 html_title = f"critflow {release}"
 html_static_path = [str(HERE / "_static")]
 html_css_files = ["site.css"]
-html_js_files = ["claims.js"]
 html_favicon = "_static/favicon.svg"
 html_show_copyright = False
 html_show_sphinx = False
