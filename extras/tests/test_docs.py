@@ -23,4 +23,4 @@ NAMED = [page for page in PAGES if page.is_relative_to(DOCS)]
 @pytest.mark.parametrize("page", NAMED, ids=name_of)
 def test_a_page_names_at_its_top_what_it_needs(page):
     top = page.read_text(encoding="utf-8").partition("\n\n")[2][:600]
-    assert re.search(r"critflow-extras.*`pip install \. |`pip install \. .*critflow-extras", top), name_of(page)
+    assert "critflow-extras" in top and re.search(r"`\.venv/bin/pip install (\. )?'?\./extras|`\.venv/bin/pip install \. ", top), name_of(page)
