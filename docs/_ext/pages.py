@@ -9,7 +9,8 @@ from pathlib import Path
 
 from docutils import nodes
 from docutils.parsers.rst import Directive
-from programs import BUILT, DOCS, ipynb_of, notebooks, picture_of
+from place import DOCS
+from programs import BUILT, ipynb_of, notebooks, picture_of
 from pygments import highlight
 from pygments.formatters import HtmlFormatter
 from pygments.lexers.python import PythonLexer

@@ -140,10 +140,10 @@ def speed(package: Package) -> str:
     return "\n".join(lines)
 
 
-def programs(package: Package) -> str:
+def programs(_: Package) -> str:
     """One row a task and size that other programs solve as well: time of critflow, and theirs as multiples of it."""
     lines = head("task", "N_v", "critflow", "once", "error", "other programs at the same error, prepared / in all")
-    for task in _read(package, "speed", "summary")["tasks"].values():
+    for task in _read(CRITFLOW, "speed", "summary")["tasks"].values():
         for size, cells in task["sizes"].items():
             others = [_multiple(*one) for one in _finest(cells).items() if one[0].startswith(PROGRAMS)]
             if others:
@@ -190,22 +190,18 @@ def sizes(package: Package) -> str:
 
 
 def failures(package: Package) -> str:
-    """The number of silent wrong answers in a sentence, and the claims about bounds."""
+    """The number of silent wrong answers in a sentence."""
     summary = _read(package, "failure_map", "summary")
     counts = summary["outcomes"].values()
     points = sum(sum(kinds.values()) for kinds in counts)
     correct = sum(kinds.get(kind, 0) for kinds in counts for kind in ("exact", "bounded", "tolerated"))
     refused = sum(kinds.get(kind, 0) for kinds in counts for kind in ("reported", "refused"))
-    lines = [
+    lines = (
         f"Of {points:,} points (all quantities at all strengths of all difficulties) {correct:,} are correct within",
         f"the claimed bound or tolerance; {refused:,} return a status or an error message with the reason.",
         f"Silent wrong answers: {summary['violations']}.",
-        "",
-        *head("claim", "criterion", "measured", "sample", "verdict"),
-    ]
-    columns = ("statement", "criterion", "value", "sample", "verdict")
-    claims = _read(package, "failure_map", "claims")
-    return "\n".join([*lines, *(row(*(claim[name] for name in columns)) for claim in claims)])
+    )
+    return "\n".join(lines)
 
 
 # The equations of the paper
