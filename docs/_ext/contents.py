@@ -21,6 +21,8 @@ def relocated(text: str, page: Path) -> str:
         outside = target.is_relative_to(ROOT) and not target.is_relative_to(DOCS)
         return f"{found['text']} (`{target.relative_to(ROOT)}`)" if outside else found[0]
 
+    # Definitions of links in brackets, [NAME]: PATH; without one the name in brackets stays.
+    text = re.sub(r"^\[[\w ]+\]: [./]+(?:extras/)?results/\S+\.md\n", "", text, flags=re.M)
     text = re.sub(r"(\]\([./]*notebooks/0\w+)\.ipynb\)", r"\1.md)", text)
     return re.sub(r"(?<!!)\[(?P<text>[^\]]*)\]\((?P<path>[^)#\s]+\.md)(?P<anchor>#[^)\s]*|)\)", link, text)
 
