@@ -21,5 +21,7 @@ def test_networks_with_fewer_edges_are_floppy_and_the_moduli_of_others_are_withi
     assert found.ok
     bulk, shear = reference.moduli_at_rest(network, generic)
     errors = found.value.errors
-    for value, exact, bound in zip(moduli, (bulk, shear, shear), (errors.bulk, errors.shear, errors.shear), strict=True):
+    for value, exact, bound in zip(
+        moduli, (bulk, shear, shear), (errors.bulk, errors.shear, errors.shear), strict=True
+    ):
         assert abs(float(exact - value)) <= bound < 1e-10 * float(bulk)
