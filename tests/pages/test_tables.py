@@ -41,16 +41,18 @@ def test_a_page_has_no_html_and_no_long_cell(page):
 
 
 def unreadable(text):
-    """The HTML of a page, and its cells of more than 200 characters."""
+    """The HTML of a page, its cells of more than 200 characters, and lines of an entry that begin a list by chance."""
     rows = [re.split(r"(?<!\\)\|", line) for line in text.splitlines() if line.startswith("|")]
     outside = re.sub(r"```.*?```|`[^`\n]*`", "", text, flags=re.S)
     tags = re.findall(r"</?[A-Za-z][^>\n]*>|&\w+;", outside)
+    tags += re.findall(r"^ +(?:[-+#>]|\d+[.)]) .*", text, flags=re.M)
     return tags + [cell for row in rows for cell in row if len(cell.strip()) > 200]
 
 
 def test_html_and_long_cells_are_seen():
     assert unreadable("| a | b |\n\n`<x>` <!-- comment -->") == []
     assert unreadable("a<br>b &lt; c") == ["<br>", "&lt;"]
+    assert unreadable("- C_B/B_0\n  + 1/2") == ["  + 1/2"]
     assert unreadable(f"| a | {'b' * 201} |") == [f" {'b' * 201} "]
 
 
