@@ -338,6 +338,8 @@ class CriticalManifold:
     def balance(self, sigma: Array, factor: Factor | None = None) -> Balance:
         """The configuration of a stress with the factor of P, unchecked: the inner step of every optimisation.
 
+        Its bond vectors are L = g x(σ) + b (`SelfStressParamaterization_bondvecs`).
+
         factor  of P, or of a matrix near it; made here by default
         """
         factor = self.prestress.factorize(sigma) if factor is None else factor

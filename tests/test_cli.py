@@ -60,8 +60,9 @@ def test_a_run_by_name_writes_its_folder(here, capsys):
     assert (folder / "figures" / "growth.gif").read_bytes().startswith(b"GIF89a")
     claims = json.loads((folder / "claims.json").read_text())
     assert [claim["verdict"] for claim in claims] == ["holds", "measured", "differs"]
-    row = "| residuals \\| are large | differs | 0.5 <details><summary>criterion</summary>printed: 7<br>= 7</details> |"
-    assert f"{row} 4 networks | they are uniform below one |" in (folder / "claims.md").read_text()
+    parts = ["residuals | are large: **differs**", "measured: 0.5 (4 networks)", "printed: 7", "criterion: = 7"]
+    entry = "\n  - ".join([*parts, "they are uniform below one"])
+    assert f"- {entry}\n" in (folder / "claims.md").read_text()
     summary = json.loads((folder / "summary.json").read_text())
     assert (summary["count"], summary["nothing"]) == (4, None)
     assert sum(line.startswith("seed") for line in (folder / "run.log").read_text().splitlines()) == 8

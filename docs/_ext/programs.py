@@ -1,6 +1,6 @@
 """The programs of the documents, executed: scripts of the gallery, and notebooks with their outputs.
 
-Their output is kept in docs/_build/programs until a program or the package changes.  The tests execute the programs
+Their output is kept in _build/programs of the documents until a program or the package changes.  The tests execute the programs
 by the functions below, so that a site built after the tests executes nothing.
 """
 
@@ -24,10 +24,11 @@ from unittest.mock import patch
 import matplotlib
 import matplotlib.pyplot as plt
 from matplotlib.figure import Figure
+from place import DOCS, PACKAGE, ROOT
 
-DOCS = Path(__file__).parents[1]
 BUILT = DOCS / "_build" / "programs"
 SOURCES = ("critflow/**/*.py", "workflows/ensemble.py", "workflows/shared/*.py")
+SOURCES += ("extras/critflow_extras/**/*.py",) if PACKAGE == "critflow_extras" else ()
 SHARPNESS = 80  # dots per inch of the pictures of a notebook
 
 
@@ -44,7 +45,7 @@ def notebooks() -> list[Path]:
 def _package_digest() -> str:
     digest = hashlib.sha256(matplotlib.__version__.encode())
     for pattern in SOURCES:
-        for module in sorted(DOCS.parent.glob(pattern)):
+        for module in sorted(ROOT.glob(pattern)):
             digest.update(module.read_bytes())
     return digest.hexdigest()
 
