@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from critflow import lattice, upper_bound, voronoi_network, write_network
+from critflow import extensions, lattice, upper_bound, voronoi_network, write_network
 from critflow.command.main import main
 from critflow.engine.code_digest import load_study
 from critflow.engine.settings import select
@@ -21,8 +21,11 @@ SMALL = ["--set", "variables=B_0,iterations,status", "--workers", "0", "--out", 
 def folder(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     # Tables are read without critflow-extras, whether it is installed or not.
-    monkeypatch.setattr("critflow.studies.shared.own_network.has_extras", lambda: False)
+    monkeypatch.setattr(extensions, "find_spec", lambda name: None)
+    extensions.has_extras.cache_clear()
     write_network(NETWORK, "mine.csv")
+    yield
+    extensions.has_extras.cache_clear()
 
 
 def run(study, *settings):
@@ -78,7 +81,7 @@ def test_the_failure_map_of_a_file(monkeypatch, tmp_path):
         ("missing.csv", "no file"),
         ("mine", "ending"),
         ("mine.csv@0123456789abcdef", "another network"),
-        ("mine.png", "reads other formats"),
+        ("mine.png", "pip install critflow-extras"),
         ("stiff.csv", "self-stress"),
         ("patch.csv", "periodic"),
         ("loop.csv", "itself"),
