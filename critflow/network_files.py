@@ -385,7 +385,7 @@ def write_tables(edges: pd.DataFrame, vertices: pd.DataFrame, path: Path) -> Non
 
 
 def graph_of(edges: pd.DataFrame, vertices: pd.DataFrame) -> Any:
-    """A networkx multigraph of two tables; edges have an index and a tail, since it keeps neither order nor direction."""
+    """A networkx multigraph of two tables; edges have index and tail, since it keeps neither order nor direction."""
     try:
         networkx = import_module("networkx")
     except ImportError:

@@ -11,12 +11,12 @@ import numpy as np
 import xarray as xr
 
 from critflow.manifold import CriticalConfiguration
+from critflow.network_files import stored_configuration
 from critflow.networks import Network
 from critflow.result import InputError, Status
 from critflow_extras.certificates.certify import certificate_text
 from critflow_extras.drawing.checks import require_picture
 from critflow_extras.drawing.draw import network_figure
-from critflow_extras.files.data import stored_configuration
 from critflow_extras.files.hints import choose_case
 
 

@@ -6,7 +6,7 @@ import pytest
 
 from critflow.command.main import main
 
-TINY = str(Path(__file__).parents[2] / "engine" / "tiny_study.py")
+TINY = str(Path(__file__).parents[3] / "tests" / "engine" / "tiny_study.py")
 
 
 @pytest.fixture(scope="module")
