@@ -148,8 +148,7 @@ def write_network(thing: Network | CriticalConfiguration | Solution[Any], path: 
     Network(8 vertices, 12 edges, 2 dimensions, periodic, z = 3)
     """
     path = _tabular(Path(of_kind(str, PathLike, path=path)))
-    if not path.parent.is_dir():
-        raise InputError(f"there is no folder {path.parent} for {path.name}: make it, or choose another")
+    require_folder(path)
     write_tables(*to_tables(thing), path)
 
 
@@ -199,7 +198,8 @@ def _table(source: Any) -> pd.DataFrame:
         return source if isinstance(source, pd.DataFrame) else pd.DataFrame(source)
     path = _tabular(Path(of_kind(str, PathLike, pd.DataFrame, table=source)))
     if not path.is_file():
-        raise InputError(f"there is no file {path}: the tables of NAME.csv are NAME_edges.csv and NAME_vertices.csv")
+        tables = "the tables of NAME.csv are NAME_edges.csv and NAME_vertices.csv"
+        raise InputError(f"there is no file {path}: check its name; {tables}")
     text = path.read_text(encoding="utf-8-sig")
     options: dict[str, Any] = {"comment": "#", "dtype": str, "keep_default_na": False, "skipinitialspace": True}
     table = pd.read_csv(StringIO(text), sep=_SEPARATORS[path.suffix.lower()], **options)
@@ -371,6 +371,14 @@ def _require_single(network: Network) -> None:
         edge = min((tail, head, *offset), (head, tail, *(-image for image in offset)))
         if (other := first.setdefault(edge, row)) != row:
             raise InputError(f"edge {row} is edge {other} again, in this or the other direction: list each edge once")
+
+
+def require_folder(path: Path) -> None:
+    """Raise `InputError` where a file cannot be written for want of its folder, or is a folder itself."""
+    if not path.parent.is_dir():
+        raise InputError(f"there is no folder {path.parent} for {path.name}: make it, or choose another")
+    if path.is_dir():
+        raise InputError(f"{path} is a folder: give the name of a file in it")
 
 
 def write_tables(edges: pd.DataFrame, vertices: pd.DataFrame, path: Path) -> None:

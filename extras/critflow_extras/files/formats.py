@@ -7,9 +7,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from critflow.arguments import shown
-from critflow.network_files import write_tables
+from critflow.network_files import require_folder, write_tables
 from critflow.result import InputError
-from critflow_extras.drawing.checks import require_folder
 from critflow_extras.files.data import NetworkData, from_dataset, optional, require_regular
 from critflow_extras.files.drawings import write_solid, write_svg
 from critflow_extras.files.graphs import from_graph, read_graph, write_graph
