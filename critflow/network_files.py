@@ -418,7 +418,7 @@ def _one_sentence(source: Any) -> Iterator[None]:
         yield
     except (InputError, OSError, ValueError) as error:
         name = source if isinstance(source, str | PathLike) else "tables" if _is_pair(source) else shown(source)
-        extras = "critflow_extras.network_from" if has_extras() else f"critflow-extras ({INSTALL})"
+        extras = "network_from of critflow-extras" if has_extras() else f"critflow-extras ({INSTALL})"
         reason = " ".join(str(error).split())
         sentence = f"{name!s:.100}: {reason:.250}; {extras} repairs networks and reads other formats"
         raise InputError(sentence) from error

@@ -229,7 +229,7 @@ def test_a_fault_is_one_sentence_that_names_what_repairs_it(name, installed, mon
         cf.read_network(source, cell)
     sentence = str(refusal.value)
     assert "\n" not in sentence and len(sentence) < 450
-    assert ("critflow_extras.network_from repairs" if installed else extensions.INSTALL) in sentence
+    assert ("network_from of critflow-extras repairs" if installed else extensions.INSTALL) in sentence
 
 
 @pytest.mark.parametrize(
