@@ -344,7 +344,7 @@ def summary_text(
     if {"edges", "offsets", "cell", "position"} <= names:
         one = {axis.name: selection.axes[axis.name][-1] for axis in study.axes}
         chosen = ", ".join(f"{name}={value!r}" for name, value in one.items())
-        lines.append(f"one network: ce.network_from(ds.sel({chosen}))")
+        lines.append(f"one network: cf.read_network(ds.sel({chosen}))")
         lines.append(f"its figure: critflow show FILE {' '.join(f'--set {k}={value}' for k, value in one.items())}")
     return "\n".join(lines)
 

@@ -270,5 +270,5 @@ def test_what_a_format_cannot_hold_is_one_sentence(tmp_path, thing, file, option
 @pytest.mark.parametrize(("ending", "package"), [("graphml", "networkx"), ("json", "networkx"), ("3mf", "trimesh")])
 def test_a_missing_package_is_named_with_its_install_command(tmp_path, monkeypatch, ending, package):
     monkeypatch.setattr(exchange, "import_module", lambda name: (_ for _ in ()).throw(ImportError(name)))
-    with pytest.raises(EnvironmentFailure, match=rf"{package}, .*critflow\[formats\]"):
+    with pytest.raises(EnvironmentFailure, match=rf"{package}, .*critflow-extras\[formats\]"):
         write_network(NETWORKS["voronoi"], tmp_path / f"n.{ending}")
