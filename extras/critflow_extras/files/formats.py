@@ -74,11 +74,11 @@ FORMATS = [
 ]
 # What libraries read and write in a few lines: a sentence that goes on after the name of the file.
 READ_PICTURES = (
-    "is read by scikit-image and skan, as docs/recipes/pictures.md shows for fibres: give edges= and positions=, or "
+    "is read by scikit-image and skan, as extras/docs/recipes/pictures.md shows for fibres: give edges= and positions=, or "
     "labels= for a mask whose values number the cells of a tissue"
 )
-_WORKBOOKS = "by pandas, as docs/recipes/workbooks.md shows"
-_DRAWINGS = "by ezdxf, as docs/recipes/drawings.md shows"
+_WORKBOOKS = "by pandas, as extras/docs/recipes/workbooks.md shows"
+_DRAWINGS = "by ezdxf, as extras/docs/recipes/drawings.md shows"
 _RECIPES = {
     "read": {
         **dict.fromkeys((".png", ".jpg", ".tif", ".tiff", ".npy"), READ_PICTURES),

@@ -253,8 +253,8 @@ def far(network):
         (NETWORKS["voronoi"], "n.csv", {"size": 3.0}, "size= is no option of the format tables"),
         (NETWORKS["voronoi"], "n.stl", {"radius": 0}, "positive"),
         (NETWORKS["voronoi"], "n.ply", {}, "read only"),
-        (NETWORKS["voronoi"], "n.xlsx", {}, "n.xlsx is written by pandas, as docs/recipes/workbooks.md shows"),
-        (NETWORKS["voronoi"], "n.dxf", {}, "n.dxf is written by ezdxf, as docs/recipes/drawings.md shows"),
+        (NETWORKS["voronoi"], "n.xlsx", {}, "n.xlsx is written by pandas, as extras/docs/recipes/workbooks.md shows"),
+        (NETWORKS["voronoi"], "n.dxf", {}, "n.dxf is written by ezdxf, as extras/docs/recipes/drawings.md shows"),
         *(
             (far(voronoi_network(n_vertices=64, seed=1)), f"n.{ending}", {}, "nearest images")
             for ending in ("data", "gsd")
