@@ -74,8 +74,8 @@ FORMATS = [
 ]
 # What libraries read and write in a few lines: a sentence that goes on after the name of the file.
 READ_PICTURES = (
-    "is read by scikit-image and skan, as extras/docs/recipes/pictures.md shows for fibres: give edges= and positions=, or "
-    "labels= for a mask whose values number the cells of a tissue"
+    "is read by scikit-image and skan, as extras/docs/recipes/pictures.md shows for fibres: give edges= and "
+    "positions=, or labels= for a mask whose values number the cells of a tissue"
 )
 _WORKBOOKS = "by pandas, as extras/docs/recipes/workbooks.md shows"
 _DRAWINGS = "by ezdxf, as extras/docs/recipes/drawings.md shows"

@@ -281,7 +281,7 @@ def test_broken_data_frames_are_one_sentence():
 @pytest.mark.parametrize(
     ("file", "word"),
     [
-        ("fibres.png", "fibres.png is read by scikit-image and skan, as extras/docs/recipes/pictures.md shows.*labels="),
+        ("fibres.png", "fibres.png is read by scikit-image and skan, as extras/docs/recipes/pictures.md .*labels="),
         ("fibres.npy", "recipes/pictures.md"),
         ("network.xlsx", "network.xlsx is read by pandas, as extras/docs/recipes/workbooks.md shows"),
         ("network.DXF", "network.DXF is read by ezdxf, as extras/docs/recipes/drawings.md shows"),
