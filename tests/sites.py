@@ -16,7 +16,7 @@ from workflows.pages.paper import EQUATIONS
 
 sys.path.append(str(Path(__file__).parents[1] / "docs" / "_ext"))
 
-from place import DOCS, PACKAGE, ROOT  # noqa: E402
+from place import DOCS, PACKAGE, ROOT
 
 LARGEST_ENTRY = 12_000  # letters of prose
 SIGNS_OF_TEX = re.compile(r"\$|\\[a-z]+\b|[_^]\{|\\[_*|]")

@@ -1,7 +1,7 @@
 """The programs of the documents, executed: scripts of the gallery, and notebooks with their outputs.
 
-Their output is kept in _build/programs of the documents until a program or the package changes.  The tests execute the programs
-by the functions below, so that a site built after the tests executes nothing.
+Their output is kept in _build/programs of the documents until a program or the package changes.  The tests execute
+the programs by the functions below, so that a site built after the tests executes nothing.
 """
 
 from __future__ import annotations
