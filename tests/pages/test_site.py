@@ -32,9 +32,5 @@ def test_a_page_of_a_function_shows_its_pictures_and_links_to_its_uses(site):
     assert page.xpath(".//dt[@id='critflow.stiffening']")
 
 
-def test_the_site_stays_small_and_links_to_its_pages(site):
-    assert len([name for name in site if "/entries/" not in name]) <= PAGES_OF_SITE
-    for name, page in site.items():
-        hrefs = article(page).xpath(".//a/@href")
-        # Files of the repository outside docs/ are named, and not linked, but pictures and data can be downloaded.
-        assert not [href for href in hrefs if href.partition("#")[0].endswith(".md") and "://" not in href], name
+def test_the_site_stays_small(site):
+    assert 30 < len([name for name in site if "/entries/" not in name]) <= PAGES_OF_SITE
