@@ -143,6 +143,7 @@ class Variable:
     fill: int | None = field(default=None, kw_only=True)  # stands for a missing integer; an end of the dtype by default
     volatile: bool = field(default=False, kw_only=True)  # differs between runs, for example a time
     comment: str = field(default="", kw_only=True)  # what a reader must know beyond the long name
+    symbol: str = field(default="", kw_only=True)  # in TeX, for the axes of figures
 
     def __post_init__(self) -> None:
         _identifier(self.name, "variable")
