@@ -233,15 +233,6 @@ _FIT_COMMENTS = {
     ),
     "_deviation": "what the fit misses, {name}_fit less {name}",
 }
-# Symbols of the variables in TeX.
-SYMBOLS = {
-    **{name: f"${name}$" for name in ("B_0", "G_0", "C_B", "C_G", "V_L", "B", "G")},
-    "V_tau": "$V_\\tau$",
-    "kappa_phys": "$\\langle\\kappa_{phys}\\rangle$",
-    "kappa_force": "$\\langle\\kappa_{force}\\rangle$",
-    "C_G_stress_corrected": "$C_G$, stress-corrected",
-    "G_stress_corrected": "$G$, stress-corrected",
-}
 COMMENTS = {
     **dict.fromkeys(("sigma", "length", "position", "V_L", "kappa_phys", "C_G", "C_G_stress_corrected"), _NOT_UNIQUE),
     "C_B": f"{_NOT_UNIQUE}; C_B of max_B_0 is -B_0/2 for all of them",
@@ -307,7 +298,7 @@ def table(planar):
             for name in BOUNDED
         ),
     )  # fmt: skip
-    return tuple(replace(one, comment=COMMENTS.get(one.name, ""), symbol=SYMBOLS.get(one.name, "")) for one in rows)
+    return tuple(replace(variable, comment=COMMENTS.get(variable.name, "")) for variable in rows)
 
 
 def verify(ds):
