@@ -25,7 +25,7 @@ import matplotlib.pyplot as plt
 from matplotlib.figure import Figure
 
 DOCS = Path(__file__).parents[2] / "docs"
-FOLDER = DOCS / "notebooks"
+FOLDER, EXTRAS = DOCS / "notebooks", DOCS.parent / "extras" / "docs" / "notebooks"
 PAGES = ("tutorial", "question")
 FENCED = re.compile(r"^```(\w+)\n(.*?)^```\n", flags=re.M | re.S)
 PICTURE = re.compile(r"(!\[[^\]]*\]\()(pictures/\w+\.\w+\))")
@@ -161,11 +161,10 @@ def written(cells: list[Cell]) -> str:
 
 
 def main(notebooks: list[Path]) -> None:
-    pages = [FOLDER / f"{name}.ipynb" for name in PAGES]
-    extras = DOCS.parent / "extras" / "docs" / "notebooks"
-    for path in notebooks or [*pages, *sorted(FOLDER.glob("0*.ipynb")), *sorted(extras.glob("*.ipynb"))]:
-        path = path.absolute()
-        cells = cells_of_page(DOCS / f"{path.stem}.md") if path in pages else cells_of(path)
+    of_pages = [FOLDER / f"{name}.ipynb" for name in PAGES]
+    for path in notebooks or [*of_pages, *sorted(FOLDER.glob("0*.ipynb")), *sorted(EXTRAS.glob("*.ipynb"))]:
+        made = path.absolute() in of_pages
+        cells = cells_of_page(DOCS / f"{path.stem}.md") if made else cells_of(path)
         with tempfile.TemporaryDirectory() as folder:
             path.write_text(written(execute(cells, path.name, Path(folder))[0]), encoding="utf-8")
 
