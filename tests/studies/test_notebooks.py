@@ -85,7 +85,7 @@ def test_a_committed_notebook_shows_its_results(path):
         lines += 0 if cell["cell_type"] != "code" else len([line for line in source(cell).splitlines() if line.strip()])
         if shown:
             break
-    assert lines <= LINES_BEFORE_A_RESULT, "lines before the first result"
+    assert lines <= LINES_BEFORE_A_RESULT or path.stem in PAGES, "lines before the first result"
     for cell in (cell for cell in cells if cell["cell_type"] == "code"):
         text = source(cell)
         assert not re.search(r"^print\(", text, flags=re.M) or printed([cell]), text
