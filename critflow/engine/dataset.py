@@ -202,6 +202,8 @@ class Assembly:
             attributes["value_if_missing"] = np.array(variable.fill, variable.dtype)[()]
         if comment := "; ".join(filter(None, (variable.comment, "differs from run to run" * variable.volatile))):
             attributes["comment"] = comment
+        if variable.symbol:
+            attributes["symbol"] = variable.symbol
         if (bound := f"{variable.name}_error_bound") in {one.name for one in self.variables}:
             attributes["ancillary_variables"] = bound
         return attributes
