@@ -21,8 +21,10 @@ def relocated(text: str, page: Path) -> str:
         outside = target.is_relative_to(ROOT) and not target.is_relative_to(DOCS)
         return f"{found['text']} (`{target.relative_to(ROOT)}`)" if outside else found[0]
 
-    # Definitions of links in brackets, [NAME]: PATH; without one the name in brackets stays.
-    text = re.sub(r"^\[[\w ]+\]: [./]+(?:extras/)?results/\S+\.md\n", "", text, flags=re.M)
+    def study(found: re.Match) -> str:  # the target of [STUDY] in a list of claims: its figures in the page of results
+        return f"[{found[1]}]: results.md#{found[1]}" if ELSEWHERE and "extras" not in found[2] else ""
+
+    text = re.sub(r"^\[(\w+)\]: (\.\./\S*/claims\.md)$", study, text, flags=re.M)
     text = re.sub(r"(\]\([./]*notebooks/0\w+)\.ipynb\)", r"\1.md)", text)
     return re.sub(r"(?<!!)\[(?P<text>[^\]]*)\]\((?P<path>[^)#\s]+\.md)(?P<anchor>#[^)\s]*|)\)", link, text)
 
@@ -52,7 +54,6 @@ def all_studies() -> str:
     """results/README.md as the second part of the page of results."""
     text = (ROOT / "results" / "README.md").read_text(encoding="utf-8").split("\n", 1)[1]
     text = re.sub(r"\]\(reference/(\w+)/claims\.md\)", "](claims.md)", text)
-    text = re.sub(r"^(- .*; claims in )\[[^\]]*\]", r"\1[the table](claims.md)", text, flags=re.M)
     text = re.sub(r"\]\(reference/([^)]+)\)", r"](../results/reference/\1)", text)
     return "## Studies\n" + re.sub(r"\]\(\.\./docs/([^)]+)\)", r"](\1)", text)
 

@@ -3,6 +3,8 @@
 import json
 
 from critflow.command.main import main
+from critflow.engine.report import entries
+from critflow.engine.study import Claim
 
 FILES = ("claims.md", "claims.json", "summary.json", "figures/modulus.png", "figures/growth.gif")
 
@@ -39,6 +41,18 @@ def test_a_claim_without_a_sample_was_measured_on_the_values_of_the_first_axis(t
     for seeds, sample in (("0:2", "2 networks"), ("0", "1 network")):
         assert run(tmp_path / sample, f"seeds={seeds}") == 0
         assert {claim["sample"] for claim in json.loads((tmp_path / sample / "claims.json").read_text())} == {sample}
+
+
+def test_an_entry_has_its_place_its_variants_and_the_kind_of_its_difference():
+    rows = [{"variant": "FIRE", "value": "0.5", "n": "9 ascents", "verdict": "differs"}]
+    claim = Claim("a", "it grows", "", "0.5", "differs", "why", "c", "3 networks", "paper", "III", "number", rows)
+    parts = [
+        "measured: 0.5 (3 networks)",
+        "criterion: c",
+        "the number is another: why",
+        "FIRE: 0.5 (9 ascents, differs)",
+    ]
+    assert entries([claim]) == ["- it grows (III): **differs**", *(f"  - {part}" for part in parts)]
 
 
 def test_verify_recomputes_the_physics_of_the_study(tmp_path, run, source, capsys):

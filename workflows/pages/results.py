@@ -54,18 +54,17 @@ def rendered(package: Package) -> str:
 
 
 def _overview(package: Package) -> str:
-    """One row a study, with the verdicts of the statements of the paper that it tests, and those of all studies."""
+    """One row a study, with its verdicts on statements of the paper, then those of all studies."""
     runs = json.loads((package.reference / "runs.json").read_text(encoding="utf-8"))
     claims = committed(package)
-    lines = head("study", "what it computes", "seconds", "statements of the paper", "made by")
+    lines = head("study", "what it computes", "seconds", "claims", "made by")
     for study in studies(package):
         page = f"reference/{study}/claims.md"
         title = (package.folder / "results" / page).read_text(encoding="utf-8").split("\n", 1)[0].removeprefix("# ")
-        run = runs.get(study, {})
-        seconds = f"{run['seconds']:.0f}" if run.get("seconds") else ""
-        made_by = f"{run.get('source', '')} {run.get('commit', '')[:7]}".strip()
-        verdicts = f"[{counts(claims[study]) or 'none'}]({page})"
-        lines.append(row(f"[{study}](#{study})", title, seconds, verdicts, made_by))
+        run = runs[study]
+        verdicts = f"[{counts(claims[study]) or 'measurements'}]({page})"
+        made_by = f"{run['source']} {run['commit'][:7]}"
+        lines.append(row(f"[{study}](#{study})", title, f"{run['seconds']:.0f}", verdicts, made_by))
     return "\n".join([*lines, "", *([statement_counts(package), ""] if package == CRITFLOW else [])])
 
 

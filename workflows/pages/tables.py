@@ -84,23 +84,16 @@ def head(*cells: str) -> list[str]:
 # The ensemble
 
 
-def populations(package: Package) -> str:
-    """One row a population: moduli at the transition and their change with strain."""
-    return _populations(_read(package, "ensemble", "summary"), MODULI)
-
-
 def measures(package: Package) -> str:
     """One row a population in each of two tables: the response; the structure and the outcomes of the solves."""
     summary = _read(package, "ensemble", "summary")
-    return _populations(summary, MODULI) + "\n\n" + "\n".join(_rows(summary, STRUCTURE, outcomes=True))
-
-
-def _populations(summary: dict, columns: dict[str, str]) -> str:
     lines = [
         f"Median and range of 90 % of {summary['networks']} networks of {summary['parameters']['n_vertices']} "
         "vertices, in units of k. n is the number of networks; a second number is that of C_B and C_G:",
         "",
-        *_rows(summary, columns),
+        *_rows(summary, MODULI),
+        "",
+        *_rows(summary, STRUCTURE, outcomes=True),
     ]
     return "\n".join(lines)
 
@@ -213,7 +206,7 @@ def equations(page: str) -> str:
 
 _OF_VERDICTS = (statement_counts, differences, holding, found, links, what_we_found)
 TABLES: dict[str, Callable[[Package], str]] = {
-    table.__name__: table for table in (populations, measures, *_OF_VERDICTS, speed, programs, sizes, failures)
+    table.__name__: table for table in (measures, *_OF_VERDICTS, speed, programs, sizes, failures)
 } | {f"equations_{page}": lambda _, page=page: equations(page) for page in {e.page: None for e in EQUATIONS}}
 
 

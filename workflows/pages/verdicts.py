@@ -15,7 +15,8 @@ from .packages import Package
 from .paper import FINDINGS, Finding
 
 WIDTH = 110  # of a line
-LONGEST = 160  # of a value; the table of its study has the rest
+LONGEST = 160  # of a value; the list of its study has the rest
+OF_THE_LIBRARY = ("failure_map", "speed")  # studies of the library, which have pages of their own
 
 
 def committed(package: Package) -> dict[str, list[Claim]]:
@@ -46,13 +47,12 @@ def _belongs(claim: Claim, study: str) -> bool:
 
 def short(value: str) -> str:
     """The parts of a value that a line has room for; an ellipsis stands for the others."""
-    for ending in ("; ", " and ", ", "):
+    for ending in ("; ", " and ", ", ", " "):
         parts = value.split(ending)
-        while len(parts) > 1 and len(ending.join(parts)) > LONGEST:
-            parts.pop()
-        if len(kept := ending.join(parts)) <= LONGEST:
-            return kept if kept == value else f"{kept}{ending}…"
-    return textwrap.shorten(value, LONGEST, placeholder=" …")
+        kept = [part for n, part in enumerate(parts, 1) if len(ending.join(parts[:n])) <= LONGEST]
+        if kept:
+            return ending.join(kept if kept == parts else [*kept, "…"])
+    return value
 
 
 def plain(text: str) -> str:
@@ -73,36 +73,32 @@ def _capital(text: str) -> str:
 
 
 def links(package: Package) -> str:
-    """The tables of the studies, as the targets of links [STUDY] of a page in docs/."""
-    lines = []
-    for one in (package, *package.extensions):
-        folder = os.path.relpath(one.reference, package.folder / "docs")
-        lines += [f"[{study}]: {folder}/{study}/claims.md" for study in committed(one)]
-    return "\n".join(lines)
+    """The lists of the studies, as the targets of links [STUDY] of a page in docs/."""
+    linked = {*committed(package), *(study for _, study in of_the_paper(package).values())}
+    references = [one.reference / study for one in (package, *package.extensions) for study in committed(one)]
+    docs = package.folder / "docs"
+    return "\n".join(f"[{r.name}]: {os.path.relpath(r, docs)}/claims.md" for r in references if r.name in linked)
 
 
 def holding(package: Package) -> str:
     """One entry for each statement that holds, in the order of the paper."""
-    lines = [
-        entry(f"**{_capital(claim.statement)}** ({claim.place}). Measured: {short(claim.value)}. [{study}]")
-        for claim, study in of_the_paper(package).values()
-        if claim.verdict == "holds"
-    ]
-    return "\n".join(lines)
+    return "\n".join(_entries(package, "holds"))
 
 
 def differences(package: Package) -> str:
     """One entry for each statement that differs or is undecided, with the kind of the difference and the reason."""
+    return "\n".join(_entries(package, "differs") + _entries(package, "undecided")) or "None."
+
+
+def _entries(package: Package, verdict: str) -> list[str]:
     lines = []
-    for verdict in ("differs", "undecided"):
-        for claim, study in of_the_paper(package).values():
-            if claim.verdict == verdict:
-                kind = f"{_capital(DIFFERENCES[claim.difference])}: " if claim.difference else "Undecided, "
-                lines.append(
-                    f"**{_capital(claim.statement)}** ({claim.place}). {kind}{claim.because}. "
-                    f"Measured: {short(claim.value)}. [{study}]"
-                )
-    return "\n".join(map(entry, lines)) or "None."
+    for claim, study in of_the_paper(package).values():
+        kind = _capital(DIFFERENCES.get(claim.difference, "open"))
+        reason = "" if verdict == "holds" else f" {kind}: {claim.because.removeprefix('open: ')}."
+        text = f"**{_capital(claim.statement)}** ({claim.place}).{reason} Measured: {short(claim.value)}. [{study}]"
+        if claim.verdict == verdict:
+            lines.append(entry(text))
+    return lines
 
 
 def statement_counts(package: Package) -> str:
@@ -118,13 +114,10 @@ def statement_counts(package: Package) -> str:
         f'{counted(Counter(claim.verdict for claim in claims))}. "Differs" is about the paper, not about your run:',
         "its sentence and the measurement disagree" + (f", {', '.join(parts)}." if parts else "."),
     ]
-    own = committed(package)
-    if elsewhere := dict.fromkeys(study for _, study in measured.values() if study not in own):
-        number = sum(study in elsewhere for _, study in measured.values())
-        are = "is" if number == 1 else "are"
-        lines.append(f"Of these, {number} {are} tested by studies of critflow-extras: {', '.join(elsewhere)}.")
-    if missing := [known.id for known in STATEMENTS.values() if known.id not in measured]:
-        lines.append(f"Not in the committed results yet: {', '.join(missing)}.")
+    if elsewhere := [study for _, study in measured.values() if study not in committed(package)]:
+        studies = ", ".join(dict.fromkeys(elsewhere))
+        are = "is" if len(elsewhere) == 1 else "are"
+        lines.append(f"Of these, {len(elsewhere)} {are} tested by studies of critflow-extras: {studies}.")
     return "\n".join(lines)
 
 
@@ -132,11 +125,14 @@ def found(package: Package) -> str:
     """What each study found beyond the paper: one entry a claim."""
     lines = []
     for study, claims in committed(package).items():
-        if ours := [claim for claim in claims if claim.kind == "ours"]:
-            lines += ["", f"### [{study}]", ""]
-            for claim in ours:
-                verdict = "" if claim.verdict == "measured" else f" ({claim.verdict})"
-                lines.append(entry(f"**{_capital(claim.statement)}**: {short(claim.value)}{verdict}."))
+        ours = [
+            entry(
+                f"**{_capital(claim.statement)}**: {short(claim.value)} ({claim.verdict}).".replace(" (measured)", "")
+            )
+            for claim in claims
+            if claim.kind == "ours" and study not in OF_THE_LIBRARY
+        ]
+        lines += [f"### [{study}]", "", *ours, ""] if ours else []
     return "\n".join(lines).strip()
 
 
