@@ -10,6 +10,11 @@ from .lattices import three_bar_linkage as three_bar_linkage
 from .lengths import critical_from_lengths as critical_from_lengths
 from .manifold import CriticalConfiguration as CriticalConfiguration
 from .manifold import CriticalManifold as CriticalManifold
+from .network_files import read_critical as read_critical
+from .network_files import read_network as read_network
+from .network_files import to_graph as to_graph
+from .network_files import to_tables as to_tables
+from .network_files import write_network as write_network
 from .networks import Network as Network
 from .optima import optimize as optimize
 from .paths import strain_path as strain_path

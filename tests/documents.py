@@ -33,8 +33,8 @@ from critflow.command.main import main
 
 sys.path.append(str(Path(__file__).parents[1] / "docs" / "_ext"))
 
-import programs  # noqa: E402
-from place import DOCS, ROOT  # noqa: E402
+import programs
+from place import DOCS, ROOT
 
 HERE = DOCS.parent  # the folder of the package, whose README is a page too
 MADE = {path.with_suffix(".md") for path in (DOCS / "notebooks").glob("*.ipynb")}  # by the site

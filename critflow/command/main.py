@@ -34,7 +34,7 @@ from critflow.engine.store import (
     reason_lines,
 )
 from critflow.engine.study import plural
-from critflow.extensions import from_extras, joined, loaded, more
+from critflow.extensions import joined, loaded, more
 from critflow.result import CritflowError, EnvironmentFailure, InputError, IntegrityError
 
 INTERRUPTED, INTEGRITY, FAILED_CASES = 130, 4, 3  # exit codes
@@ -346,14 +346,16 @@ def figures(folder: Path, format: str) -> None:
 def show(file: Path, settings: Sequence[str], out: Path | None) -> None:
     """Print what a dataset is, or draw one configuration of it.
 
-    The configuration that --set chooses, with its certificate."""
+    The configuration that --set chooses, with its status and moduli."""
     from critflow.engine.dataset import opened_dataset
 
     if file.is_dir():
         raise InputError(f"{file} is a folder: give the dataset NAME.nc in it")
     with opened_dataset(file) as dataset:
         if settings or out:
-            print(from_extras("draw_case", "drawings of cases")(dataset, settings, out, file.parent))
+            from critflow.cases import draw_case
+
+            print(draw_case(dataset, settings, out, file.parent))
         else:
             print(dataset.attrs["summary"])
 

@@ -202,6 +202,8 @@ class Assembly:
             attributes["value_if_missing"] = np.array(variable.fill, variable.dtype)[()]
         if comment := "; ".join(filter(None, (variable.comment, "differs from run to run" * variable.volatile))):
             attributes["comment"] = comment
+        if variable.symbol:
+            attributes["symbol"] = variable.symbol
         if (bound := f"{variable.name}_error_bound") in {one.name for one in self.variables}:
             attributes["ancillary_variables"] = bound
         return attributes
@@ -344,7 +346,7 @@ def summary_text(
     if {"edges", "offsets", "cell", "position"} <= names:
         one = {axis.name: selection.axes[axis.name][-1] for axis in study.axes}
         chosen = ", ".join(f"{name}={value!r}" for name, value in one.items())
-        lines.append(f"one network: ce.network_from(ds.sel({chosen}))")
+        lines.append(f"one network: cf.read_network(ds.sel({chosen}))")
         lines.append(f"its figure: critflow show FILE {' '.join(f'--set {k}={value}' for k, value in one.items())}")
     return "\n".join(lines)
 

@@ -139,6 +139,7 @@ class Variable:
     dtype: str  # one of f4 f8 i1 i2 i4 i8 u1 u2 u4
     long_name: str = field(kw_only=True)
     units: str = field(default="1", kw_only=True)
+    symbol: str = field(default="", kw_only=True)  # in TeX, for the axes of figures
     flags: type[IntEnum] | None = field(default=None, kw_only=True)  # the meaning of integer codes
     fill: int | None = field(default=None, kw_only=True)  # stands for a missing integer; an end of the dtype by default
     volatile: bool = field(default=False, kw_only=True)  # differs between runs, for example a time

@@ -1,7 +1,8 @@
 """The API reference: a page for each function and class, and lists of them.
 
 The directive `layer` lists the names of one module of critflow, or of one folder of critflow-extras, with a line each;
-`names` lists all public names of the package by the headings of the reference.  `entries.py` writes the page of each name.
+`names` lists all public names of the package by the headings of the reference.  `entries.py` writes their
+pages.
 
 Docstrings are plain text.  Tables of two columns become definition lists, indented lines displayed equations, lines
 after `>>>` code, and `names` links: to a public name, or to the page that explains the equation of the paper with this

@@ -12,9 +12,9 @@ from .certificates.counts import rigidity as rigidity
 from .certificates.spaces import self_stresses as self_stresses
 from .certificates.spaces import zero_modes as zero_modes
 from .design_stiffness.stiffnesses import isotropic_targets as isotropic_targets
+from .drawing.depth import draw_in_depth as draw_in_depth
 from .drawing.draw import draw as draw
 from .examine.examine import examine as examine
-from .files.cases import draw_case as draw_case
 from .files.convert import network_from as network_from
 from .files.convert import write_network as write_network
 from .foams.foams import foam_network as foam_network

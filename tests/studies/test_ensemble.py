@@ -98,14 +98,13 @@ def test_what_is_not_unique_says_so(dataset):
     assert "comment" not in dataset.B_0.attrs
 
 
-def test_show_prints_a_certificate(folder, tmp_path, capsys, assert_picture):
+def test_show_draws_a_case_and_prints_its_status_and_moduli(dataset, folder, tmp_path, capsys, assert_picture):
     picture = tmp_path / "one.png"
     words = ["--set", "seed=1", "--set", "population=max_B_0", "--out", str(picture)]
     assert main(["show", str(folder / "ensemble.nc"), *words]) == 0
     text = capsys.readouterr().out
-    assert "self-stresses           1 " in text
-    assert "rigid to second order" in text
-    assert "100.000000 % of its bound" in text
+    stiffest = dataset.B_0.sel(seed=1, population="max_B_0").item()
+    assert "population max_B_0: ok, converged" in text and f"B_0 = {stiffest:.6g} k" in text
     assert_picture(picture)
 
 

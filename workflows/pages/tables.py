@@ -119,17 +119,15 @@ def _spread(row: dict) -> str:
 
 
 def speed(package: Package) -> str:
-    """One row a task and size: the default method, its time and error, the nearest others, the reason."""
-    lines = head("task", "N_v", "default", "time", "once", "error", "nearest of critflow", "nearest package", "reason")
+    """One row a task and size: time and error of the default method, the nearest package, the reason."""
+    lines = head("task", "N_v", "time", "once", "error", "nearest package", "reason")
     for word, task in _read(package, "speed", "summary")["tasks"].items():
         for n, (size, cells) in enumerate(task["sizes"].items()):
-            times = {False: {}, True: {}}
-            for name, ratios in _finest(cells).items():
-                times[name in cells["packages"]][name] = ratios
-            nearest = [min(kind.items(), key=lambda one: one[1][0], default=None) for kind in times.values()]
-            cells = [task["default"], *_best(cells), *(_multiple(*one) if one else "none" for one in nearest)]
+            others = [one for one in _finest(cells).items() if one[0] in cells["packages"]]
+            nearest = min(others, key=lambda one: one[1][0], default=None)
             title, reason = ("", "") if n else (plain(task["title"]), REASONS[word])
-            lines.append(row(title, f"{int(size):,}", *cells, reason))
+            shown = _multiple(*nearest) if nearest else "none"
+            lines.append(row(title, f"{int(size):,}", *_best(cells), shown, reason))
     return "\n".join(lines)
 
 

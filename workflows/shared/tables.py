@@ -10,6 +10,16 @@ from critflow.engine import Axis, Study, Variable
 
 from .reports import PAPER
 
+# Symbols of variables in TeX, which datasets hold for the axes of figures.
+SYMBOLS = {
+    **{name: f"${name}$" for name in ("B_0", "G_0", "C_B", "C_G", "V_L", "B", "G")},
+    "V_tau": "$V_\\tau$",
+    "kappa_phys": "$\\langle\\kappa_{phys}\\rangle$",
+    "kappa_force": "$\\langle\\kappa_{force}\\rangle$",
+    "C_G_stress_corrected": "$C_G$, stress-corrected",
+    "G_stress_corrected": "$G$, stress-corrected",
+}
+
 
 def networks(n):
     """The axis of n generated networks."""
@@ -18,7 +28,9 @@ def networks(n):
 
 def numbers(dims, dtype="f8", /, **long_names):
     """Variables of one type with the same dimensions, by name and meaning."""
-    return [Variable(name, dims, dtype, long_name=text) for name, text in long_names.items()]
+    return [
+        Variable(name, dims, dtype, long_name=text, symbol=SYMBOLS.get(name, "")) for name, text in long_names.items()
+    ]
 
 
 def bounded(dims, /, **long_names):

@@ -20,16 +20,13 @@ from critflow.calls import running
 from critflow.networks import Array, Network
 from critflow.pictures import (
     COLOURS,
-    COMPRESSED,
     TENSION_MAP,
     add_cell,
     add_edges,
     colour_limits,
-    draw_network,
     face_polygons,
     periodic_segments,
     shade_faces,
-    unit_pressure_tensions,
 )
 from critflow.result import InputError, Solution
 from critflow_extras.drawing.depth import draw_in_depth
@@ -208,32 +205,6 @@ def _discs(ax: Axes, network: Network, x: Array, values: Array) -> None:
     most = min(90.0, _DISC_AREA * 72**2 * float(np.prod(inches)) / len(x))
     size = most * np.clip(values, 0, None) / (largest or 1.0)
     ax.scatter(places[:, 0], places[:, 1], s=size, color=COLOURS[4], alpha=0.75, linewidths=0, zorder=3)
-
-
-def network_figure(
-    edges: ArrayLike,
-    offsets: ArrayLike,
-    cell: ArrayLike,
-    coordinates: ArrayLike,
-    sigma: Array,
-    lengths: Array,
-    title: str = "",
-) -> Figure:
-    """A figure of one network with a colour bar of the tensions at unit pressure; 3D networks in projection."""
-    tensions = unit_pressure_tensions(sigma, lengths, float(abs(np.linalg.det(np.asarray(cell)))))
-    figure = Figure(figsize=(6.2, 5.4), layout="constrained")
-    axes = figure.add_subplot()
-    if np.shape(coordinates)[1] == 3:
-        lines: ScalarMappable = draw_in_depth(axes, edges, offsets, cell, coordinates, tensions)
-    else:
-        lines = draw_network(axes, edges, offsets, cell, coordinates, tensions, width=1.6)
-    bar = figure.colorbar(lines, ax=axes, shrink=0.8, pad=0.02)
-    bar.set_label("edge tension τ at unit pressure")
-    if (tensions < 0).any():
-        axes.plot([], [], color=COMPRESSED, linestyle=(0, (2, 1)), label="compressed")
-        axes.legend(loc="upper left", fontsize=8, frameon=True)
-    axes.set_title(title, fontsize=10)
-    return figure
 
 
 def saved(figure: Figure | SubFigure, path: Any) -> None:

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from critflow.checks import floats, integers
+from critflow.network_files import stored_configuration
 from critflow.result import EnvironmentFailure, InputError, Record
 from critflow_extras.pruning.digits import Digits, digits_of
 
@@ -141,26 +142,6 @@ class NetworkData(Record):
         return replace(self, notes=(*self.notes, sentence), repaired=True)
 
 
-def stored_configuration(case: Any) -> dict[str, np.ndarray | None]:
-    """Edges, offsets, cell, position and stresses of a case, by name; no stresses are None.
-
-    Raises `InputError` for a dataset without configurations, several cases, and a case without a configuration.
-    """
-    if missing := [name for name in ("edges", "offsets", "cell", "position") if name not in case]:
-        raise InputError(f"this dataset contains no configurations: it lacks {', '.join(missing)}")
-    if several := [dim for dim in case["position"].dims if dim not in ("vertex", "axis")]:
-        example = ", ".join(
-            f"{dim}={case[dim].values[0].item()!r}" if dim in case.coords else f"{dim}=0" for dim in several
-        )
-        chosen = f"dataset.sel({example})" if set(several) <= set(case.coords) else f"dataset.isel({example})"
-        raise InputError(f"choose one {' and one '.join(several)} of the dataset, as in {chosen}")
-    position = np.asarray(case["position"], dtype=float)
-    if not np.isfinite(position).all():
-        raise InputError("this case of the dataset has no configuration: see its status, or choose another")
-    arrays: dict[str, np.ndarray | None] = {name: np.asarray(case[name]) for name in ("edges", "offsets", "cell")}
-    return arrays | {"position": position, "sigma": np.asarray(case["sigma"]) if "sigma" in case else None}
-
-
 def from_dataset(case: Any) -> NetworkData:
     """A case of a dataset, selected by its axis values, such as `dataset.sel(seed=3, population="max_B_0")`."""
     arrays: dict[str, Any] = stored_configuration(case)
@@ -215,7 +196,7 @@ def optional(module: str) -> Any:
     try:
         return import_module(module)
     except ImportError:
-        package, install = module.split(".")[0], "pip install 'critflow[formats]'"
+        package, install = module.split(".")[0], "pip install 'critflow-extras[formats]'"
         raise EnvironmentFailure(f"this format needs {package}, which is not installed: {install}") from None
 
 

@@ -7,14 +7,14 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from critflow.arguments import shown
+from critflow.network_files import require_folder, write_tables
 from critflow.result import InputError
-from critflow_extras.drawing.checks import require_folder
 from critflow_extras.files.data import NetworkData, from_dataset, optional, require_regular
 from critflow_extras.files.drawings import write_solid, write_svg
 from critflow_extras.files.graphs import from_graph, read_graph, write_graph
 from critflow_extras.files.meshes import from_mesh, read_mesh, write_mesh
 from critflow_extras.files.particles import from_atoms, read_gsd, read_lammps, write_gsd, write_lammps
-from critflow_extras.files.tables import read_tables, write_tables
+from critflow_extras.files.tables import frames, read_tables
 
 
 @dataclass(frozen=True)
@@ -44,12 +44,17 @@ class Format:
     keywords: tuple[str, ...] = ()
 
 
+def write_frames(data: NetworkData, path: Path) -> None:
+    """Write the tables of edges and vertices."""
+    write_tables(*frames(data), path)
+
+
 # The class of one table of pandas.
 FRAME = "pandas.DataFrame"
 _SOLID = ("size", "radius", "by_stiffness")
 # All formats; whoever adds one enters it here (docs/extending.md).
 FORMATS = [
-    Format("tables", (".csv", ".txt", ".tsv"), read_tables, write_tables, kind=FRAME, convert=read_tables),
+    Format("tables", (".csv", ".txt", ".tsv"), read_tables, write_frames, kind=FRAME, convert=read_tables),
     Format(
         *("graph", (".graphml", ".gml", ".json"), read_graph, write_graph, ("networkx",)),
         kind="networkx.Graph",
@@ -69,11 +74,11 @@ FORMATS = [
 ]
 # What libraries read and write in a few lines: a sentence that goes on after the name of the file.
 READ_PICTURES = (
-    "is read by scikit-image and skan, as docs/recipes/pictures.md shows for fibres: give edges= and positions=, or "
-    "labels= for a mask whose values number the cells of a tissue"
+    "is read by scikit-image and skan, as extras/docs/recipes/pictures.md shows for fibres: give edges= and "
+    "positions=, or labels= for a mask whose values number the cells of a tissue"
 )
-_WORKBOOKS = "by pandas, as docs/recipes/workbooks.md shows"
-_DRAWINGS = "by ezdxf, as docs/recipes/drawings.md shows"
+_WORKBOOKS = "by pandas, as extras/docs/recipes/workbooks.md shows"
+_DRAWINGS = "by ezdxf, as extras/docs/recipes/drawings.md shows"
 _RECIPES = {
     "read": {
         **dict.fromkeys((".png", ".jpg", ".tif", ".tiff", ".npy"), READ_PICTURES),

@@ -11,8 +11,10 @@ from typing import Any
 import numpy as np
 
 from critflow.checks import floats
+from critflow.network_files import graph_of
 from critflow.result import InputError
-from critflow_extras.files.data import EDGE_VALUES, Array, NetworkData, edge_values, optional, unread
+from critflow_extras.files.data import EDGE_VALUES, Array, NetworkData, optional, unread
+from critflow_extras.files.tables import frames
 
 _POSITIONS = ("pos", "position", "positions", "coordinates", "xyz", "coords")
 _AXES = ("x", "y", "z")
@@ -101,17 +103,7 @@ def write_graph(data: NetworkData, path: Path) -> None:
     Undirected graphs keep neither the order nor the direction of edges: these have an attribute index and one tail.
     GraphML and GML know numbers and text only, and have vectors as JSON text.
     """
-    networkx = optional("networkx")
-    boundary = {"cell": None if data.cell is None else data.cell.tolist(), "volume": data.volume}
-    graph = networkx.MultiGraph(**{name: value for name, value in boundary.items() if value is not None})
-    fixed = set(data.pins)
-    for n, x in enumerate(data.positions.tolist()):
-        graph.add_node(n, pos=tuple(x), fixed=n in fixed)
-    columns = {name: values.tolist() for name, values in edge_values(data).items()}
-    if data.offsets is not None:
-        columns["offset"] = list(map(tuple, data.offsets.tolist()))
-    for n, (tail, head) in enumerate(data.edges.tolist()):
-        graph.add_edge(tail, head, index=n, tail=tail, **{name: column[n] for name, column in columns.items()})
+    networkx, graph = optional("networkx"), graph_of(*frames(data))
     if path.suffix.lower() == ".json":
         path.write_text(json.dumps(networkx.node_link_data(graph, edges="edges")), encoding="utf-8")
         return

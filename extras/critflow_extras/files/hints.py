@@ -9,19 +9,15 @@ from dataclasses import dataclass
 from functools import partial, wraps
 from importlib import import_module
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import click
 import numpy as np
 
-from critflow.engine.study import nearest, require
 from critflow.result import InputError
 from critflow_extras.files.convert import network_from
 from critflow_extras.files.data import number, require_regular
 from critflow_extras.files.repair import ImportedNetwork
-
-if TYPE_CHECKING:
-    import xarray as xr
 
 files_argument = click.argument(
     "files",
@@ -147,34 +143,7 @@ def read(files: Sequence[Path], hints: Hints) -> ImportedNetwork:
         return network_from(file if len(files) == 1 else files, **keywords)
     # Its xarray and dask would delay the commands on all other files.
     with import_module("critflow.engine.dataset").opened_dataset(file) as dataset:
-        return network_from(choose_case(dataset, hints.case).load(), **keywords)
-
-
-def choose_case(dataset: xr.Dataset, words: Sequence[str]) -> xr.Dataset:
-    """The case with the axis values of the `axis=value` words; an axis with one value may be omitted."""
-    axes = dataset.attrs["axes"].split()
-    chosen: dict[str, int] = {}
-    for word in words:
-        name, equals, text = word.partition("=")
-        require(equals, f"--set {word} has no value: write --set {word}=VALUE")
-        require(name in axes, f"the dataset has no axis {name!r}: {nearest(name, axes, 'axes')}")
-        require(name not in chosen, f"{name} is set twice: a case has one value of it")
-        labels = [str(label) for label in dataset[name].values]
-        require(text in labels, f"{name} has no {text!r} here: {_choices(name, text, dataset[name].values, labels)}")
-        chosen[name] = labels.index(text)
-    for name in axes:
-        clear, example = name in chosen or dataset.sizes[name] == 1, dataset[name].values[0]
-        require(clear, f"which {name}? add --set {name}={example}, or another of its values")
-    return dataset.isel({name: chosen.get(name, 0) for name in axes})
-
-
-def _choices(name: str, text: str, values: np.ndarray, labels: Sequence[str]) -> str:
-    """The values of an axis: the first and last of consecutive numbers, else the nearest word, or all of them."""
-    if values.dtype.kind in "iu" and len(values) > 1 and (np.diff(values) == 1).all():
-        return f"{name}s are {labels[0]} to {labels[-1]}"
-    if values.dtype.kind in "iuf":
-        return f"the values of {name} are {', '.join(labels)}"
-    return nearest(text, labels, f"values of {name}")
+        return network_from(import_module("critflow.cases").choose_case(dataset, hints.case).load(), **keywords)
 
 
 # A keyword of `network_from` or `write_network` in a sentence, such as pins='hull' or nearest=True.

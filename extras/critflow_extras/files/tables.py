@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from critflow.checks import integers
+from critflow.network_files import OFFSETS, Tables, table_paths, tables_of
 from critflow.result import CritflowError, InputError
 from critflow_extras.files.data import (
     EDGE_VALUES,
@@ -37,9 +38,8 @@ _ID = ("id", "vertex", "node", "index", "name", "label")
 _AXES = (("x", "y", "z"), ("pos_x", "pos_y", "pos_z"), ("x0", "x1", "x2"))
 _COORDINATES = tuple(axis for axes in _AXES for axis in axes)
 _FIXED, _YES = ("fixed", "pinned", "pin"), ("1", "true", "yes")
-_OFFSETS = ("offset_x", "offset_y", "offset_z")
 # The length, and the number of an edge, follow from the rest.
-_READ = {*_TAIL, *_HEAD, *_OFFSETS, *(name for names in EDGE_VALUES.values() for name in names), "length", "edge", "id"}
+_READ = {*_TAIL, *_HEAD, *OFFSETS, *(name for names in EDGE_VALUES.values() for name in names), "length", "edge", "id"}
 
 
 class _Table(NamedTuple):
@@ -69,7 +69,7 @@ def read_tables(source: Path | Sequence[Any] | Any) -> NetworkData:
     ends = [edges.column(_TAIL), edges.column(_HEAD)]
     if None in ends:
         raise InputError(f"{edges.name} has no columns for tail and head: name them tail and head in its header")
-    offsets = [name for name in _OFFSETS[:d] if name in table.columns]
+    offsets = [name for name in OFFSETS[:d] if name in table.columns]
     columns = {field: name for field, names in EDGE_VALUES.items() if (name := edges.column(names)) is not None}
     values: dict[str, Any] = {field: _numbers(table[[name]], edges.name)[:, 0] for field, name in columns.items()}
     cell, volume = _comment(vertices, "cell", d**2), _comment(vertices, "volume", 1)
@@ -102,31 +102,12 @@ def has_centres(path: Path) -> bool:
     return table.column(_COORDINATES) is not None and table.column(_TAIL) is None
 
 
-def write_tables(data: NetworkData, path: Path) -> None:
-    """Write an edge table and a vertex table with headers and all digits, vertices counted from 0."""
-    pandas, d = import_module("pandas"), data.dimension
-    axes = dict(zip("xyz", data.positions.T, strict=False))
-    vertices = pandas.DataFrame({"id": np.arange(data.n_vertices), **axes, "fixed": data.is_pin.astype(int)})
-    offsets = np.zeros((data.n_edges, d), int) if data.offsets is None else data.offsets
-    edges = dict(zip(("tail", "head", *_OFFSETS[:d]), (*data.edges.T, *offsets.T), strict=True))
-    edges |= {**edge_values(data), "length": np.linalg.norm(bond_vectors_of(data), axis=1)}
-    known = {"cell": data.cell, "volume": data.volume}
-    comments = [f"# {name} {' '.join(map(repr, np.ravel(v).tolist()))}" for name, v in known.items() if v is not None]
-    edges_path, vertices_path = table_paths(path)
-    mark = "\t" if path.suffix.lower() == ".tsv" else ","
-    with vertices_path.open("w", newline="", encoding="utf-8") as file:
-        file.writelines(f"{comment}\n" for comment in comments)
-        vertices.to_csv(file, sep=mark, index=False)
-    pandas.DataFrame(edges).to_csv(edges_path, sep=mark, index=False)
-
-
-def table_paths(path: Path) -> tuple[Path, Path]:
-    """The edge table and the vertex table: NAME_edges.csv and NAME_vertices.csv (or NAME_nodes.csv) of NAME.csv."""
-    stem = path.stem.removesuffix("_edges").removesuffix("_vertices").removesuffix("_nodes")
-    edges, vertices, nodes = (
-        path.with_name(f"{stem}_{table}{path.suffix}") for table in ("edges", "vertices", "nodes")
-    )
-    return edges, nodes if nodes.exists() and not vertices.exists() else vertices
+def frames(data: NetworkData) -> Tables:
+    """The tables of edges and vertices of a record, vertices counted from 0."""
+    offsets = np.zeros((data.n_edges, data.dimension), int) if data.offsets is None else data.offsets
+    values = {**edge_values(data), "length": np.linalg.norm(bond_vectors_of(data), axis=1)}
+    boundary = {"cell": data.cell, "volume": data.volume}
+    return tables_of(data.edges, offsets, values, data.positions, data.is_pin.astype(int), boundary)
 
 
 def _sources(source: Path | Sequence[Any] | Any) -> list[_Table]:

@@ -4,13 +4,13 @@ One source, black, commands fifteen faces: each is to grow or to shrink with it.
 Arrows are the motion at vanishing stress, before and after the design.
 """
 
-import critflow_extras as ce
 import matplotlib.pyplot as plt
 import numpy as np
-from critflow_extras.local.diagonals import face_diagonals, response_name
-from critflow_extras.local.drawing import draw_response, response_legend
 
 import critflow as cf
+import critflow_extras as ce
+from critflow_extras.local.diagonals import face_diagonals, response_name
+from critflow_extras.local.drawing import draw_response, response_legend
 
 network = cf.voronoi_network(n_vertices=80, seed=4)
 pairs = face_diagonals(network)

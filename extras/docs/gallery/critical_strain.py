@@ -5,11 +5,11 @@ the network rigid. Edges are 3 % too long; bars are standard errors of four
 networks.
 """
 
-import critflow_extras as ce
 import matplotlib.pyplot as plt
 import numpy as np
 
 import critflow as cf
+import critflow_extras as ce
 
 lattice = cf.lattice("triangular", 12, 12)
 coordinations, n = np.linspace(3.3, 4.2, 7), 4

@@ -4,11 +4,11 @@ Discs show the part of each vertex in the zero modes of a displaced Voronoi
 network.
 """
 
-import critflow_extras as ce
 import numpy as np
-from critflow_extras.certificates.spaces import zero_modes
 
 import critflow as cf
+import critflow_extras as ce
+from critflow_extras.certificates.spaces import zero_modes
 
 network = cf.voronoi_network(n_vertices=100, seed=4)
 x = network.positions + 0.05 * np.random.default_rng(0).standard_normal(

@@ -3,9 +3,8 @@
 Four edges meet at each vertex; far edges fade.
 """
 
-import critflow_extras as ce
-
 import critflow as cf
+import critflow_extras as ce
 
 foam = ce.foam_network(n_vertices=60, seed=1)
 best = cf.optimize(foam, "B_0")

@@ -4,10 +4,10 @@ The sides of a square net are pinned to a circle; twice the stress in one
 direction shortens its edges.
 """
 
-import critflow_extras as ce
 import numpy as np
 
 import critflow as cf
+import critflow_extras as ce
 
 n = 9
 grid = np.arange(n * n).reshape(n, n)

@@ -3,10 +3,10 @@
 All edges at once, exactly, from one factorisation.
 """
 
-import critflow_extras as ce
 import numpy as np
 
 import critflow as cf
+import critflow_extras as ce
 
 network = cf.voronoi_network(n_vertices=150, seed=5)
 critical = cf.optimize(network, "V_L").value

@@ -3,10 +3,10 @@
 Each generator takes a seed, and prunes to the part that can carry tension.
 """
 
-import critflow_extras as ce
 import matplotlib.pyplot as plt
 
 import critflow as cf
+import critflow_extras as ce
 
 networks = {
     "diluted kagome": ce.diluted(cf.lattice("kagome", 6, 6), z=3.4, seed=1),

@@ -4,10 +4,10 @@ The edges are 5 % longer than at the isotropic transition. γ_c follows from
 cone programs, with bounds.
 """
 
-import critflow_extras as ce
 import numpy as np
 
 import critflow as cf
+import critflow_extras as ce
 
 network = cf.voronoi_network(n_vertices=200, seed=1)
 ratio = cf.critical_from_lengths(network, np.ones(network.n_edges)).ratio

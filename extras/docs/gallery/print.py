@@ -4,14 +4,14 @@ Stiffnesses of a triangulation are chosen for Poisson's ratio 0.1.  A ribbon
 has k ∝ width/|L|; the SVG file, 100 mm wide, is the same drawing to cut.
 """
 
-import critflow_extras as ce
 import numpy as np
-from critflow_extras.design_stiffness.stiffnesses import isotropic_targets
 from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 
 import critflow as cf
+import critflow_extras as ce
 from critflow.pictures import add_cell, periodic_segments
+from critflow_extras.design_stiffness.stiffnesses import isotropic_targets
 
 network = cf.delaunay_network(24, seed=1)
 lengths = np.linalg.norm(network.bond_vectors(network.positions), axis=1)

@@ -4,11 +4,11 @@ The coordinates have errors; the nearest critical configuration gives back the
 tensions with standard errors.
 """
 
-import critflow_extras as ce
 import matplotlib.pyplot as plt
 import numpy as np
 
 import critflow as cf
+import critflow_extras as ce
 
 network = cf.voronoi_network(n_vertices=60, seed=1)
 rng = np.random.default_rng(1)

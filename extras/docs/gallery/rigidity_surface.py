@@ -4,12 +4,12 @@ Each point is the onset of rigidity on a ray of strains; the region inside is
 floppy.
 """
 
-import critflow_extras as ce
 import matplotlib.pyplot as plt
 import numpy as np
-from critflow_extras.cables.rigidity_surface import strain_plane
 
 import critflow as cf
+import critflow_extras as ce
+from critflow_extras.cables.rigidity_surface import strain_plane
 
 network = cf.voronoi_network(n_vertices=60, seed=1)
 ratio = cf.critical_from_lengths(network, np.ones(network.n_edges)).ratio

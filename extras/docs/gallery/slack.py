@@ -4,10 +4,10 @@ A diluted lattice of cables in simple shear: thin grey edges are slack, and the
 others carry all of the force.
 """
 
-import critflow_extras as ce
 import numpy as np
 
 import critflow as cf
+import critflow_extras as ce
 
 network = ce.diluted(cf.lattice("triangular", 10, 10), z=3.4, seed=1)
 onset = ce.critical_strain(network, np.ones(network.n_edges), "simple_shear")

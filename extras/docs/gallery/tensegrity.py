@@ -3,11 +3,11 @@
 Six cables around a hexagon are stretched by three struts, which are dashed.
 """
 
-import critflow_extras as ce
 import numpy as np
-from critflow_extras.tensegrity.signed_stress import signed_stress
 
 import critflow as cf
+import critflow_extras as ce
+from critflow_extras.tensegrity.signed_stress import signed_stress
 
 angles = np.arange(6) * np.pi / 3
 corners = np.column_stack([np.cos(angles), np.sin(angles)])

@@ -4,10 +4,10 @@ Springs act on the perimeters of the faces, all equal here; the mean shape index
 is about 3.81.
 """
 
-import critflow_extras as ce
 import numpy as np
 
 import critflow as cf
+import critflow_extras as ce
 
 network = cf.voronoi_network(n_vertices=200, seed=7)
 tissue = ce.critical_from_perimeters(

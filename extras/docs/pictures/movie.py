@@ -1,4 +1,4 @@
-"""The movie of extras/docs/tutorial.md, a network of cables that becomes rigid in shear: python extras/docs/pictures/movie.py [FILE].
+"""The movie of extras/docs/index.md, cables that become rigid in shear: python extras/docs/pictures/movie.py [FILE].
 
 Writes movie.gif and movie.png, its last frame.
 """

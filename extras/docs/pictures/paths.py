@@ -1,4 +1,4 @@
-"""The picture of extras/docs/theory/paths.md: python extras/docs/pictures/paths.py [FILE]."""
+"""The picture of extras/docs/theory/cables.md: python extras/docs/pictures/paths.py [FILE]."""
 
 import sys
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""The picture of extras/docs/howto/local.md, by docs/gallery/allostery.py: python extras/docs/pictures/responses.py [FILE]."""
+"""The picture of howto/local.md, by gallery/allostery.py: python extras/docs/pictures/responses.py [FILE]."""
 
 import contextlib
 import runpy

@@ -1,4 +1,4 @@
-"""The picture of extras/docs/howto/tissue.md, by the code of that page: python extras/docs/pictures/tissue.py [FILE]."""
+"""The picture of howto/tissue.md, by the code of that page: python extras/docs/pictures/tissue.py [FILE]."""
 
 import contextlib
 import re

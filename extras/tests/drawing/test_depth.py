@@ -6,8 +6,8 @@ from problems import critical_of, foam_network, random_stress
 from units import same_in_units
 
 from critflow import CriticalManifold
+from critflow.pictures import network_figure
 from critflow_extras.drawing.depth import draw_in_depth
-from critflow_extras.drawing.draw import network_figure
 
 
 def of_network(network):

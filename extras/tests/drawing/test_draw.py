@@ -8,7 +8,7 @@ from matplotlib.collections import PathCollection
 from problems import critical_of, pinned_grid, random_stress
 from refusals import refused
 
-from critflow import CriticalManifold, InputError, extensions, lattice, spring_state, voronoi_network
+from critflow import CriticalManifold, lattice, spring_state, voronoi_network
 from critflow_extras import draw
 
 NETWORKS = {
@@ -78,14 +78,6 @@ def test_values_of_vertices_are_areas_of_discs(make):
         else network.positions @ np.linalg.inv(network.cell) % 1 @ network.cell
     )
     np.testing.assert_allclose(discs.get_offsets(), places, rtol=0, atol=1e-12)
-
-
-def test_without_this_extra_a_picture_says_so(monkeypatch):
-    monkeypatch.setattr(extensions, "extras", dict)
-    with pytest.raises(
-        InputError, match="pictures of networks belong to the extra 'drawing' of critflow, which is not"
-    ):
-        extensions.provided("network_figure", "pictures of networks")
 
 
 test_things_that_cannot_be_drawn_are_refused = refused(

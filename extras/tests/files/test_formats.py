@@ -253,8 +253,8 @@ def far(network):
         (NETWORKS["voronoi"], "n.csv", {"size": 3.0}, "size= is no option of the format tables"),
         (NETWORKS["voronoi"], "n.stl", {"radius": 0}, "positive"),
         (NETWORKS["voronoi"], "n.ply", {}, "read only"),
-        (NETWORKS["voronoi"], "n.xlsx", {}, "n.xlsx is written by pandas, as docs/recipes/workbooks.md shows"),
-        (NETWORKS["voronoi"], "n.dxf", {}, "n.dxf is written by ezdxf, as docs/recipes/drawings.md shows"),
+        (NETWORKS["voronoi"], "n.xlsx", {}, "n.xlsx is written by pandas, as extras/docs/recipes/workbooks.md shows"),
+        (NETWORKS["voronoi"], "n.dxf", {}, "n.dxf is written by ezdxf, as extras/docs/recipes/drawings.md shows"),
         *(
             (far(voronoi_network(n_vertices=64, seed=1)), f"n.{ending}", {}, "nearest images")
             for ending in ("data", "gsd")
@@ -270,5 +270,5 @@ def test_what_a_format_cannot_hold_is_one_sentence(tmp_path, thing, file, option
 @pytest.mark.parametrize(("ending", "package"), [("graphml", "networkx"), ("json", "networkx"), ("3mf", "trimesh")])
 def test_a_missing_package_is_named_with_its_install_command(tmp_path, monkeypatch, ending, package):
     monkeypatch.setattr(exchange, "import_module", lambda name: (_ for _ in ()).throw(ImportError(name)))
-    with pytest.raises(EnvironmentFailure, match=rf"{package}, .*critflow\[formats\]"):
+    with pytest.raises(EnvironmentFailure, match=rf"{package}, .*critflow-extras\[formats\]"):
         write_network(NETWORKS["voronoi"], tmp_path / f"n.{ending}")

@@ -281,17 +281,17 @@ def test_broken_data_frames_are_one_sentence():
 @pytest.mark.parametrize(
     ("file", "word"),
     [
-        ("fibres.png", "fibres.png is read by scikit-image and skan, as docs/recipes/pictures.md shows.*labels="),
+        ("fibres.png", "fibres.png is read by scikit-image and skan, as extras/docs/recipes/pictures.md .*labels="),
         ("fibres.npy", "recipes/pictures.md"),
-        ("network.xlsx", "network.xlsx is read by pandas, as docs/recipes/workbooks.md shows"),
-        ("network.DXF", "network.DXF is read by ezdxf, as docs/recipes/drawings.md shows"),
+        ("network.xlsx", "network.xlsx is read by pandas, as extras/docs/recipes/workbooks.md shows"),
+        ("network.DXF", "network.DXF is read by ezdxf, as extras/docs/recipes/drawings.md shows"),
     ],
 )
 def test_what_other_libraries_read_has_a_recipe(tmp_path, file, word):
     (tmp_path / file).write_bytes(b"")
     with pytest.raises(InputError, match=word) as refusal:
         network_from(tmp_path / file)
-    (page,) = re.findall(r"docs/recipes/\w+\.md", str(refusal.value))
+    (page,) = re.findall(r"extras/docs/recipes/\w+\.md", str(refusal.value))
     assert (Path(__file__).parents[3] / page).exists()
 
 

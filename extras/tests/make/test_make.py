@@ -100,7 +100,7 @@ def test_a_wrong_command_is_one_sentence(tmp_path, monkeypatch, capsys, words, w
         (["--out", "m.gml"], 6, "networkx"),
         (["--out", "m.doc"], 2, "ending"),
         (["--out", "nowhere/m.csv"], 2, "folder"),
-        (["--out", "m.stl"], 6, "critflow[formats]"),
+        (["--out", "m.stl"], 6, "critflow-extras[formats]"),
         (["--out", "m.json"], 6, "networkx"),
         (["--out", "m.csv", "--picture", "m.doc"], 2, "picture"),
         (["--out", "m.graphml", "--target", "B_0=0.2"], 6, "networkx"),
