@@ -83,6 +83,13 @@ class Selection:
     parameters: Mapping[str, Any]
     axes: Mapping[str, tuple]
 
+    @classmethod
+    def of(
+        cls, study: Study, variables: Sequence[str], parameters: Mapping[str, Any], axes: Mapping[str, tuple]
+    ) -> Selection:
+        """The cases of a whole study; its code counts the quantities that the settings name."""
+        return cls(study.storing(variables).counting(parameters), parameters, axes)
+
     def case(self, **values: int | str) -> Case:
         return Case(self.study, self.parameters, values)
 
@@ -128,8 +135,7 @@ def select(study: Study, words: Sequence[str] = ()) -> Selection:
         labels = parameters[coordinate.parameter]
         if not isinstance(labels[0], str) and any(later <= earlier for earlier, later in itertools.pairwise(labels)):
             raise StudyError(f"{coordinate.parameter} must increase from each value to the next")
-    stored = study.storing(_variables(study, given.get("variables", "all")))
-    selection = Selection(stored.counting(parameters), parameters, axes)
+    selection = Selection.of(study, _variables(study, given.get("variables", "all")), parameters, axes)
     count = selection.count
     require(count <= LONGEST, f"these settings give {count:,} cases: choose at most {LONGEST:,}")
     if study.check is not None:

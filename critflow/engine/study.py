@@ -267,7 +267,7 @@ class Study:
     # Variables that a figure, an animation, "claims", "summary" or "verify" reads; all variables without an entry.
     needs: Mapping[str, Sequence[str]] = field(default_factory=dict)
     workers: int | None = None  # largest number of simultaneous cases: 1 if cases measure time
-    extras: Sequence[str] = ()  # names of critflow-extras that cases use and the study does not import
+    extras: Sequence[str] = ()  # names of critflow-extras that cases use; the study neither imports nor sets them
     left_out: Sequence[Variable] = ()  # rows of the table that are not stored; set by `storing`
 
     def __post_init__(self) -> None:
@@ -369,9 +369,10 @@ class Study:
 
     def counting(self, parameters: Mapping[str, Any]) -> Study:
         """The study whose code counts the quantities, of packages that joined, which the settings name."""
-        values = (one for value in parameters.values() for one in (value if isinstance(value, tuple) else (value,)))
-        named = [one for one in values if isinstance(one, str) and quantity_entry(one)]
-        return replace(self, extras=(*self.extras, *named)) if set(named) - set(self.extras) else self
+        settings = [*parameters.values(), *(axis.values for axis in self.axes if axis.is_words)]
+        values = (one for value in settings for one in (value if isinstance(value, tuple) else (value,)))
+        named = {one for one in values if isinstance(one, str) and quantity_entry(one)}.difference(self.extras)
+        return replace(self, extras=(*self.extras, *sorted(named))) if named else self
 
     def computed(self, parameters: Mapping[str, Any], values: Mapping[str, int | str]) -> dict[str, np.ndarray]:
         """Arrays of one case, computed and checked."""
