@@ -171,7 +171,7 @@ def _computed(
         refuse_sizes(case.id, sizes_of(study, arrays), sizes_of(study, other.arrays))
         for name in shared_variables(study) & arrays.keys() & other.arrays.keys():
             refuse_values(case, name, arrays[name], other.arrays[name])
-    absent = tuple(name for name in study.inner_dims if name not in arrays and name != "status")
+    absent = tuple(v.name for v in study.returned if v.name not in arrays and v.name != "status")
     return StoredCase(case.values, status, job.code, environment(), absent, arrays)
 
 
