@@ -10,7 +10,7 @@ from critflow.engine import decimals, stable_rng
 from critflow.engine.settings import select
 from critflow.result import StudyError
 
-ALL = ("edges", "sigma", "modulus", "steps", "residual", "status")
+ALL = ("edges", "sigma", "modulus", "steps", "residual", "status", "valid")
 
 
 @pytest.mark.parametrize(
@@ -111,11 +111,11 @@ def test_any_text_is_a_value_or_an_error(tiny, key, text):
 @pytest.mark.parametrize(
     ("text", "names"),
     [
-        ("residual", ("residual", "status")),
-        ("status", ("status",)),
-        ("residual, sigma", ("sigma", "residual", "status")),
-        ("scalars", ("residual", "status")),
-        ("sigma,scalars,residual", ("sigma", "residual", "status")),
+        ("residual", ("residual", "status", "valid")),
+        ("status", ("status", "valid")),
+        ("residual, sigma", ("sigma", "residual", "status", "valid")),
+        ("scalars", ("residual", "status", "valid")),
+        ("sigma,scalars,residual", ("sigma", "residual", "status", "valid")),
         ("all", ALL),
         ("steps,modulus,edges,residual,sigma", ALL),
     ],
