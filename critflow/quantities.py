@@ -595,7 +595,8 @@ def quantity(network: Network, name: str | Quantity) -> Quantity:
             factory = None
     if not factory:
         raise InputError(_unknown(network, name))
-    measured: Quantity = (loaded(factory) if isinstance(factory, EntryPoint) else factory)(network, argument)
+    # An entry point may be of the package importlib_metadata, which dask imports.
+    measured: Quantity = (factory if callable(factory) else loaded(factory))(network, argument)
     return measured
 
 
