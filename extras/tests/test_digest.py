@@ -117,7 +117,7 @@ def test_a_change_of_what_a_study_uses_counts_and_of_what_it_does_not_use_does_n
         for name in changed:
             with open(copy / name, "a") as file:
                 file.write("\nADDED = 1\n")
-        return subprocess.run(command, check=True, capture_output=True, text=True).stdout
+        return subprocess.run(command, cwd=tmp_path, check=True, capture_output=True, text=True).stdout
 
     first = version()
     assert version(["weak/weak_forces.py", "examine/report.py", "__init__.py"]) == first
