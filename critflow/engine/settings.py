@@ -37,6 +37,7 @@ SEED_ENTROPY = (
     "in the source; spawn_key is the BLAKE2b-128 of the words of the stream as JSON, in four little-endian words"
 )
 
+_COMMA = re.compile(r",(?![^\[\]]*\])")  # outside brackets, as in local[0-1,2-3]
 _UNREADABLE = re.compile(r"[^A-Za-z0-9_.-]")
 
 
@@ -230,7 +231,7 @@ def _numbers(key: str, text: str, kind: type) -> tuple:
 
 
 def _pieces(key: str, text: str) -> tuple[str, ...]:
-    pieces = tuple(piece.strip() for piece in text.split(","))
+    pieces = tuple(piece.strip() for piece in _COMMA.split(text))
     require("" not in pieces, f"{key}={text} has an empty value: write {key}=VALUE or {key}=VALUE,VALUE")
     _refuse_length(key, "...", len(pieces))
     return pieces
