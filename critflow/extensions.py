@@ -1,7 +1,7 @@
 """How packages join the scene, by two groups of entry points, and what of critflow-extras the scene calls.
 
     critflow.commands    word = "module:command"     a `click.Command`, a word after `critflow`
-    critflow.quantities  name = "module:factory"     (network, argument) -> `Quantity`, as in `quantities.FACTORIES`
+    critflow.quantities  name = "module:factory"     (network, argument) -> `Quantity`
 
     [project.entry-points."critflow.quantities"]
     "onset[D]" = "critflow_extras.cables.onset_quantity:onset"
@@ -13,6 +13,7 @@ critflow-extras computes, such as moduli of springs at rest, import it from ther
 from __future__ import annotations
 
 import re
+from collections.abc import Callable
 from functools import cache
 from importlib import import_module
 from importlib.metadata import EntryPoint, entry_points
@@ -22,7 +23,7 @@ from typing import Any
 from critflow.result import EnvironmentFailure, InputError
 
 used: set[str] = set()
-"""Modules of packages that joined from which this process took something, which a study must count."""
+"""Names of quantities and functions that this process took from packages that joined, which a study must count."""
 
 EXTRAS = "critflow_extras"  # the package of the distribution critflow-extras
 INSTALL = "pip install critflow-extras, or in a copy of the repository pip install . ./extras"
@@ -37,19 +38,24 @@ def joined(group: str) -> dict[str, EntryPoint]:
 
 def loaded(entry: EntryPoint) -> Any:
     """The object of an entry point; `EnvironmentFailure` where its package is broken."""
-    used.add(entry.module)
+    used.add(entry.name)
+    return _imported(entry.load, entry.name, entry.dist.name if entry.dist else entry.module)
+
+
+def _imported(load: Callable[[], Any], name: str, owner: str) -> Any:
+    """What `load` imports; `EnvironmentFailure` with any error, since each is one of the installation of its owner."""
     try:
-        return entry.load()
-    except (ImportError, AttributeError) as error:
-        owner = entry.dist.name if entry.dist else entry.module
-        sentence = f"{entry.name} of {owner} cannot be imported: {error}: install {owner} again"
+        return load()
+    except Exception as error:
+        sentence = f"{name} of {owner} cannot be imported: {type(error).__name__}: {error}: install {owner} again"
         raise EnvironmentFailure(sentence) from error
 
 
 def quantity_entry(name: str) -> EntryPoint | None:
     """The entry point of the quantity of a name, such as "onset[dilation]" or "C_xxyy"."""
-    stem = re.sub(r"^([SC])_[xyz]+$", r"\1_AXES", name).partition("[")[0]
-    return next((one for key, one in joined("quantities").items() if key.partition("[")[0] == stem), None)
+    stem, bracket, _ = re.sub(r"^([SC])_[xyz]+$", r"\1_AXES", name).partition("[")
+    entries = joined("quantities").items()
+    return next((one for key, one in entries if key.partition("[")[:2] == (stem, bracket)), None)
 
 
 @cache
@@ -71,7 +77,6 @@ def from_extras(name: str, purpose: str, counts: bool = True) -> Any:
     """
     if not has_extras():
         raise InputError(f"{purpose} need critflow-extras, which is not installed: {INSTALL}")
-    found = getattr(import_module(EXTRAS), name)
     if counts:
-        used.add(found.__module__)
-    return found
+        used.add(name)
+    return _imported(lambda: getattr(import_module(EXTRAS), name), name, "critflow-extras")

@@ -587,7 +587,7 @@ def quantity(network: Network, name: str | Quantity) -> Quantity:
     if isinstance(name, Quantity):
         return name
     argument, known = ALIASES.get(name, name), names(network)
-    factory = "" if "[" in argument else known.get(argument)
+    factory = None if "[" in argument else known.get(argument)
     if bracketed := re.fullmatch(r"(\w+)\[([^\[\]]+)\]", argument):
         stem, argument = bracketed.groups()
         kind, factory = _indexed().get(stem, ("", None))
@@ -595,7 +595,8 @@ def quantity(network: Network, name: str | Quantity) -> Quantity:
             factory = None
     if not factory:
         raise InputError(_unknown(network, name))
-    measured: Quantity = (loaded(factory) if isinstance(factory, EntryPoint) else factory)(network, argument)
+    # An entry point may be of the package importlib_metadata, which dask imports.
+    measured: Quantity = (factory if callable(factory) else loaded(factory))(network, argument)
     return measured
 
 
@@ -611,7 +612,7 @@ def names(network: Network) -> Mapping[str, Factory]:
     return {one: factory for name, factory in _factories().items() for one in spelled.get(name, [name])}
 
 
-def _factories() -> dict[str, Factory]:
+def _factories() -> Mapping[str, Factory]:
     """Factories by name: those of this module and the entry points `critflow.quantities`.
 
     A factory takes the network, and the text in brackets or else the whole name.  D is the name of a deformation.
@@ -619,7 +620,7 @@ def _factories() -> dict[str, Factory]:
     stands in brackets goes to the factory as it is written.
     """
     own = {"B_0": named_modulus, "G_0": named_modulus, "V_L": variance, "V_tau": variance}
-    return own | {"modulus[D]": transition_modulus} | joined("quantities")
+    return {**own, "modulus[D]": transition_modulus, **joined("quantities")}
 
 
 def _indexed() -> dict[str, tuple[str, Factory]]:

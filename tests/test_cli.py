@@ -12,8 +12,6 @@ import pytest
 import xarray as xr
 from distributed import Client
 
-from critflow import extensions
-from critflow.command import main as command_module
 from critflow.command.main import main
 from critflow.engine import dask_workers
 
@@ -111,8 +109,7 @@ MISTAKES = {  # words of the command, exit code, a word of the message
     "show nothing": (["show", "nowhere.nc"], 2, "run the study"),
     "show a folder": (["show", "folder"], 2, "folder"),
     "show a text": (["show", "text.txt"], 4, "text.txt"),
-    "show in no folder": (["show", "RESULTS/tiny.nc", "--out", "nowhere/x.png"], 2, "no folder"),
-    "show as a text": (["show", "RESULTS/tiny.nc", "--out", "x.doc"], 2, "ending"),
+    "unknown option of show": (["show", "RESULTS/tiny.nc", "--seed", "1"], 2, "No such"),
 }
 
 
@@ -234,43 +231,6 @@ def test_version_and_help(capsys):
     assert all(command in out for command in ("run", "list", "status", "verify", "figures", "show"))
 
 
-@pytest.fixture
-def without_files(monkeypatch):
-    """The command of an installation without one extra, which has a subcommand."""
-    rest = {name: extra for name, extra in command_module.extras().items() if name != "files"}
-    monkeypatch.setattr(command_module, "extras", lambda: rest)
-    monkeypatch.setattr(extensions, "extras", lambda: rest)
-
-
-def test_a_command_of_an_extra_that_is_not_installed(without_files, capsys):
-    assert main(["convert", "a.csv", "b.csv"]) == 2
-    sentence = "critflow: convert belongs to the extra 'files' of critflow, which is not installed"
-    assert capsys.readouterr().err.startswith(sentence)
-    assert main(["--help"]) == 0
-    out = capsys.readouterr().out
-    assert "  show " in out and "  convert " not in out
-
-
-def test_help_imports_no_extra_and_prints_what_the_commands_print(capsys):
-    code = (
-        "import sys, critflow.command.main as m; m.main(['--help']); print([n for n in sys.modules if '.extras.' in n])"
-    )
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
-    assert done.stdout.endswith("\n[]\n"), done.stdout
-    there = [extra for name, extra in extensions.extras().items() if not absent([name])]
-    declared = {name: (one, extra) for extra in there for name, one in extra.commands.items()}
-    own = ("run", "list", "status", "verify", "figures", "show")
-    for name in (*own, *declared):
-        assert f"  {name} " in done.stdout
-        assert main([name, "--help"]) == 0
-        text = capsys.readouterr().out
-        assert f"Usage: critflow {name} [OPTIONS]" in text
-        if name in declared:
-            command, extra = declared[name]
-            assert (extra.named(command["place"]).help or "").splitlines()[0] == command["help"]
-            assert command["help"] in " ".join(text.split())
-
-
 def test_help_is_written_for_users(capsys):
     """Neither sentences for developers, nor types of Python, nor lines that are cut short."""
     assert main(["--help"]) == 0
@@ -278,8 +238,7 @@ def test_help_is_written_for_users(capsys):
     assert "..." not in listed
     commands = [line.split()[0] for line in listed.splitlines() if line.startswith("  ")]
     assert commands[0] == "run"
-    broken = {name for one, extra in extensions.extras().items() if absent([one]) for name in extra.commands}
-    for name in set(commands[: commands.index("critflow")]) - broken:
+    for name in commands[: commands.index("critflow")]:
         assert main([name, "--help"]) == 0
         text = capsys.readouterr().out
         assert not re.search("parameter|function|module|docstring|Path|INTEGER|FLOAT|TEXT|<[a-z]", text), text

@@ -15,7 +15,6 @@ import traceback
 from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 import click
 
@@ -57,6 +56,8 @@ def main(words: Sequence[str] | None = None) -> int:
         return fail("interrupted: run the same command again", INTERRUPTED)
     except click.ClickException as error:
         message = error.format_message().replace(". Did you mean", ", did you mean").rstrip(".?")
+        if isinstance(error, click.exceptions.NoSuchCommand):
+            message += more("commands, such as examine and convert")
         forgotten = "extra argument" in message and "=" in message
         path = getattr(getattr(error, "ctx", None), "command_path", "critflow")
         return fail(f"{message}: {'write --set before KEY=VALUE' if forgotten else f'see {path} --help'}", 2)
@@ -95,15 +96,7 @@ class Subcommands(click.Group):
 
     def get_command(self, ctx: click.Context, name: str) -> click.Command | None:
         entry = joined("commands").get(name)
-        return loaded(entry) if entry else self.commands.get(name)
-
-    def resolve_command(self, ctx: click.Context, args: list[str]) -> Any:
-        """The subcommand of the first word; `UsageError` for an unknown one."""
-        try:
-            return super().resolve_command(ctx, args)
-        except click.UsageError as error:
-            error.message += more("commands, such as examine and convert")
-            raise
+        return self.commands.get(name) or (loaded(entry) if entry else None)
 
 
 @click.group(cls=Subcommands, no_args_is_help=False, epilog="critflow COMMAND --help prints the options of a command.")

@@ -24,7 +24,7 @@ from typing import Any, NamedTuple
 from threadpoolctl import threadpool_limits
 
 from critflow import extensions
-from critflow.engine.code_digest import environment, libraries, load_file, used_extras
+from critflow.engine.code_digest import environment, libraries, load_file, module_of, used_extras
 from critflow.engine.settings import Case, Selection, spelled, words_of_case
 from critflow.engine.store import (
     Folder,
@@ -85,7 +85,7 @@ class Job:
         if different := [name for name in {**self.libraries, **here} if self.libraries.get(name) != here.get(name)]:
             words = ", ".join(f"{n} {here.get(n, 'missing')} (not {self.libraries.get(n)})" for n in different)
             raise EnvironmentFailure(f"the worker on {socket.gethostname()} has {words}: install the same versions")
-        return Selection(loaded.study.storing(self.variables).counting(self.parameters), self.parameters, {})
+        return Selection.of(loaded.study, self.variables, self.parameters, {})
 
 
 def compute_network(job: Job, cases: Sequence[Mapping[str, int | str]], careful: bool = False) -> list[Outcome]:
@@ -157,10 +157,11 @@ def _computed(
         try:
             arrays = study.computed(case.parameters, case.values)
             status = Status(int(arrays.pop("status")))
-            if unnamed := sorted(extensions.used - used_extras(study)):
+            if uncounted := sorted(one for one in extensions.used if module_of(one) not in used_extras(study)):
+                words = ", ".join(map(repr, uncounted))
                 raise StudyError(
-                    f"the case used {', '.join(unnamed)}, whose code must count: import it in the study, or declare "
-                    "the name of the quantity or function with extras=(NAME,) in the Study"
+                    f"the case used {words} of critflow-extras, whose code must count: declare it with "
+                    f"extras=({words},) in the Study"
                 )
         except BaseException as error:  # one case must not end the others, with any exception
             if isinstance(error, KeyboardInterrupt) and threading.current_thread() is threading.main_thread():
@@ -170,7 +171,7 @@ def _computed(
         refuse_sizes(case.id, sizes_of(study, arrays), sizes_of(study, other.arrays))
         for name in shared_variables(study) & arrays.keys() & other.arrays.keys():
             refuse_values(case, name, arrays[name], other.arrays[name])
-    absent = tuple(name for name in study.inner_dims if name not in arrays and name != "status")
+    absent = tuple(v.name for v in study.returned if v.name not in arrays and v.name != "status")
     return StoredCase(case.values, status, job.code, environment(), absent, arrays)
 
 

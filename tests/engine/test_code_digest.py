@@ -3,7 +3,6 @@
 import json
 import os
 import subprocess
-import sys
 import tomllib
 from hashlib import sha256
 from pathlib import Path
@@ -24,11 +23,9 @@ from critflow.engine.code_digest import (
     named_studies,
     reached_definitions,
     source_tree,
-    used_extras,
 )
 from critflow.engine.settings import select
 from critflow.engine.store import read_shard, shard_path
-from critflow.extensions import extras, with_needs
 from critflow.result import StudyError
 
 PLAIN = Path(__file__).with_name("plain_study.py").read_text()
@@ -124,7 +121,6 @@ def test_a_file_is_executed_once_for_each_content(tmp_path):
 STUDY = '''
 """A study in a file."""
 import critflow as cf
-import critflow_extras as ce
 from critflow.result import Status
 from critflow.engine import Axis, Study, Variable
 from . import _tools
@@ -162,7 +158,7 @@ OTHERS = {"_numbers.py": NUMBERS, "_tools.py": "three = 3\n", "_drawing.py": "de
 def version(tmp_path):
     """`version((file, old, new), ...)`: the code of the study with these changes of its files."""
 
-    def of(*changes, folder="a", look=code_version):
+    def of(*changes, folder="a"):
         (tmp_path / folder).mkdir(exist_ok=True)
         texts = {"numbers.py": STUDY, **OTHERS}
         for name, old, new in changes:
@@ -170,7 +166,7 @@ def version(tmp_path):
             texts[name] = texts[name].replace(old, new)
         for name, text in texts.items():
             (tmp_path / folder / name).write_text(text)
-        return look(load_file(tmp_path / folder / "numbers.py").study)
+        return code_version(load_file(tmp_path / folder / "numbers.py").study)
 
     return of
 
@@ -205,25 +201,14 @@ def test_a_change_of_texts_and_figures_does_not_count(version, change):
     assert version(folder="b") == version()
 
 
-@pytest.mark.parametrize(
-    ("change", "names"),
-    [
-        (("numbers.py", "helper(seed)}", "ce.design}"), {"targets"}),
-        (("numbers.py", "helper(seed)}", 'f"onset[{seed}]"}'), {"cables"}),
-        (("_numbers.py", "return stable_rng(1)", "from critflow import weak_forces\n    return weak_forces"), {"weak"}),
-        (("_tools.py", "three = 3", "from critflow_extras.local.diagonals import face_diagonals as three"), {"local"}),
-        (("numbers.py", "parameters={}", 'parameters={}, extras=("rest",)'), {"rest"}),
-        (("_numbers.py", "def two(): ...", "def two():\n    import critflow_extras.weak"), set()),
-    ],
-)
-def test_the_extras_of_a_case_are_those_that_it_names_and_their_needs(version, change, names):
-    numeric = {name for name in with_needs(names) if extras()[name].numeric}  # drawings decide no number
-    assert version(change, look=used_extras) - version(look=used_extras) == numeric
+def test_a_name_that_nobody_has_cannot_be_declared(version):
+    with pytest.raises(StudyError, match="'nonsense' in extras="):
+        version(("numbers.py", "parameters={}", 'parameters={}, extras=["nonsense"]'))
 
 
-def test_the_scene_counts_and_the_engine_figures_and_unused_extras_do_not(tmp_path, monkeypatch):
-    names = ("manifold.py", "arguments.py", "extras/weak/state.py")
-    names += ("engine/run.py", "pictures.py", "command/main.py", "extras/local/state.py", "studies/ensemble.py")
+def test_the_scene_counts_and_the_engine_and_figures_do_not(tmp_path, monkeypatch):
+    names = ("manifold.py", "arguments.py")
+    names += ("engine/run.py", "pictures.py", "command/main.py", "studies/ensemble.py")
     for name in names:
         (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
         (tmp_path / name).write_text("x = 1")
@@ -231,7 +216,7 @@ def test_the_scene_counts_and_the_engine_figures_and_unused_extras_do_not(tmp_pa
     monkeypatch.setattr(code_digest, "_file_digest", code_digest._file_digest.__wrapped__)
 
     def digest():
-        return code_digest._scene_digest.__wrapped__(frozenset({"weak"}))
+        return code_digest._scene_digest.__wrapped__(frozenset())
 
     first, changes = digest(), {}
     for name in names:
@@ -241,7 +226,7 @@ def test_the_scene_counts_and_the_engine_figures_and_unused_extras_do_not(tmp_pa
         (tmp_path / name).write_text("x = 2")
         changes[name] = digest() != first
         (tmp_path / name).write_text("x = 1")
-    assert [name for name in names if changes[name]] == list(names[:3])
+    assert [name for name in names if changes[name]] == list(names[:2])
 
 
 def test_the_ensemble_depends_on_its_measurements_and_on_no_figure():
@@ -300,27 +285,6 @@ def test_kept_cases_of_other_code_are_told_apart(tmp_path, run, source, capsys, 
     assert main(["verify", str(out)]) == 4
     assert "other code" in capsys.readouterr().err
     assert run(out, *more, study=path) == 4
-
-
-def test_an_extra_that_a_case_uses_without_a_name_must_be_declared(tmp_path, run, source, monkeypatch):
-    # As in a process that has not imported it for another test.
-    for module in [name for name in sys.modules if name.startswith("critflow_extras.tensegrity")]:
-        monkeypatch.delitem(sys.modules, module)
-    hidden = "import_module('critflow_extras.' + 'tens' + 'egrity')"
-    change = ("import numpy as np", "from importlib import import_module\nimport numpy as np")
-    change += ("    sleep(parameters", f"    {hidden}\n    sleep(parameters")
-    assert Path(code_digest.__file__).parents[1].joinpath("extras", "tensegrity").is_dir()
-    assert run(tmp_path / "out", "seeds=0", study=source(*change)) == 3
-    texts = " ".join(path.read_text() for path in (tmp_path / "out" / "failed").iterdir())
-    assert "extras=('tensegrity',)" in texts
-    assert (
-        run(
-            tmp_path / "two",
-            "seeds=0",
-            study=source(*change, "    case=case,", "    case=case, extras=('tensegrity',),"),
-        )
-        == 0
-    )
 
 
 ROOT = Path(__file__).parents[2]

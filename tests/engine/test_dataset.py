@@ -93,7 +93,7 @@ def test_fewer_variables_equal_those_of_the_whole(tmp_path, run):
     whole, before = contents_of(tmp_path / "tiny.nc"), stamps_of(tmp_path)
     assert run(tmp_path, "variables=residual,sigma") == 0
     few = contents_of(tmp_path / "tiny.nc")
-    assert set(few[2]) == {"residual", "sigma", "status", "seed", "population"}
+    assert set(few[2]) == {"residual", "sigma", "status", "valid", "seed", "population"}
     assert "strain" not in few[0]
     assert all(few[2][name] == whole[2][name] for name in few[2])
     with_few = stamps_of(tmp_path)
@@ -241,9 +241,52 @@ def test_show_prints_what_a_dataset_is(tmp_path, run, tiny, capsys):
         f"code: {code_version(tiny.study)}: 3 cases",
         "random: 1 good, 1 failed",
         "floppy: 2 floppy",
-        "ds[['residual']].where(ds.status == 0)",
+        "ds[['residual']].where(ds.valid)",
     ):
         assert words in text, text
+
+
+# A study whose random cases have slack edges, sound members of its population, and whose residual is undefined there.
+SLACK = ('"status": Status.ok,', '"status": Status.slack_edges,')
+UNDEFINED = (
+    'Variable("residual", ("population", "seed"), "f8", long_name="residual")',
+    'Variable("residual", ("population", "seed"), "f8", long_name="residual", undefined_at=[Status.slack_edges])',
+)
+
+
+def test_every_study_has_valid_by_which_its_population_is_selected_as_show_advises(tmp_path, run, source, capsys):
+    """A study of a user declares nothing for it."""
+    assert run(tmp_path / "out", study=source(*SLACK)) == 0
+    with xr.open_dataset(tmp_path / "out" / "tiny.nc") as ds:
+        assert ds.valid.dims == ds.status.dims
+        assert ds.valid.sel(population="random").values.tolist() == [1] * 4
+        assert ds.valid.sel(population="floppy").values.tolist() == [0] * 4
+        capsys.readouterr()
+        assert main(["show", str(tmp_path / "out" / "tiny.nc")]) == 0
+        (line,) = [line for line in capsys.readouterr().out.splitlines() if line.startswith("good members: ")]
+        members = eval(line.removeprefix("good members: ").partition(";")[0], {"ds": ds})
+        assert members.residual.count() == 4
+    assert main(["verify", str(tmp_path / "out")]) == 0
+
+
+def test_a_study_declares_which_statuses_are_sound(tmp_path, run, source):
+    change = ("    check=check,", "    check=check, sound=[Status.floppy],")
+    assert run(tmp_path, "seeds=0", "trouble=0-random", study=source(*change)) == 3
+    with xr.open_dataset(tmp_path / "tiny.nc") as ds:
+        assert ds.valid.sel(population="floppy").item() == 1
+        assert ds.valid.sel(population="random").item() == 0  # failed
+        assert "floppy" in ds.valid.attrs["long_name"]
+
+
+def test_a_variable_is_missing_where_it_is_declared_undefined(tmp_path, run, source):
+    """What the case function returned stays stored, so that the declaration can change."""
+    for name, change in (("all", SLACK), ("some", (*SLACK, *UNDEFINED))):
+        assert run(tmp_path / name, study=source(*change)) == 0
+    with xr.open_dataset(tmp_path / "all" / "tiny.nc") as ds, xr.open_dataset(tmp_path / "some" / "tiny.nc") as other:
+        assert ds.residual.count() == 4 and other.residual.count() == 0
+        assert other.drop_vars("residual").identical(ds.drop_vars("residual").assign_attrs(other.attrs))
+    assert main(["verify", str(tmp_path / "some")]) == 0
+    assert run(tmp_path / "some", more=("--dry-run",), study=source(*SLACK)) == 0
 
 
 def test_a_folder_or_a_dataset_of_another_schema_is_refused_and_kept(tmp_path, run, capsys, monkeypatch):

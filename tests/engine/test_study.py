@@ -50,6 +50,8 @@ def small_study(**changes):
         (lambda: small_study(axes=[]), "axis"),
         (lambda: small_study(variables=[]), "status"),
         (lambda: small_study(variables=[STATUS, replace(STATUS, name="seed")]), "seed"),
+        (lambda: small_study(variables=[STATUS, replace(STATUS, name="valid")]), "engine"),
+        (lambda: small_study(variables=[STATUS, Variable("x", (), "f8", long_name="x", undefined_at=[1])]), "share"),
         (lambda: small_study(parameters={"seeds": 3}), "seeds"),
         (lambda: small_study(parameters={"variables": 1}), "variables"),
         (lambda: small_study(parameters={"n": None}), "default"),

@@ -27,6 +27,21 @@ def test_every_population_was_found(dataset):
     assert (dataset.valid == 1).all()
 
 
+def test_coefficients_are_undefined_where_an_edge_collapses(run_study, tmp_path):
+    """The moduli of the limit are sound."""
+    small = ("n_vertices=12", "seeds=18:19", "populations=min_V_tau,max_B_0", "strains=0.001,0.002,0.003,0.004")
+    collapsed, other = (
+        run_study(STUDY, tmp_path, *small).isel(seed=0).sel(population=p) for p in ("min_V_tau", "max_B_0")
+    )
+    assert (collapsed.status, collapsed.valid) == (Status.edge_collapse, 1)
+    for coefficient in ("C_B", "C_G", "C_G_stress_corrected"):
+        for name in (
+            f"{coefficient}{end}" for end in ("", "_error_bound", "_fit", "_fit_standard_error", "_fit_deviation")
+        ):
+            assert np.isnan(collapsed[name]) and np.isfinite(other[name]), name
+    assert np.isfinite(collapsed.B_0) and np.isfinite(collapsed.B).all()
+
+
 def test_populations_have_labels_symbols_and_colours(dataset):
     labels = dict(zip(dataset.population.values, dataset.population_label.values, strict=True))
     assert labels["min_V_tau"] == "min V_τ" and labels["random_lengths"] == "random ℓ"

@@ -1,7 +1,6 @@
 """Tables of variables by their dimensions, and the arrays of a case from the numbers of its parts."""
 
 import time
-from enum import IntEnum
 
 import numpy as np
 
@@ -45,19 +44,6 @@ def bounded(dims, /, **long_names):
 def outcomes(dims, /, **long_names):
     """Variables with codes of `Status`."""
     return [Variable(name, dims, "i1", long_name=text, flags=Status) for name, text in long_names.items()]
-
-
-class Validity(IntEnum):
-    """Whether the stored numbers of a case are those of its population; a case without a result has none."""
-
-    invalid = 0
-    valid = 1
-
-
-def validity(dims):
-    """The variable `valid`, by which a dataset is masked."""
-    text = "1 where the numbers of the case are sound, slack edges and limits with an edge of zero length included"
-    return [Variable("valid", dims, "i1", long_name=text, flags=Validity, fill=Validity.invalid)]
 
 
 def seconds(dims, /, **long_names):

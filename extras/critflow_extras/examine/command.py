@@ -1,4 +1,4 @@
-"""The command `critflow examine`."""
+"""The command `critflow examine`, whose function imports what computes: the help of `critflow` needs none of it."""
 
 from __future__ import annotations
 
@@ -10,8 +10,6 @@ from pathlib import Path
 import click
 
 from critflow.calls import running
-from critflow_extras.examine.examine import examine, read_held
-from critflow_extras.examine.report import report_lines
 from critflow_extras.files.hints import Hints, files_argument, in_shell, read, reading
 
 
@@ -22,6 +20,9 @@ def examine_file(files: Sequence[Path], hints: Hints) -> int:
     """Print whether and why a network is rigid, and what to do next.
 
     With its critical strains and moduli."""
+    from critflow_extras.examine.examine import examine, read_held
+    from critflow_extras.examine.report import report_lines
+
     names = " and ".join(file.name for file in files)
     with running(f"examining {names}") as tell:
 

@@ -1,4 +1,4 @@
-"""The command `critflow explore`."""
+"""The command `critflow explore`, whose function imports what computes: the help of `critflow` needs none of it."""
 
 from __future__ import annotations
 

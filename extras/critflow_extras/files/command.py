@@ -1,4 +1,4 @@
-"""The command `critflow convert`."""
+"""The command `critflow convert`, whose function imports what computes: the help of `critflow` needs none of it."""
 
 from __future__ import annotations
 
@@ -9,8 +9,6 @@ from typing import Any
 import click
 
 from critflow.result import InputError
-from critflow_extras.files.convert import write_network
-from critflow_extras.files.formats import writable_format
 from critflow_extras.files.hints import Hints, in_shell, numbers_of, read, reading
 
 
@@ -47,6 +45,9 @@ def convert(
     copies: str,
 ) -> int:
     """Write a network in another format, and report each repair."""
+    from critflow_extras.files.convert import write_network
+    from critflow_extras.files.formats import writable_format
+
     if len(files) < 2:
         raise InputError("convert needs a file to read and one to write: critflow convert FILE OUT")
     *files, out = files

@@ -1,4 +1,7 @@
-"""What the commands on a user's own network share: the options on how its file is read, and the words of refusals."""
+"""What the commands on a user's own network share: the options on how its file is read, and the words of refusals.
+
+What reads is imported inside the functions: the help of `critflow` needs none of it.
+"""
 
 from __future__ import annotations
 
@@ -7,17 +10,16 @@ import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial, wraps
-from importlib import import_module
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 import numpy as np
 
 from critflow.result import InputError
-from critflow_extras.files.convert import network_from
-from critflow_extras.files.data import number, require_regular
-from critflow_extras.files.repair import ImportedNetwork
+
+if TYPE_CHECKING:
+    from critflow_extras.files.repair import ImportedNetwork
 
 files_argument = click.argument(
     "files",
@@ -31,6 +33,8 @@ files_argument = click.argument(
 
 def value_of(text: str) -> Any:
     """A number, a pair of limits, either of which may be empty, or a word."""
+    from critflow_extras.files.data import number
+
     first, colon, last = text.partition(":")
     try:
         return (number(first or "-inf"), number(last or "inf")) if colon else number(first)
@@ -40,6 +44,8 @@ def value_of(text: str) -> Any:
 
 def numbers_of(option: str, example: str, text: str) -> Any:
     """One number, or several, whole ones as integers."""
+    from critflow_extras.files.data import number
+
     try:
         numbers = [number(word) for word in text.replace(",", " ").split()]
     except ValueError:
@@ -132,6 +138,9 @@ def reading(command: Callable[..., int]) -> Callable[..., int]:
 
 def read(files: Sequence[Path], hints: Hints) -> ImportedNetwork:
     """The network of a file, or of two tables, with the hints of the command line."""
+    from critflow_extras.files.convert import network_from
+    from critflow_extras.files.data import require_regular
+
     keywords = hints.keywords
     file, labels = files[0], keywords.pop("labels", False)
     if len(files) > 2 or (len(files) == 2 and (labels or file.suffix == ".nc")):
@@ -141,9 +150,11 @@ def read(files: Sequence[Path], hints: Hints) -> ImportedNetwork:
         return network_from(labels=file, **keywords)
     if file.suffix != ".nc":
         return network_from(file if len(files) == 1 else files, **keywords)
-    # Its xarray and dask would delay the commands on all other files.
-    with import_module("critflow.engine.dataset").opened_dataset(file) as dataset:
-        return network_from(import_module("critflow.cases").choose_case(dataset, hints.case).load(), **keywords)
+    from critflow.cases import choose_case
+    from critflow.engine.dataset import opened_dataset  # its xarray and dask would delay all other files
+
+    with opened_dataset(file) as dataset:
+        return network_from(choose_case(dataset, hints.case).load(), **keywords)
 
 
 # A keyword of `network_from` or `write_network` in a sentence, such as pins='hull' or nearest=True.

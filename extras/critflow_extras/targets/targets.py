@@ -47,11 +47,11 @@ PREFERENCES: dict[str, type[Quantity]] = {"V_L": LengthVariance, "V_tau": Tensio
 
 # What `design` may change, and its kind of variables, whose module is imported at its first use: it imports this one.
 _KINDS = {
-    "faces": "targets.faces:FaceAmplitudes",
-    "pressures": "design_pressures.stresses_and_pressures:StressesAndPressures",
-    "rest_lengths": "design_rest_lengths.rest_lengths:RestLengths",
-    "stiffness": "design_stiffness.stiffnesses:Stiffnesses",
-    "stress": "targets.stresses:Stresses",
+    "faces": "critflow_extras.targets.faces:FaceAmplitudes",
+    "pressures": "critflow_extras.design_pressures.stresses_and_pressures:StressesAndPressures",
+    "rest_lengths": "critflow_extras.design_rest_lengths.rest_lengths:RestLengths",
+    "stiffness": "critflow_extras.design_stiffness.stiffnesses:Stiffnesses",
+    "stress": "critflow_extras.targets.stresses:Stresses",
 }
 """How an extra declares a kind of variables that `design` changes."""
 
@@ -203,7 +203,7 @@ def _kind(change: str) -> type[Variables]:
     if change not in _KINDS:
         raise InputError(f"no change is called {change!r:.40}: choose from {', '.join(_KINDS)}")
     module, _, name = _KINDS[change].partition(":")
-    kind: type[Variables] = getattr(import_module(f"critflow_extras.{module}"), name)
+    kind: type[Variables] = getattr(import_module(module), name)
     return kind
 
 

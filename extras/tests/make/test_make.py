@@ -10,7 +10,7 @@ from critflow import delaunay_network, lattice, voronoi_network
 from critflow.command.main import main
 from critflow_extras import network_from, write_network
 from critflow_extras.files import data
-from critflow_extras.make import command
+from critflow_extras.make import making
 
 
 def test_the_best_configuration_is_written_and_drawn(tmp_path, capsys):
@@ -113,6 +113,6 @@ def test_what_cannot_be_written_is_refused_before_the_computation(tmp_path, monk
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(data, "import_module", lambda name: (_ for _ in ()).throw(ImportError(name)))
     for name in ("optimize", "design", "nearest_critical"):
-        monkeypatch.setattr(command, name, lambda *_, **__: pytest.fail("computed"))
+        monkeypatch.setattr(making, name, lambda *_, **__: pytest.fail("computed"))
     assert main(["make", "n.csv", *words]) == code
     assert word in capsys.readouterr().err

@@ -19,3 +19,13 @@ def test_statuses_and_bounds_are_those_that_foams_have(dataset):
         network = Network(one.edges.values, one.offsets.values, one.cell.values)
         np.testing.assert_array_equal(network.edges, foam_network(60, seed=int(seed)).edges)
         assert (one.B_0 <= upper_bound(network, "B_0") * (1 + 1e-12)).all()
+
+
+def test_coefficients_are_undefined_where_an_edge_collapses(dataset):
+    collapsed = dataset.status == Status.edge_collapse
+    assert collapsed.any()
+    for name in ("C_B", "C_G_error_bound", "C_G_stress_corrected_fit"):
+        assert np.isnan(dataset[name].values[collapsed.values]).all(), name
+        assert np.isfinite(dataset[name].sel(population="max_B_0")).all()
+    assert np.isfinite(dataset.B_0.values[collapsed.values]).all()
+    assert (dataset.valid.values == dataset.status.isin([Status.ok, Status.slack_edges, Status.edge_collapse])).all()
