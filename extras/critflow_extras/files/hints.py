@@ -143,7 +143,7 @@ def read(files: Sequence[Path], hints: Hints) -> ImportedNetwork:
         return network_from(file if len(files) == 1 else files, **keywords)
     # Its xarray and dask would delay the commands on all other files.
     with import_module("critflow.engine.dataset").opened_dataset(file) as dataset:
-        return network_from(import_module("critflow.cases").choose_case(dataset, hints.case).load(), **keywords)
+        return network_from(import_module("critflow.command.cases").choose_case(dataset, hints.case).load(), **keywords)
 
 
 # A keyword of `network_from` or `write_network` in a sentence, such as pins='hull' or nearest=True.
