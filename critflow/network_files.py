@@ -22,7 +22,6 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
-import xarray as xr
 from numpy.typing import ArrayLike
 
 from critflow.arguments import of_kind, shown
@@ -157,17 +156,21 @@ def write_network(thing: Network | CriticalConfiguration | Solution[Any], path: 
 
 def _tables(source: Any) -> Tables:
     """The tables of edges and of vertices of a source."""
-    networkx = sys.modules.get("networkx")  # who has a graph has imported it
     if isinstance(source, str | PathLike):
         source = table_paths(_tabular(Path(source)))
-    if isinstance(source, xr.Dataset):
+    if _is_a("xarray", "Dataset", source):
         return _of_case(source)
-    if networkx is not None and isinstance(source, networkx.Graph):
+    if _is_a("networkx", "Graph", source):
         return _of_graph(source)
     if not _is_pair(source):
         raise InputError("it is no network: give NAME.csv, two tables, a networkx graph, or one case of a dataset")
     edges, vertices = sorted(map(_table, source), key=lambda table: "tail" not in table)
     return edges, vertices
+
+
+def _is_a(module: str, name: str, source: object) -> bool:
+    """Whether an object is of a class of a library, which who has such an object has imported."""
+    return isinstance(source, getattr(sys.modules.get(module), name, ()))
 
 
 def _is_pair(source: object) -> bool:
@@ -235,7 +238,7 @@ def _spread(attributes: Mapping[str, Any], name: str, columns: Sequence[str]) ->
     return {**dict(zip(columns, vector, strict=False)), **rest}
 
 
-def stored_configuration(case: xr.Dataset) -> dict[str, np.ndarray | None]:
+def stored_configuration(case: Any) -> dict[str, np.ndarray | None]:
     """Edges, offsets, cell, position and stresses of a case, by name; no stresses are None.
 
     Raises `InputError` for a dataset without configurations, several cases, and a case without a configuration.
@@ -255,7 +258,7 @@ def stored_configuration(case: xr.Dataset) -> dict[str, np.ndarray | None]:
     return arrays | {"position": position, "sigma": np.asarray(case["sigma"]) if "sigma" in case else None}
 
 
-def _of_case(case: xr.Dataset) -> Tables:
+def _of_case(case: Any) -> Tables:
     """The tables of a case of a dataset."""
     edges, offsets, cell, x, sigma = stored_configuration(case).values()
     assert edges is not None and offsets is not None and x is not None

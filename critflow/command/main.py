@@ -346,7 +346,7 @@ def show(file: Path, settings: Sequence[str], out: Path | None) -> None:
         raise InputError(f"{file} is a folder: give the dataset NAME.nc in it")
     with opened_dataset(file) as dataset:
         if settings or out:
-            from critflow.cases import draw_case
+            from critflow.command.cases import draw_case
 
             print(draw_case(dataset, settings, out, file.parent))
         else:

@@ -150,7 +150,7 @@ def read(files: Sequence[Path], hints: Hints) -> ImportedNetwork:
         return network_from(labels=file, **keywords)
     if file.suffix != ".nc":
         return network_from(file if len(files) == 1 else files, **keywords)
-    from critflow.cases import choose_case
+    from critflow.command.cases import choose_case
     from critflow.engine.dataset import opened_dataset  # its xarray and dask would delay all other files
 
     with opened_dataset(file) as dataset:

@@ -56,7 +56,7 @@ def make(
     writable_format(out)
     if picture is not None:
         # matplotlib takes a third of the time of a small network.
-        from critflow.cases import require_picture
+        from critflow.command.cases import require_picture
         from critflow_extras.drawing.draw import draw, saved
 
         require_picture(picture)

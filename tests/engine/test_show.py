@@ -8,10 +8,10 @@ import xarray as xr
 
 import critflow as cf
 from critflow import InputError, Status, extensions
-from critflow.cases import draw_case
+from critflow.command.cases import draw_case
 from critflow.command.main import main
 
-TINY = str(Path(__file__).parents[1] / "engine" / "tiny_study.py")
+TINY = str(Path(__file__).parent / "tiny_study.py")
 
 
 @pytest.fixture(scope="module")
