@@ -117,6 +117,8 @@ def test_a_notebook_runs(run, name):
 
 def first_look(names, cells):
     assert names["ensemble"].B_0.chunks is not None  # opened by dask
+    assert names["ensemble"].V_tau.attrs["symbol"] == "$V_\\tau$"
+    assert (names["right"].get_xlabel(), names["right"].get_ylabel()) == ("$B_0$", "$C_B$")
     B_0 = names["ensemble"].B_0.sel(population="max_B_0").values
     row = names["table"].sel(population_label="max B_0")
     shown = [float(row[key]) for key in ("n", "mean", "std", "error of the mean")]
