@@ -2,6 +2,7 @@
 
 import ast
 import re
+from importlib import import_module
 from pathlib import Path
 
 import numpy as np
@@ -26,6 +27,11 @@ def test_populations_are_listed_by_name():
     for one in (LABELS, NAMES):
         assert len(set(one.values())) == len(POPULATIONS)
     assert load_study("ensemble").study.axes[1].values == tuple(POPULATIONS)
+
+
+def test_own_studies_import_the_populations_by_the_package():
+    installed = import_module("critflow.studies.shared.populations")
+    assert installed.POPULATIONS.keys() == POPULATIONS.keys() and installed.configuration.__name__ == "configuration"
 
 
 def test_no_study_needs_the_extras():
