@@ -4,7 +4,6 @@ from functools import partial
 
 import numpy as np
 import pytest
-from stiffness_checks import assert_derivatives_by_stiffness
 from problems import with_random_stiffness
 from quantity_checks import (
     KINDS,
@@ -14,6 +13,7 @@ from quantity_checks import (
     stress,
 )
 from refusals import refused
+from stiffness_checks import assert_derivatives_by_stiffness
 
 from critflow import CriticalManifold, InputError, lattice, optimize, quantity, stiffening, upper_bound, voronoi_network
 from critflow.quantities import names, require_exact_hessian

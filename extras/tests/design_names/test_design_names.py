@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-from stiffness_checks import assert_derivatives_by_stiffness
 from problems import at, dense_bond_vectors
 from quantity_checks import (
     KINDS,
@@ -12,6 +11,7 @@ from quantity_checks import (
     stress,
 )
 from refusals import refused
+from stiffness_checks import assert_derivatives_by_stiffness
 
 from critflow import quantity, upper_bound, voronoi_network
 from critflow.quantities import names
