@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 from problems import square_octagon
+from refusals import of_bounded_length
 from sources import modules_of
 
 import critflow
@@ -104,8 +105,7 @@ def wrong_arguments_raise(
             try:
                 functions[name](**(arguments | {key: WRONG[wrong]}))
             except CritflowError as error:
-                assert "\n" not in str(error)
-                assert 10 < len(str(error)) < 300
+                assert of_bounded_length(error)
             except Exception as error:
                 raise AssertionError(f"{name}({key} = {wrong}) raised {type(error).__name__}: {error}") from error
 

@@ -384,14 +384,6 @@ COMMANDS = {
     "show no dataset": (["show", "nowhere.nc"], 2, "there is no dataset nowhere.nc", "run the study first"),
     "show a folder": (["show", "folder"], 2, "folder is a folder", "give the dataset NAME.nc in it"),
     "show a text": (["show", "text.txt"], 4, "text.txt is damaged", "run the study again"),
-    "show in no folder": (
-        ["show", "RESULTS/tiny.nc", "--set", "seed=1", "--out", "nowhere/x.png"],
-        *(2, "there is no folder nowhere for x.png", "make it, or choose another"),
-    ),
-    "show as a text": (
-        ["show", "RESULTS/tiny.nc", "--set", "seed=1", "--out", "x.doc"],
-        *(2, "a picture cannot have the ending '.doc'", "choose .png, .pdf or .svg"),
-    ),
 }
 
 test_a_wrong_call_gives_its_kind_of_error_and_its_sentence = give_their_sentences(CALLS)

@@ -60,7 +60,10 @@ OF_FUNCTION = {
     "packing_network": {"n_vertices": 24, "z": 4.2},
 }
 # Functions that compute next to nothing, or wait for the disk.
-QUICK = {"network_from", "tissue", "write_network"}
+QUICK = {
+    *("draw_response", "face_diagonals", "isotropic_targets", "network_from", "response_name", "strain_plane"),
+    *("tissue", "write_network"),
+}
 # Random points take long for some seeds.
 SLOW = {("foam_network", "seed", "zero")}
 

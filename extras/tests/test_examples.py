@@ -6,7 +6,7 @@ from example_checks import run_and_print_what_they_show, without_example
 import critflow_extras as ce
 
 # Their examples are on pages of the documents.
-ON_PAGES = {"design", "pareto", "prune_towards"}
+ON_PAGES = {"bond_operator", "design", "geometric_split", "hookean_split", "pareto", "prune_towards"}
 
 test_the_examples_of_docstrings_run = run_and_print_what_they_show("critflow_extras")
 

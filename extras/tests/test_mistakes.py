@@ -154,6 +154,14 @@ COMMANDS = {
         ["show", "RESULTS/tiny.nc", "--set", "seed=1"],
         *(2, "which population?", "add --set population=random"),
     ),
+    "show in no folder": (
+        ["show", "RESULTS/tiny.nc", "--set", "seed=1", "--out", "nowhere/x.png"],
+        *(2, "there is no folder nowhere for x.png", "make it, or choose another"),
+    ),
+    "show as a text": (
+        ["show", "RESULTS/tiny.nc", "--set", "seed=1", "--out", "x.doc"],
+        *(2, "a picture cannot have the ending '.doc'", "choose .png, .pdf or .svg"),
+    ),
     "no such network": (
         ["run", "ensemble", "--set", "network=nowhere.csv"],
         *(2, "network=nowhere.csv", "there is no file nowhere_edges.csv", "check its name"),
