@@ -22,11 +22,8 @@ from critflow_extras import foam_network, properties
 
 def spelled(network):
     """The names of this extra."""
-    own = [
-        name
-        for name, factory in names(network).items()
-        if getattr(factory, "module", "").startswith("critflow_extras.design_growth.")
-    ]
+    modules = {name: getattr(factory, "module", "") for name, factory in names(network).items()}
+    own = [name for name, module in modules.items() if module.startswith("critflow_extras.design_growth.")]
     return [name for name in own if "uniaxial_free" not in name]
 
 
