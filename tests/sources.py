@@ -2,6 +2,7 @@
 
 import ast
 from collections.abc import Collection, Iterator, Mapping
+from functools import cache
 from importlib.util import find_spec
 from pathlib import Path
 
@@ -9,8 +10,14 @@ from pathlib import Path
 def modules_of(package: str) -> dict[str, Path]:
     """The files of a package by the full names of their modules."""
     root = Path(find_spec(package).origin).parent
-    files = [path for path in sorted(root.rglob("*.py"))]
+    files = sorted(root.rglob("*.py"))
     return {".".join([package, *path.relative_to(root).with_suffix("").parts]): path for path in files}
+
+
+@cache
+def parsed(path: Path) -> ast.Module:
+    """The tree of a file."""
+    return ast.parse(path.read_text(encoding="utf-8"))
 
 
 def imported(tree: ast.AST, modules: Collection[str] = ()) -> set[str]:
@@ -50,12 +57,9 @@ def _statements(node: ast.AST) -> Iterator[ast.stmt]:
 
 def functions(root: Path) -> dict[str, ast.FunctionDef | ast.AsyncFunctionDef]:
     """The functions of a folder, by "path:name"."""
-    found = {}
-    for path in sorted(root.rglob("*.py")):
-        for node in _statements(ast.parse(path.read_text(encoding="utf-8"))):
-            if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):
-                found[f"{path.relative_to(root.parent)}:{node.name}"] = node
-    return found
+    nodes = [(path, node) for path in sorted(root.rglob("*.py")) for node in _statements(parsed(path))]
+    found = [(path, node) for path, node in nodes if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef)]
+    return {f"{path.relative_to(root.parent)}:{node.name}": node for path, node in found}
 
 
 def n_parameters(function: ast.FunctionDef | ast.AsyncFunctionDef) -> int:

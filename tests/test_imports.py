@@ -6,7 +6,7 @@ import re
 import pytest
 from argument_checks import NAMES
 from layers import LAYERS
-from sources import circle, functions, imported, length, modules_of, n_parameters, words
+from sources import circle, functions, imported, length, modules_of, n_parameters, parsed, words
 
 import critflow
 
@@ -35,7 +35,7 @@ LONGEST, MOST_PARAMETERS, MOST_NAMES = 60, 8, 60
 REASON = "many parameters"
 
 ARRAYS = {"Array", "IntArray", "Mask", "NDArray", "Extended"}
-TREES = {name: ast.parse(path.read_text(encoding="utf-8")) for name, path in SOURCES.items()}
+TREES = {name: parsed(path) for name, path in SOURCES.items()}
 IMPORTS = {name: imported(tree, SOURCES) for name, tree in TREES.items()}
 
 
@@ -69,7 +69,7 @@ WORKFLOWS = sorted((ROOT.parent / "workflows").rglob("*.py"))
 
 @pytest.mark.parametrize("path", [*SOURCES.values(), *WORKFLOWS], ids=lambda path: str(path.relative_to(ROOT.parent)))
 def test_the_scene_and_its_studies_name_no_module_of_the_extras(path):
-    tree = ast.parse(path.read_text(encoding="utf-8"))
+    tree = parsed(path)
     assert not {module for module in imported(tree) if module.partition(".")[0] == "critflow_extras"}
     if path != SOURCES["critflow.extensions"]:
         strings = [node.value for node in ast.walk(tree) if isinstance(node, ast.Constant) and type(node.value) is str]

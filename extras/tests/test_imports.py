@@ -5,7 +5,7 @@ import subprocess
 import sys
 
 import pytest
-from sources import circle, functions, imported, length, modules_of
+from sources import circle, functions, imported, length, modules_of, parsed
 from test_result import records
 
 import critflow
@@ -14,7 +14,7 @@ from critflow.result import Record
 
 SOURCES = modules_of("critflow_extras")
 ROOT = SOURCES["critflow_extras.__init__"].parent
-TREES = {name: ast.parse(path.read_text(encoding="utf-8")) for name, path in SOURCES.items()}
+TREES = {name: parsed(path) for name, path in SOURCES.items()}
 LONGEST = 60
 
 
