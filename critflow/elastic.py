@@ -75,10 +75,6 @@ def elasticity(
     >>> moduli = cf.elasticity(cf.optimize(cf.lattice("honeycomb", 2, 2), 'B_0')).value
     >>> round(moduli.bulk, 6), bool(moduli.errors.bulk < 1e-15)
     (0.288675, True)
-    >>> network = cf.lattice("triangular", 3, 3)
-    >>> tensor = cf.elasticity(network, network.positions).value
-    >>> round(tensor.bulk, 6), round(tensor.shear, 6)
-    (0.866025, 0.433013)
     """
     springs = of_known_kind(elastic_response, CriticalConfiguration, SpringState, Network, springs=springs)
     of_kind(np.ndarray, None, coordinates=coordinates, rest_lengths=rest_lengths, taut=taut)

@@ -14,7 +14,6 @@ from problems import (
 from problems import with_random_stiffness as stiffened
 
 from critflow import (
-    Cable,
     CriticalManifold,
     Deformation,
     PowerLaw,
@@ -152,13 +151,11 @@ def test_later_steps_solve_once_for_each_strain(lean, monkeypatch):
     assert all(lean) and [solves.count(n) for n in range(5, 10)] == 5 * [5]
 
 
-@pytest.mark.parametrize("name", ["compressed", "cables", "fire", "not convex"])
+@pytest.mark.parametrize("name", ["compressed", "fire", "not convex"])
 def test_other_paths_take_general_steps(lean, name):
     start, options = critical_of(voronoi(20, seed=2)), {}
     if name == "compressed":
         start = partly_compressed(20, 12)
-    elif name == "cables":
-        options = {"law": Cable()}
     elif name == "fire":
         options = {"method": "fire"}
     else:

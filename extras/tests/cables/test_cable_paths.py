@@ -27,6 +27,7 @@ from critflow import (
 )
 from critflow import voronoi_network as voronoi
 from critflow.manifold import critical_configuration
+from critflow.paths import Path
 from critflow.taut_part import backbone
 from critflow_extras import critical_strain, fibre_network
 
@@ -160,3 +161,10 @@ def beginning(**changes):
 def test_starts_that_are_refused(start, options, word):
     with pytest.raises(InputError, match=word):
         strain_path(start, [0.1], **options)
+
+
+def test_paths_of_cables_take_general_steps(monkeypatch):
+    steps, step = [], Path.lean_step
+    monkeypatch.setattr(Path, "lean_step", lambda *arguments: steps.append(step(*arguments)) or steps[-1])
+    assert strain_path(critical_of(voronoi(20, seed=2)), [0.01, 0.02], law=Cable()).ok
+    assert steps and all(end is None for end in steps)

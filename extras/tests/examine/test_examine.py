@@ -5,8 +5,8 @@ from importlib import import_module
 
 import numpy as np
 import pytest
-from tissue_patches import tissue
 from scipy.spatial import ConvexHull
+from tissue_patches import tissue
 
 import critflow
 import critflow_extras as ce

@@ -4,8 +4,8 @@ import asyncio
 import json
 
 import pytest
-from workflows.benchmarks.explore.chromium import Chromium, executable
 
+from benchmarks.explore.chromium import Chromium, executable
 from critflow import strain_path, upper_bound
 from critflow_extras.explore import numbers, session, view
 from critflow_extras.explore.server import Explorer, listening

@@ -2,8 +2,8 @@
 
 import numpy as np
 import pytest
-from tissue_patches import loaded
 from refusals import refused
+from tissue_patches import loaded
 
 import critflow_extras.tissue.pressures  # noqa: F401  # a service of it is used
 from critflow import CriticalManifold, lattice

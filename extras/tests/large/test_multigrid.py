@@ -6,8 +6,7 @@ import scipy.sparse as sp
 from eliminating import ELIMINATING
 from problems import random_stress
 
-from critflow import CriticalManifold, InputError, Status, voronoi_network
-from critflow.extensions import extras
+from critflow import CriticalManifold, InputError, Status, sparse, voronoi_network
 from critflow.sparse import available_backends, block_laplacian, choose_backend
 from critflow_extras.large import choice, multigrid, pardiso
 
@@ -23,7 +22,7 @@ SIGNED = STRESS * np.where(np.arange(FOAM.n_edges) % 7, 1.0, -0.3)
 @pytest.fixture
 def chosen(monkeypatch):
     """Let "auto" choose multigrid at this size."""
-    monkeypatch.setitem(extras()["large"].solvers, "least", [0, 0])
+    monkeypatch.setattr(sparse, "LARGE", (0, 0))
     monkeypatch.setattr(choice, "MULTIGRID", dict.fromkeys(ELIMINATING, 0))
 
 
@@ -85,8 +84,8 @@ def test_parts_without_a_fixed_vertex_are_singular(chosen):
 
 def test_the_choice_by_dimension_and_size():
     for elimination in {"superlu", "pardiso"} & ELIMINATING.keys():
-        assert choice.fastest(elimination, 10**7, True, True) == "pyamg"
-        assert choice.fastest(elimination, 10**3, True, True) == elimination
+        assert choice.fastest_solver(elimination, 10**7, True, True) == "pyamg"
+        assert choice.fastest_solver(elimination, 10**3, True, True) == elimination
     assert choose_backend("auto", 10**7, True, True) == "pyamg"
     for in_space, laplacian in ((True, False), (False, True)):
         assert choose_backend("auto", 10**7, in_space, laplacian) in ELIMINATING
@@ -102,7 +101,7 @@ def test_planar_laplacians_and_other_matrices_are_eliminated(chosen):
 def test_what_is_missing_is_said(monkeypatch):
     monkeypatch.setattr(multigrid, "INSTALLED", False)
     assert choose_backend("auto", 10**7, True, True) in ELIMINATING
-    with pytest.raises(InputError, match=r"'pyamg' is installed: .* pip install 'critflow\[fast,multigrid\]'"):
+    with pytest.raises(InputError, match=r"'pyamg' is installed: .* pip install 'critflow-extras\[fast,multigrid\]'"):
         CriticalManifold(FOAM, "pyamg")
 
 
@@ -114,7 +113,7 @@ def test_what_is_not_there_is_not_installed(monkeypatch):
 
 @pytest.mark.parametrize(("in_space", "size"), [(False, 20_000), (True, 3_000)])
 def test_pardiso_takes_matrices_above_its_size(monkeypatch, in_space, size):
-    monkeypatch.setattr(choice, "installed", lambda: {"pardiso": pardiso.Pardiso})
+    monkeypatch.setattr(choice, "installed_solvers", lambda: {"pardiso": pardiso.Pardiso})
     assert choose_backend("auto", size, in_space) == "qdldl"
     assert choose_backend("auto", size + 1, in_space) == "pardiso"
     assert choose_backend("auto", 10**8, in_space) == "pardiso"

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 from derivatives import assert_derivative
-from stiffness_checks import Unknown
 from problems import hung_ring, oblique, random_stress, voronoi_3d
 from refusals import refused
+from stiffness_checks import Unknown
 
 from critflow import CriticalManifold, Status, lattice, optimize, quantity, spring_state, voronoi_network
 from critflow.command.main import main

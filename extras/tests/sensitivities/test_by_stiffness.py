@@ -2,8 +2,8 @@
 
 import numpy as np
 import pytest
-from stiffness_checks import Unknown, assert_derivatives_by_stiffness
 from quantity_checks import KINDS, MANIFOLDS
+from stiffness_checks import Unknown, assert_derivatives_by_stiffness
 
 from critflow import quantity
 from critflow.quantities import PenalisedModulus, TransitionModulus, pure_shear

@@ -4,8 +4,8 @@ import mpmath as mp
 import numpy as np
 import pytest
 from derivatives import assert_derivative
-from tissue_patches import loaded
 from problems import face_areas
+from tissue_patches import loaded
 
 from critflow import (
     CriticalManifold,

@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-from tissues import disordered_tissue
 from responses import (
     STRAIN_PATHS,
     assert_affine,
@@ -11,6 +10,7 @@ from responses import (
     assert_relaxations,
     assert_stress,
 )
+from tissues import disordered_tissue
 
 from critflow import Status, elasticity, equilibrium, voronoi_network
 from critflow_extras import critical_from_perimeters

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 import scipy.sparse as sp
 from derivatives import assert_derivative, first_derivative, second_derivative
-from tissues import disordered_tissue
 from problems import (
     NETWORKS,
     grounded,
@@ -17,6 +16,7 @@ from problems import (
 )
 from refusals import refused
 from scipy.optimize import minimize
+from tissues import disordered_tissue
 
 from critflow import (
     Cable,
