@@ -4,7 +4,6 @@ Code blocks run and print what the page shows, links lead somewhere, pictures ar
 executed as one program, in an empty directory, with warnings as errors.  Fenced blocks by info string:
 
     python FILE      written to FILE, before anything is executed
-    KIND critflow/FILE, KIND tests/FILE    of an extra: `tests/test_extending.py` executes it in a copy of the package
     console          lines `$ critflow ...` are executed in turn and must succeed, or end in `# exit N`
     python           executed after all commands, as one program for the page
     output           the exact output of the `python` block before it
@@ -73,11 +72,6 @@ def blocks(page: Path) -> list[Block]:
     return found
 
 
-def is_of_the_package(block: Block) -> bool:
-    """Whether a block is a file of critflow or of its tests, which only a copy of the package receives."""
-    return block.file.startswith(("critflow/", "tests/"))
-
-
 def name_of(page: Path) -> str:
     return str(page.relative_to(ROOT))
 
@@ -123,7 +117,7 @@ def test_the_code_of_a_page_runs_and_prints_what_the_page_shows(page, tmp_path, 
     monkeypatch.setattr(backends, "BACKENDS", dict(backends.BACKENDS))  # a page adds one
     found = blocks(page)
     for block in found:
-        if block.kind == "python" and block.file and not is_of_the_package(block):
+        if block.kind == "python" and block.file:
             (tmp_path / block.file).write_text(block.text, encoding="utf-8")
     group = [block for block in found if block.kind == "python" and not block.file]
     with empty_pictures():

@@ -11,13 +11,12 @@ from matplotlib.figure import Figure
 import critflow as cf
 import critflow_extras as ce
 from critflow.pictures import add_cell, periodic_segments
-from critflow_extras.design_stiffness.stiffnesses import isotropic_targets
 
 network = cf.delaunay_network(24, seed=1)
 lengths = np.linalg.norm(network.bond_vectors(network.positions), axis=1)
 state = cf.spring_state(network, lengths, network.positions)
 limits = {"stiffnesses": (0.3 / lengths, 3 / lengths)}  # of widths
-goal = isotropic_targets(2, 0.7, 0.1)
+goal = ce.isotropic_targets(2, 0.7, 0.1)
 found = ce.design(state, goal, change="stiffness", within=limits).value
 ce.write_network(found, "print.svg", size=100, width=1.5, by_stiffness=True)
 
