@@ -96,6 +96,16 @@ def test_a_critical_configuration_comes_back_with_all_bits(tmp_path, way):
     np.testing.assert_array_equal(read.rest_lengths, larger.rest_lengths)
 
 
+def test_pins_are_written_where_they_are():
+    pinned = Network([[0, 1], [1, 0]], [[0], [1]], [[2.0]], pins={0: [0.25]}, positions=[[0.1], [0.9]])
+    assert cf.read_network(cf.to_tables(pinned)).pins[0] == 0.25
+
+
+def test_a_source_has_one_cell():
+    with pytest.raises(InputError, match="a cell of its own: leave cell= out"):
+        cf.read_network(cf.to_tables(NETWORKS["plane"]), cell=CELL)
+
+
 def test_a_solution_is_written_as_its_value():
     solution = cf.optimize(NETWORKS["plane"], "B_0")
     for one, other in zip(cf.to_tables(solution), cf.to_tables(solution.value), strict=True):
@@ -200,7 +210,7 @@ FAULTS = {
     "fixed in words": (given(vertices={"fixed": ["yes"] * 4}), "row 1 of column fixed has 'yes'"),
     "fixed twice": (given(vertices={"fixed": [1, 1, 2, 0]}), "must be 1 for fixed"),
     "nothing is fixed": (given(vertices={"fixed": None}), "cell or pins"),
-    "offsets without a cell": (given({"offset_x": [0, 0, 1], "offset_y": [0, 0, 0]}), "offsets need a cell"),
+    "offsets without a cell": (given({"offset_x": [0, 0, 1], "offset_y": [0, 0, 0]}), "line '# cell'"),
     "a cell without offsets": (given(cell=CELL), "needs the columns offset_x, offset_y"),
     "one offset": (given({"offset_x": [0, 0, 1]}, cell=CELL), "x, y, offset_x have no common dimension"),
     "offsets not whole": (given({"offset_x": [0, 0, 0.5], "offset_y": [0, 0, 0]}, cell=CELL), "whole"),
