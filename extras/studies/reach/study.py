@@ -49,7 +49,6 @@ def claims(ds):
 study = network_study(
     name="reach",
     title="The reach of networks: linear responses and onsets",
-    extras=("anisotropy",),
     parameters={
         "n_vertices": 100,
         "directions": 24,
@@ -65,6 +64,7 @@ study = network_study(
     },
     coordinates=(Coordinate("ratio", "ratios", "requested Poisson's ratio"),),
     case=case,
+    extras=("poisson",),
     check=check,
     variables=(*support.VARIABLES, *poisson.VARIABLES, *surfaces.VARIABLES),
     figures={"reach": support.figure, "poisson": poisson.figure, "surfaces": surfaces.figure},

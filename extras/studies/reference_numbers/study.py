@@ -202,7 +202,6 @@ def _pruned(axes, ds):
 study = Study(
     name="reference_numbers",
     title="Numbers of the literature on underconstrained networks and vertex models",
-    extras=("rest",),
     references="the source of each number is in its claim",
     axes=(
         Axis("seed", range(8), "seed of the networks", noun="network"),
@@ -217,6 +216,7 @@ study = Study(
         "candidates": 10,
     },
     case=case,
+    extras=("response_of_network",),
     check=check,
     variables=(
         Variable("value", ("quantity", "seed"), "f8", long_name="the number that the literature gives"),
