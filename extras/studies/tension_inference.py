@@ -107,7 +107,6 @@ study = network_study(
     title="Tensions from a picture, with and without pressures",
     references=SOURCES,
     n=20,
-    extras=("tissue",),
     parameters={"n_vertices": 60, "noises": (1e-7, 1e-6, 1e-5, 1e-4, 1e-3, 1e-2)},
     coordinates=(Coordinate("noise", "noises", "error of the positions over the mean length"),),
     case=case,

@@ -64,6 +64,7 @@ study = network_study(
     },
     coordinates=(Coordinate("ratio", "ratios", "requested Poisson's ratio"),),
     case=case,
+    extras=("poisson",),
     check=check,
     variables=(*support.VARIABLES, *poisson.VARIABLES, *surfaces.VARIABLES),
     figures={"reach": support.figure, "poisson": poisson.figure, "surfaces": surfaces.figure},
