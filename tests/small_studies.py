@@ -1,4 +1,4 @@
-"""Settings at which each study is run in a few seconds: by the tests of the studies, and by `.ci/datasets`."""
+"""Settings at which each study of the scene takes a few seconds, for the tests of studies and `.ci/datasets`."""
 
 SETTINGS = {
     "boundary": ("seeds=0:3", "n_vertices=40"),

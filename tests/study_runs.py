@@ -1,5 +1,7 @@
 """Fixtures: small runs of the studies, one for each process of the tests, and that of a test module, its `STUDY`."""
 
+import json
+import re
 from contextlib import nullcontext
 
 import pytest
@@ -7,6 +9,12 @@ import xarray as xr
 from small_studies import SETTINGS
 
 from critflow.command.main import main
+from critflow.engine.code_digest import load_study, named_studies
+
+
+def studies_in(folder):
+    """The names of the studies in a folder, in alphabetical order."""
+    return sorted(name for name, path in named_studies().items() if path.resolve().is_relative_to(folder))
 
 
 def words(study, *settings):
@@ -39,6 +47,27 @@ def runs(run_study, tmp_path_factory):
             folder = tmp_path_factory.mktemp(study) / "out"
             made[study] = folder, run_study(study, folder, drawn=True)
         return made[study]
+
+    return of
+
+
+@pytest.fixture
+def claims_of_study(runs, run_study, capsys, assert_picture):
+    """A function that runs a study, reports it and resumes it, and returns its claims by their keys."""
+
+    def of(name):
+        folder, _ = runs(name)
+        study = load_study(name).study
+        for figure in study.figures:
+            assert_picture(folder / "figures" / f"{figure}.png", most=10**6)
+        for animation in study.animations:
+            assert (folder / "figures" / f"{animation}.gif").read_bytes().startswith(b"GIF89a")
+        claims = {claim["key"]: claim for claim in json.loads((folder / "claims.json").read_text())}
+        assert claims and all(claim["because"] for claim in claims.values() if claim["verdict"] == "differs")
+        capsys.readouterr()
+        run_study(name, folder)
+        assert re.search(r"\b(\d+) of \1 requested cases were stored before", capsys.readouterr().out)
+        return claims
 
     return of
 

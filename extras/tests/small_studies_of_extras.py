@@ -1,11 +1,8 @@
-"""Settings at which each study of the extras is run in a few seconds, as in `small_studies` of the scene."""
+"""Settings at which each study of the extras takes a few seconds, for the tests of studies and `.ci/datasets`."""
 
 SETTINGS = {
     "allostery": (
         *("seeds=0:1", "n_vertices=40", "loads=0.1,1.0", "sizes=24,40", "fractions=0.2,0.6", "starts=1", "steps=100"),
-    ),
-    "reference_numbers": (
-        *("seeds=0:1", "n_vertices=40", "n_vertices_cells=40", "onsets=0.05,0.1", "columns=3", "candidates=2"),
     ),
     "reach": (
         *("seeds=0:1", "n_vertices=16", "directions=3", "samples=3", "thresholds=0.3", "ascent=10", "sizes=24"),

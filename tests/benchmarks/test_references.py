@@ -3,9 +3,9 @@
 import mpmath
 import numpy as np
 import pytest
-from problems import TRIANGULAR_BULK_MODULUS, TRIANGULAR_SHEAR_MODULUS, random_stress
+from problems import random_stress
 
-from critflow import CriticalManifold, Network, critical_from_lengths, lattice, upper_bound, voronoi_network
+from critflow import CriticalManifold, Network, critical_from_lengths, upper_bound, voronoi_network
 from critflow.double_double import lengths
 from critflow.sparse import block_laplacian
 from workflows.benchmarks import reference
@@ -109,12 +109,6 @@ def test_slack_edges_are_refused(network):
     signed = reference.configuration(network, sigma)
     with pytest.raises(reference.Unknown, match="slack"):
         reference.critical_from_lengths(network, reference.lengths(signed.bond_vectors), sigma, signed.coordinates)
-
-
-def test_springs_at_rest_of_the_triangular_lattice():
-    network = lattice("triangular", 3, 3)
-    found = reference.moduli_at_rest(network, network.positions).astype(float)
-    np.testing.assert_allclose(found, [TRIANGULAR_BULK_MODULUS, TRIANGULAR_SHEAR_MODULUS], rtol=1e-14)
 
 
 # mpmath against derivatives of its energy

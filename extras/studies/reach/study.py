@@ -49,7 +49,6 @@ def claims(ds):
 study = network_study(
     name="reach",
     title="The reach of networks: linear responses and onsets",
-    extras=("anisotropy",),
     parameters={
         "n_vertices": 100,
         "directions": 24,

@@ -44,6 +44,7 @@ def claims(ds):
 study = network_study(
     name="stiffening",
     title="Which growth goes with which bulk modulus",
+    extras=("C_B", "C_G"),
     parameters={
         "n_vertices": 400,
         **NARROW,

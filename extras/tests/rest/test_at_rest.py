@@ -5,6 +5,7 @@ import re
 import numpy as np
 import pytest
 from problems import NETWORKS, thinned, with_random_stiffness
+from references_at_rest import digits_for_contrast, elasticity_at_rest
 from scipy.linalg import null_space
 
 from critflow import CriticalManifold, InputError, Network, Status, delaunay_network, elasticity, lattice
@@ -43,8 +44,8 @@ def test_any_contrast_of_stiffness(name, contrast, part):
     network = softened(LATTICES[name](), contrast, part, seed=len(name))
     solution = elasticity(network, network.positions)
     assert solution.status is Status.ok
-    digits = reference.digits_for_contrast(network.stiffness)
-    exact = reference.elasticity_at_rest(network, network.positions, digits=digits)
+    digits = digits_for_contrast(network.stiffness)
+    exact = elasticity_at_rest(network, network.positions, digits=digits)
     errors = np.abs((reference.numbers(solution.value.tensor * network.volume) - exact).astype(float))
     assert (errors <= network.volume * solution.value.errors.tensor).all()
     known = solution.value.errors
@@ -139,7 +140,7 @@ def test_errors_of_random_multigraphs(route, monkeypatch, n=200):
         if "no length" in found.note:
             continue
         assert found.status in (Status.ok, Status.floppy)
-        exact = reference.elasticity_at_rest(network, network.positions, digits=100)
+        exact = elasticity_at_rest(network, network.positions, digits=100)
         errors = np.abs((reference.numbers(found.value.tensor * network.volume) - exact).astype(float))
         bound, size = network.volume * found.value.errors.tensor, float(np.abs(exact).max())
         assert (errors <= bound + 1e-40).all(), seed
@@ -157,7 +158,7 @@ def test_components_of_squared_rounding_have_its_error():
     x = np.array([[0.328125, 0.0], [0.15625, 0.0], [0.171875, 0.0], [0.203125, 0.0], [0.09375, 0.0]])
     network = Network(np.stack([tail, head], axis=1), images, np.eye(2), n_vertices=5)
     found = elasticity(network, x).value
-    exact = reference.elasticity_at_rest(network, x, digits=150)
+    exact = elasticity_at_rest(network, x, digits=150)
     errors = np.abs((reference.numbers(found.tensor) - exact).astype(float))
     assert (errors <= found.errors.tensor + 1e-60).all() and found.errors.tensor[2, 2] < 1e-28
 

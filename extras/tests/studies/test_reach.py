@@ -1,7 +1,8 @@
 """The study of reach, small: the bound is attained by stresses of any sign, and no positive stress is auxetic."""
 
 import numpy as np
-from workflows.reach.support import attained, ratio_and_bulk, work
+
+from studies.reach.support import attained, ratio_and_bulk, work
 
 STUDY = "reach"
 

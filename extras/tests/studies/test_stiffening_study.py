@@ -2,9 +2,9 @@
 
 import numpy as np
 import pytest
+from critflow.studies.shared.reports import MISSED
 
 from critflow import Status
-from workflows.shared.reports import MISSED
 
 STUDY = "stiffening"
 

@@ -1,9 +1,9 @@
 """The study of weak bending: its scaling function, extrapolated exponents and errors."""
 
 import numpy as np
-from workflows.weak_forces import PLACES, limit_of_smallest, scaling_function
 
 from critflow import Status
+from studies.weak_forces import PLACES, limit_of_smallest, scaling_function
 
 
 def test_tensions_of_the_cubic_equation_are_one_curve(runs):

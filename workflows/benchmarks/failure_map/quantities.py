@@ -6,9 +6,12 @@ from itertools import pairwise
 import numpy as np
 
 import critflow as cf
-import critflow_extras as ce
+from critflow.linear_response import linear_response
+from critflow.networks import validated_coordinates
 from critflow.optima import objective_of
 from critflow.quantities import evaluate, pure_shear, stress_hessian, transition_modulus
+from critflow.self_stress import Spectrum, edge_without_length, require_one_stress_by_rank
+from critflow.taut_part import backbone
 
 from ...shared.populations import OPTIMA
 from ...shared.strain_protocol import critical_by_strain
@@ -59,10 +62,10 @@ def _configuration_error(problem, answer):
 
 
 def _transition_moduli(problem):
+    for part in backbone(problem.critical).components:
+        require_one_stress_by_rank(part, "the reference knows no other")
     solution = cf.elasticity(problem.critical)
     value = solution.value
-    if solution.ok and solution.stats.method == "self-stress":
-        raise cf.InputError("the reference requires one self-stress")
     return Answer(solution.status, (value.bulk, value.shear), (value.errors.bulk, value.errors.shear))
 
 
@@ -94,31 +97,21 @@ def _moduli(numbers):
 
 
 def _rigidity(problem):
-    coordinates = np.asarray(problem.critical.coordinates, dtype=problem.dtype)
-    solution = ce.rigidity(problem.network, coordinates)
-    return Answer(solution.status, (solution.value.n_self_stresses, solution.value.n_zero_modes), 0.0)
+    network = problem.network
+    x = validated_coordinates(network, np.asarray(problem.critical.coordinates, dtype=problem.dtype))
+    if edge_without_length(np.linalg.norm(network.bond_vectors(x), axis=1)):
+        return Answer(cf.Status.singular, np.nan)
+    spectrum = Spectrum(network, x)
+    # Translations are no motions of the spectrum.
+    counts = spectrum.n_self_stresses, spectrum.n_motions + network.dimension
+    status = cf.Status.ok if spectrum.n_self_stresses else cf.Status.floppy
+    return Answer(cf.Status.singular if spectrum.doubt(*spectrum.gap) else status, counts, 0.0)
 
 
 def _rigidity_error(problem, answer):
     network, n_stresses = problem.network, problem.n_stresses(problem.network)
     truth = (n_stresses, 2 * network.n_vertices - network.n_edges + n_stresses)
     return np.abs(np.subtract(answer.values, truth)), 1.0
-
-
-def _elastic_moduli(problem):
-    solution = cf.elasticity(problem.network, problem.generic)
-    # A network without more edges than motions has no self-stress where it was drawn.
-    floppy = problem.network.n_edges <= 2 * (problem.network.n_vertices - 1)
-    proper = (cf.Status.floppy,) if floppy else (cf.Status.ok, cf.Status.singular)
-    return Answer(solution.status, _moduli(solution.value), _moduli(solution.value.errors), proper)
-
-
-def _elastic_error(problem, answer):
-    if answer.status is cf.Status.floppy:
-        return np.abs(answer.values), 1.0
-    digits = reference.digits_for_contrast(problem.network.stiffness)
-    bulk, shear = reference.moduli_at_rest(problem.network, problem.generic, digits=digits)
-    return _each(answer, (bulk, shear, shear))
 
 
 # Past the transition
@@ -165,7 +158,7 @@ def _linear_response(problem):
     if not reached.ok:
         raise Unavailable(reached.status)
     problem.reached = reached.value
-    solution = cf.elasticity(reached.value)
+    solution = linear_response(reached.value, reached.value.network.volume)
     return Answer(solution.status, _moduli(solution.value), _moduli(solution.value.errors))
 
 
@@ -268,7 +261,6 @@ QUANTITIES = {
     "transition_moduli": (_transition_moduli, _transition_error),
     "stiffening": (_stiffening, _stiffening_error),
     "rigidity": (_rigidity, _rigidity_error),
-    "elastic_moduli": (_elastic_moduli, _elastic_error),
     "equilibrium_newton": (_equilibrium("newton", None), _equilibrium_error),
     "equilibrium_fire": (_equilibrium("fire", _FIRE_STEPS), _equilibrium_error),
     "strain_path": (_strain_path, _equilibrium_error),

@@ -31,7 +31,7 @@ CELLS = {
 # The difficulties of each figure, in two columns.
 MAPS = {
     "stresses": (
-        ("stress_spread", "faint_edge", "faint_cut", "soft_edges"),
+        ("stress_spread", "faint_edge", "faint_cut"),
         ("short_edge", "near_singular", "single_precision"),
     ),
     "networks": (
