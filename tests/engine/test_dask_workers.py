@@ -273,7 +273,7 @@ def accepts_a_stranger(port):
             return False
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGKILL])
+@pytest.mark.parametrize("number", [signal.SIGINT, pytest.param(signal.SIGKILL, marks=pytest.mark.sweep)])
 def test_a_local_run_listens_on_loopback_and_answers_nobody_without_its_key(tmp_path, start, number):
     """Another user of the machine reaches the ports, and gets neither a connection nor a page."""
     process = start(tmp_path, "seeds=0:60", workers=1, study="plain", environment={"CRITFLOW_TEST_PAUSE": "2"})

@@ -131,6 +131,7 @@ def test_a_long_task_is_stored_while_it_lasts(tmp_path, run):
     assert 1 <= len(lines) <= 2  # of three cases, those that were not stored
 
 
+@pytest.mark.sweep
 @pytest.mark.timeout(300)
 def test_an_interrupted_run_with_workers_stores_the_running_cases(tmp_path, start, tally):
     """The Ctrl-C of a terminal reaches the workers too; the number of stored cases in the message is true."""

@@ -94,8 +94,12 @@ def assert_same(one, other):
         assert 0.7 < ratio.min() and ratio.max() < 1.25, ratio
 
 
-@pytest.mark.parametrize("measure", ["tensors", "moduli"])
-@pytest.mark.parametrize("law", [None, PowerLaw(4), WormLike(2.0)], ids=str)
+LAWS = [None, PowerLaw(4), WormLike(2.0)]
+MEASURED = [("tensors", law) for law in LAWS] + [("moduli", None)]
+MEASURED += [pytest.param("moduli", law, marks=pytest.mark.sweep) for law in LAWS[1:]]
+
+
+@pytest.mark.parametrize("measure, law", MEASURED, ids=str)
 @pytest.mark.parametrize("name, deformation", CASES)
 def test_lean_steps_have_the_numbers_of_general_ones(lean, name, deformation, law, measure):
     network = NETWORKS[name]()
