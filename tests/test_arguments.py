@@ -35,9 +35,15 @@ OF_FUNCTION = {
     "delaunay_network": {"n_vertices": 8, "points": None},
     "lattice": {"name": "square"},
     "deformation_of": {"value": "dilation"},
+    **dict.fromkeys(("read_network", "read_critical"), {"source": critflow.to_tables(CRITICAL)}),
+    **dict.fromkeys(("to_tables", "to_graph"), {"thing": CRITICAL}),
+    "write_network": {"thing": CRITICAL, "path": "n.csv"},
 }
 # Functions that compute next to nothing.
-QUICK = {"lattice", "quantity", "spring_state", "three_bar_linkage"}
+QUICK = {
+    *("lattice", "quantity", "spring_state", "three_bar_linkage"),
+    *("read_critical", "read_network", "to_graph", "to_tables", "write_network"),
+}
 
 test_wrong_arguments_of_every_public_function_raise_one_sentence = wrong_arguments_raise(
     PUBLIC | {function.__name__: function for function in IN_MODULES}, OF_FUNCTION
