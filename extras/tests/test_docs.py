@@ -24,3 +24,11 @@ NAMED = [page for page in PAGES if page.is_relative_to(DOCS) and page.stem not i
 def test_a_page_names_at_its_top_what_it_needs(page):
     top = page.read_text(encoding="utf-8").partition("\n\n")[2][:600]
     assert "critflow-extras" in top and re.search(r"`\.venv/bin/pip install \. '?\./extras", top), name_of(page)
+
+
+def test_the_reference_names_every_folder():
+    folders = {path.parent.name for path in (ROOT / "extras" / "critflow_extras").glob("*/__init__.py")}
+    text = (DOCS / "reference" / "index.md").read_text(encoding="utf-8")
+    # The three `design_...` of other changes share the section of `targets`, whose text names them.
+    assert folders <= set(re.findall(r"(?:^## |`)(\w+)\b", text, flags=re.M))
+    assert set(re.findall(r"^## (.+)$", text, flags=re.M)) <= folders
