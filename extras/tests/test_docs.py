@@ -2,6 +2,7 @@
 
 import re
 import sys
+from importlib.util import find_spec
 from pathlib import Path
 
 import pytest
@@ -32,3 +33,12 @@ def test_the_reference_names_every_folder():
     # The three `design_...` of other changes share the section of `targets`, whose text names them.
     assert folders <= set(re.findall(r"(?:^## |`)(\w+)\b", text, flags=re.M))
     assert set(re.findall(r"^## (.+)$", text, flags=re.M)) <= folders
+
+
+@pytest.mark.parametrize("page", PAGES, ids=name_of)
+def test_the_programs_of_a_page_are_in_the_repository(page):
+    text = page.read_text(encoding="utf-8")
+    for module in re.findall(r"python -m ([\w.]+)", text):
+        assert find_spec(module), module
+    for file in re.findall(r"python (\S+\.py)\b", text):
+        assert (ROOT / file).is_file(), file

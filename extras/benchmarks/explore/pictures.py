@@ -1,6 +1,6 @@
 """Screenshots and a short animation of the page for the documents, from the real page in a headless Chromium.
 
-python -m benchmarks.explore.pictures [FOLDER]
+python -m extras.benchmarks.explore.pictures [FOLDER]
 """
 
 import asyncio

@@ -1,4 +1,4 @@
-"""Cables in a cell with free components, for which `extras/rest` has the unknowns."""
+"""Cables in a cell with free components, for which `rest` has the unknowns."""
 
 import numpy as np
 import pytest
