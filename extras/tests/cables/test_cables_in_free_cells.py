@@ -10,8 +10,6 @@ from critflow.taut_edges import OnsetState, taut_part
 from critflow_extras import critical_strain, fibre_network, packing_network
 from critflow_extras.cables.boundary_path import BoundaryPath
 
-pytest.importorskip("critflow_extras.rest")
-
 
 @pytest.mark.parametrize(
     "network", [voronoi(24, seed=1), packing_network(24, z=3.6, seed=2), fibre_network("mikado", 40, z=3.4, seed=1)]
