@@ -46,7 +46,7 @@ from critflow.arguments import of_kind, shown
 from critflow.calls import running
 from critflow.deformation import DEFORMATIONS, Deformable, deformation_of, strain_basis
 from critflow.double_double import Extended, add, divide, extended, multiply, total, two_product
-from critflow.extensions import joined, loaded, more
+from critflow.extensions import EXTRAS, joined, loaded, more
 from critflow.manifold import Balance, CriticalConfiguration, CriticalManifold, StressedBonds
 from critflow.networks import Array, Network
 from critflow.numerics import EPS, dot, mean, norms, quasi_random
@@ -476,8 +476,8 @@ def _input_rounding(critical: CriticalConfiguration, value: float) -> float:
 
 
 def own(quantity: Quantity) -> bool:
-    """Whether the class of a quantity is one of critflow, which has tests of its own."""
-    return type(quantity).__module__.partition(".")[0] == __name__.partition(".")[0]
+    """Whether the class of a quantity is one of critflow or critflow-extras, which have tests of their own."""
+    return type(quantity).__module__.partition(".")[0] in ("critflow", EXTRAS)
 
 
 def require_valid(quantity: Quantity, balance: Balanced) -> None:

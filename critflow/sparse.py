@@ -32,7 +32,7 @@ from critflow.result import InputError
 # qdldl    row by row on a minimum-degree ordering; always installed, and the fastest for small matrices
 # superlu  SciPy's SuperLU on a minimum-degree ordering; always installed
 #
-# Extras bring others for large networks (`solvers` of their `extra.toml`): eliminating ones, and iterative ones for
+# critflow-extras has others for large networks (`installed_solvers`): eliminating ones, and iterative ones for
 # Laplacians of positive stresses, without inertia, each as a kind of `Factor`.
 
 # Entries of the upper triangle up to which qdldl is faster, of networks in the plane and in space.  Measured for one

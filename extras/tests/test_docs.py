@@ -2,6 +2,7 @@
 
 import re
 import sys
+from importlib.util import find_spec
 from pathlib import Path
 
 import pytest
@@ -24,3 +25,20 @@ NAMED = [page for page in PAGES if page.is_relative_to(DOCS) and page.stem not i
 def test_a_page_names_at_its_top_what_it_needs(page):
     top = page.read_text(encoding="utf-8").partition("\n\n")[2][:600]
     assert "critflow-extras" in top and re.search(r"`\.venv/bin/pip install \. '?\./extras", top), name_of(page)
+
+
+def test_the_reference_names_every_folder():
+    folders = {path.parent.name for path in (ROOT / "extras" / "critflow_extras").glob("*/__init__.py")}
+    text = (DOCS / "reference" / "index.md").read_text(encoding="utf-8")
+    # The three `design_...` of other changes share the section of `targets`, whose text names them.
+    assert folders <= set(re.findall(r"(?:^## |`)(\w+)\b", text, flags=re.M))
+    assert set(re.findall(r"^## (.+)$", text, flags=re.M)) <= folders
+
+
+@pytest.mark.parametrize("page", PAGES, ids=name_of)
+def test_the_programs_of_a_page_are_in_the_repository(page):
+    text = page.read_text(encoding="utf-8")
+    for module in re.findall(r"python -m ([\w.]+)", text):
+        assert find_spec(module), module
+    for file in re.findall(r"python (\S+\.py)\b", text):
+        assert (ROOT / file).is_file(), file

@@ -1,6 +1,6 @@
 """Measure the page in a headless Chromium: the first picture, and from a slider event to the painted picture.
 
-    python -m benchmarks.explore.measure [N_VERTICES]
+    python -m extras.benchmarks.explore.measure [N_VERTICES]
 
 Events come at a steady rate, slower and faster than the page answers; of several that wait the last one is painted,
 and its time counts from its own event.  The time ends with the first task of the browser after the frame is painted.

@@ -1,6 +1,6 @@
 """Screenshots and a short animation of the page for the documents, from the real page in a headless Chromium.
 
-python -m benchmarks.explore.pictures [FOLDER]
+python -m extras.benchmarks.explore.pictures [FOLDER]
 """
 
 import asyncio
@@ -108,4 +108,5 @@ def _small(content: bytes) -> bytes:
 
 
 if __name__ == "__main__":
-    asyncio.run(taken(Path(sys.argv[1]) if len(sys.argv) > 1 else Path("docs/pictures")))
+    pictures = Path(__file__).parents[2] / "docs" / "pictures"
+    asyncio.run(taken(Path(sys.argv[1]) if len(sys.argv) > 1 else pictures))

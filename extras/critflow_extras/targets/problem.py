@@ -1,8 +1,7 @@
 """The constrained problem of a design: its targets, the limits of edges, and the variables that it may change.
 
 Each kind of variables z maps z to what the quantities are evaluated on, and gives their gradients by z: stresses
-(`stresses`) and amplitudes of faces (`faces`).  An extra that brings another kind of `Variables` declares it in its
-`extra.toml` as the function "variables of KIND".
+(`stresses`) and amplitudes of faces (`faces`); other kinds of `Variables` are in the folders `design_...`.
 """
 
 from __future__ import annotations

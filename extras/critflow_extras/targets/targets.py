@@ -53,7 +53,6 @@ _KINDS = {
     "stiffness": "critflow_extras.design_stiffness.stiffnesses:Stiffnesses",
     "stress": "critflow_extras.targets.stresses:Stresses",
 }
-"""How an extra declares a kind of variables that `design` changes."""
 
 
 @dataclass(frozen=True, repr=False)

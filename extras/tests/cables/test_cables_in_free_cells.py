@@ -1,4 +1,4 @@
-"""Cables in a cell with free components, for which `extras/rest` has the unknowns."""
+"""Cables in a cell with free components, for which `rest` has the unknowns."""
 
 import numpy as np
 import pytest
@@ -9,8 +9,6 @@ from critflow import voronoi_network as voronoi
 from critflow.taut_edges import OnsetState, taut_part
 from critflow_extras import critical_strain, fibre_network, packing_network
 from critflow_extras.cables.boundary_path import BoundaryPath
-
-pytest.importorskip("critflow_extras.rest")
 
 
 @pytest.mark.parametrize(

@@ -21,7 +21,7 @@ from critflow_extras import foam_network, properties
 
 
 def spelled(network):
-    """The names of this extra."""
+    """The names of this folder."""
     modules = {name: getattr(factory, "module", "") for name, factory in names(network).items()}
     own = [name for name, module in modules.items() if module.startswith("critflow_extras.design_growth.")]
     return [name for name in own if "uniaxial_free" not in name]

@@ -18,7 +18,7 @@ from critflow.quantities import names
 
 
 def spelled(network):
-    """The names of this extra, with an edge and a face."""
+    """The names of this folder, with an edge and a face."""
     modules = {name: getattr(factory, "module", "") for name, factory in names(network).items()}
     own = [name for name, module in modules.items() if module.startswith("critflow_extras.design_names.")]
     if network.dimension == 3:  # a few of the 21 components of the tensor

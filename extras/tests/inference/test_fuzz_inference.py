@@ -1,4 +1,4 @@
-"""Random valid networks through the functions of this extra."""
+"""Random valid networks through the functions of this folder."""
 
 from fuzzing import answers_or_explains, geometry
 from random_problems import numbers

@@ -1,4 +1,4 @@
-"""Random valid networks through the functions of this extra."""
+"""Random valid networks through the functions of this folder."""
 
 import numpy as np
 from fuzzing import answers_or_explains, geometry, relaxed

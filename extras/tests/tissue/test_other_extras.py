@@ -1,4 +1,4 @@
-"""What other extras say of a tissue."""
+"""What other folders of critflow-extras say of a tissue."""
 
 import numpy as np
 import pytest
