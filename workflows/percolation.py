@@ -250,8 +250,7 @@ def spread_figure(ds):
             printed = float(np.nanmedian(first)) if spreads[0] == 0 else np.nan
         axes.axhline(printed, color="0.3", linestyle="--", linewidth=1)
         axes.axvline(PRINTED_SPREAD, color="0.3", linestyle=":", linewidth=1)
-        axes.set(xlabel="spread of rest lengths $s$", xlim=(0, spreads.max()), title=f"paper: {words}")
-        axes.set_ylabel(label)
+        axes.set(xlabel="spread of rest lengths $s$", xlim=(0, spreads.max()), title=f"paper: {words}", ylabel=label)
     for axes in (panels[2], panels[5]):
         axes.set_yscale("log")
     # C_B grows without end as edges shrink.

@@ -17,7 +17,6 @@ from critflow.studies.shared.populations import (
     LABELS,
     MEANING,
     NAMES,
-    NARROW,
     PAPER_POPULATIONS,
     POPULATION_LABELS,
     configuration,
@@ -32,6 +31,8 @@ from critflow.paths import check_strains
 from critflow.pictures import COLOURS
 from critflow_extras import foam_network
 from critflow_extras.foams.foams import FOAM_HARD_CORE, check_foam
+
+from .shared.parts import NARROW
 
 
 def case(parameters, *, seed, population, wanted):

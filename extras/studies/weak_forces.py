@@ -11,7 +11,7 @@ Random rest lengths (`random_lengths`) have s = 0.1, not the 0.3 of the paper, s
 import numpy as np
 from critflow.studies.shared.checks import voronoi_check
 from critflow.studies.shared.figures import counted, legend_below, lettered, panels
-from critflow.studies.shared.populations import LABELS, NAMES, NARROW, PAPER_POPULATIONS, configuration
+from critflow.studies.shared.populations import LABELS, NAMES, PAPER_POPULATIONS, configuration
 from critflow.studies.shared.reports import PAPER, finite, parameters, series, spread
 from critflow.studies.shared.tables import network_study, numbers, outcomes
 
@@ -22,6 +22,8 @@ from critflow.engine.study import plural
 from critflow.quantities import transition_modulus
 from critflow_extras.weak.weak_equilibrium import weak_equilibrium
 from critflow_extras.weak.weak_modulus import WeakModulus
+
+from .shared.parts import NARROW
 
 SOURCES = (
     f"{PAPER}; Lerner and Bouchbinder, Scaling theory of critical strain-stiffening in disordered elastic networks "

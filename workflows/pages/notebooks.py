@@ -29,7 +29,6 @@ DOCS = Path(__file__).parents[2] / "docs"
 FOLDER, EXTRAS = DOCS / "notebooks", DOCS.parent / "extras" / "docs" / "notebooks"
 PAGES = ("tutorial", "question")
 FENCED = re.compile(r"^```(\w+)\n(.*?)^```\n", flags=re.M | re.S)
-PICTURE = re.compile(r"(!\[[^\]]*\]\()(pictures/\w+\.\w+\))")
 SHARPNESS = 72  # dots per inch of a picture
 LONGEST_TABLE = 10_000  # characters of HTML: a table of pandas, not the view of a dataset
 

@@ -134,9 +134,8 @@ def known_stiffening(manifold, critical, deformation):
 
 def coefficients(critical):
     """B_0, G_0, C_B and C_G of one configuration and the bounds on their errors, (4,) each; NaN where not defined."""
-    found = stiffening(critical, throw=False)
-    errors = NO_STIFFENING if isinstance(found.stats.error_bound, float) else found.stats.error_bound
-    return [np.array([each.bulk_0, each.shear_0, each.C_B, each.C_G]) for each in (found.value, errors)]
+    both = known_stiffening(None, critical, "dilation")
+    return [np.array([each.bulk_0, each.shear_0, each.C_B, each.C_G]) for each in both]
 
 
 def stressed_fraction(sigma):

@@ -15,5 +15,4 @@ def plane(axes, ensemble, x, y, medians=False):
         axes.plot(one[x], one[y], ".", markersize=4, label=symbol, **style)
         if medians:
             axes.plot(one[x].median(), one[y].median(), "o", markeredgecolor="k", **style)
-    axes.set_xlabel(label(ensemble[x]))
-    axes.set_ylabel(label(ensemble[y]))
+    axes.set(xlabel=label(ensemble[x]), ylabel=label(ensemble[y]))

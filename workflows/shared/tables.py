@@ -1,7 +1,5 @@
 """Tables of variables by their dimensions, and the arrays of a case from the numbers of its parts."""
 
-import time
-
 import numpy as np
 
 from critflow import Status
@@ -46,11 +44,6 @@ def outcomes(dims, /, **long_names):
     return [Variable(name, dims, "i1", long_name=text, flags=Status) for name, text in long_names.items()]
 
 
-def seconds(dims, /, **long_names):
-    """Variables with times, which differ from run to run."""
-    return [Variable(name, dims, "f8", long_name=text, volatile=True) for name, text in long_names.items()]
-
-
 def network_study(*, variables, n=10, references=PAPER, **more):
     """A study whose cases are n generated networks, each with the status of the whole case as its last variable."""
     status = outcomes(("seed",), status="outcome of the case")
@@ -81,10 +74,3 @@ def padded(values, n, fill=np.nan):
     result = np.full((n, *values.shape[1:]), fill)
     result[: len(values)] = values
     return result
-
-
-def timed(function, *arguments, **options):
-    """The result of a call, and its processor time in seconds."""
-    start = time.process_time()
-    result = function(*arguments, **options)
-    return result, time.process_time() - start

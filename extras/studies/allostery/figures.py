@@ -2,13 +2,14 @@
 
 import numpy as np
 from critflow.studies.shared.figures import counted, legend_below, lettered, panels
-from critflow.studies.shared.populations import LABELS, NARROW, PAPER_POPULATIONS
+from critflow.studies.shared.populations import LABELS, PAPER_POPULATIONS
 from critflow.studies.shared.reports import half_point, parameters, series
 from matplotlib.collections import LineCollection
 
 from critflow.pictures import periodic_segments
 from critflow_extras.local.drawing import add_response, response_legend
 
+from ..shared.parts import NARROW
 from .measurements import BINS, KINDS, LIMITED, N_SOURCES, NOISES, REACHED, STRESSES, STYLES
 
 LOST = 0.1  # error of a response that is lost

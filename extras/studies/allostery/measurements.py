@@ -1,13 +1,15 @@
 """What is measured of one network: untrained responses, capacities, and what trained responses cost."""
 
 import numpy as np
-from critflow.studies.shared.populations import NARROW, PAPER_POPULATIONS, configuration
+from critflow.studies.shared.populations import PAPER_POPULATIONS, configuration
 from critflow.studies.shared.tables import stacked
 
 import critflow as cf
 import critflow_extras as ce
 from critflow.engine import stable_rng
 from critflow_extras.local.diagonals import face_diagonals, response_name
+
+from ..shared.parts import NARROW
 
 KINDS = ("signs", "amplitudes")  # of the goals: ±1, and uniform between −1 and 1
 N_SOURCES = 3  # of the conditions of a capacity

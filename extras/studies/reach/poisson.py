@@ -7,7 +7,7 @@ that shares no code with the design.  `support` has the ratios of networks at th
 import numpy as np
 from critflow.studies.shared.figures import counted, panels, readable
 from critflow.studies.shared.reports import finite, parameters
-from critflow.studies.shared.tables import numbers, outcomes, seconds, stacked, timed
+from critflow.studies.shared.tables import numbers, outcomes, stacked
 from matplotlib import colormaps
 
 import critflow as cf
@@ -16,6 +16,8 @@ from critflow.deformation import strain_basis
 from critflow.engine import Claim
 from critflow.engine.study import plural
 from critflow_extras.design_stiffness.stiffnesses import isotropic_targets
+
+from ..shared.parts import seconds, timed
 
 ANGLES = np.linspace(0, np.pi, 12, endpoint=False)
 BOUND_OF_ERROR, WITHIN = 6e-4, 0.005  # a tenth of the errors of the literature

@@ -10,13 +10,14 @@ A stretch along x with free sides has Poisson's ratio ν = S_xx/S_yy, which is p
 import numpy as np
 from critflow.studies.shared.figures import counted, legend_below, lettered, panels
 from critflow.studies.shared.reports import finite, parameters, series
-from critflow.studies.shared.structure import scaled_stress
 from critflow.studies.shared.tables import bounded, numbers, stacked
 
 import critflow as cf
 from critflow.engine import Claim
 from critflow.engine.study import plural
 from critflow.quantities import PenalisedModulus, transition_modulus
+
+from ..shared.parts import scaled_stress
 
 # A = cos(angle)·1 + sin(angle)·diag(1, −1): the first component of s is tr S, the second S_xx − S_yy, halved.
 MEAN, DIFFERENCE = np.eye(2), np.diag([1.0, -1.0])

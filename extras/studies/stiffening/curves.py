@@ -4,14 +4,16 @@ C_B is prescribed to âˆ’0.05, 0 and 0.3 at B_0 = 0.25, and each is strained to Î
 """
 
 import numpy as np
-from critflow.studies.shared.figures import counted, lettered, panels, signed
-from critflow.studies.shared.reports import MISSED, parameters, series
+from critflow.studies.shared.figures import counted, lettered, panels
+from critflow.studies.shared.reports import parameters, series
 from critflow.studies.shared.tables import bounded, outcomes
 
 import critflow as cf
 import critflow_extras as ce
 from critflow.engine import Claim
 from critflow.engine.study import plural
+
+from ..shared.parts import MISSED, signed
 
 MODULUS = 0.25
 GROWTH = {"softens": -0.05, "keeps": 0.0, "stiffens": 0.3}

@@ -1,7 +1,7 @@
 """Stiffening at a fixed force network: isogonal changes of the lengths move C_B and C_G at the same B_0 and G_0."""
 
 import numpy as np
-from critflow.studies.shared.figures import counted, draw_in_cell, heading, lettered, page, segments, signed
+from critflow.studies.shared.figures import counted, heading, lettered, page
 from critflow.studies.shared.measurements import coefficients
 from critflow.studies.shared.reports import parameters, series, status_counts
 from critflow.studies.shared.tables import bounded, numbers, outcomes, stacked
@@ -9,6 +9,8 @@ from critflow.studies.shared.tables import bounded, numbers, outcomes, stacked
 import critflow as cf
 import critflow_extras as ce
 from critflow.engine import Claim
+
+from ..shared.parts import draw_in_cell, segments, signed
 
 
 def family(parameters, seed):

@@ -7,13 +7,13 @@ Random rest lengths (`random_lengths`) have s = 0.1, not the 0.3 of the paper, s
 """
 
 from critflow.studies.shared.checks import check_network, voronoi_check
-from critflow.studies.shared.populations import NARROW
 from critflow.studies.shared.tables import network_study
 
 from critflow import Status, voronoi_network
 from critflow.engine import Coordinate
 from critflow.result import StudyError
 
+from ..shared.parts import NARROW
 from . import curves, isogonal, triples
 
 

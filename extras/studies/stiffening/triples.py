@@ -10,13 +10,15 @@ import numpy as np
 from critflow.studies.shared.figures import counted, legend_below, lettered, panels
 from critflow.studies.shared.measurements import coefficients
 from critflow.studies.shared.populations import LABELS, PAPER_POPULATIONS, configuration
-from critflow.studies.shared.reports import MISSED, parameters, series
-from critflow.studies.shared.tables import bounded, numbers, outcomes, seconds, stacked, timed
+from critflow.studies.shared.reports import parameters, series
+from critflow.studies.shared.tables import bounded, numbers, outcomes, stacked
 
 import critflow as cf
 import critflow_extras as ce
 from critflow.engine import Claim, stable_rng
 from critflow.engine.study import plural
+
+from ..shared.parts import MISSED, seconds, timed
 
 STIFFEST = "max_B_0"
 SOURCES = (*PAPER_POPULATIONS, "log-normal stress")

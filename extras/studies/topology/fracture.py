@@ -6,7 +6,7 @@ again at a strain γ_c on a path of deformations.  Each next edge is chosen by t
 """
 
 import numpy as np
-from critflow.studies.shared.figures import counted, draw_in_cell, heading, page, readable, segments
+from critflow.studies.shared.figures import counted, heading, page, readable
 from critflow.studies.shared.measurements import moduli_with_bounds
 from critflow.studies.shared.reports import finite, parameters, series, spread
 from critflow.studies.shared.tables import bounded, numbers, outcomes, padded, stacked
@@ -18,6 +18,8 @@ from critflow.engine import Claim
 from critflow.engine.study import plural
 from critflow.result import NetworkError
 from critflow.taut_part import backbone
+
+from ..shared.parts import draw_in_cell, segments
 
 # Relative difference of tensions that only rounding tells apart; those of other edges differ by 1e-4 or more.
 TIED = 1e-9

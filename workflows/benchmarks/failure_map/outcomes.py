@@ -39,7 +39,6 @@ class Violation(IntEnum):
     not_finite = 3  # status ok, and an answer that is not a number
     warning = 4
     exception = 5  # an exception that is not a CritflowError
-    status = 6  # a status that contradicts the network; of earlier maps
 
 
 class Unavailable(Exception):

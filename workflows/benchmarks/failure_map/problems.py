@@ -5,7 +5,7 @@ Errors at construction belong to the answer, so everything is made at first use.
 
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
-from functools import cached_property
+from functools import cached_property, partial
 
 import numpy as np
 
@@ -180,16 +180,13 @@ def _spread(strength, seed, n_vertices):
     return Problem(_standard(n_vertices, seed), lambda network: 10.0 ** (strength * powers))
 
 
-def _one_edge(power):
-    def problem(strength, seed, n_vertices):
-        def stress(network):
-            sigma = 0.5 + _draw(seed, "edge").random(network.n_edges)
-            sigma[7 * seed % network.n_edges] = 10.0 ** (power * strength)
-            return sigma
+def _one_edge(strength, seed, n_vertices, power):
+    def stress(network):
+        sigma = 0.5 + _draw(seed, "edge").random(network.n_edges)
+        sigma[7 * seed % network.n_edges] = 10.0 ** (power * strength)
+        return sigma
 
-        return Problem(_standard(n_vertices, seed), stress, lengths=lambda network: np.minimum(1, 1 / stress(network)))
-
-    return problem
+    return Problem(_standard(n_vertices, seed), stress, lengths=lambda network: np.minimum(1, 1 / stress(network)))
 
 
 def _faint_cut(strength, seed, n_vertices):
@@ -210,10 +207,7 @@ def _near_singular(strength, seed, n_vertices):
     def stress(network):
         sigma, edge = np.ones(network.n_edges), 5 * (seed + 1) % network.n_edges
         # P is that of σ = 1 and (σ_0 − 1) g₀ᵀg₀ more; r = g₀ P⁻¹ g₀ᵀ.
-        row = np.zeros(network.n_edges)
-        row[edge] = 1.0
-        g = network.free_incidence.toarray()
-        r = _resistance(network, g[edge])
+        r = _resistance(network, network.free_incidence.toarray()[edge])
         critical = float(1 - 1 / r)
         sigma[edge] = critical * (1 - strength)
         return sigma
@@ -304,13 +298,9 @@ def _subdivided(n):
     return Network(np.array(edges), np.array(offsets), n * np.eye(2), positions=np.array(positions, dtype=float))
 
 
-def _deformed(gradient):
+def _deformed(strength, seed, n_vertices, gradient):
     """The standard network in the cell deformed by F(strength)."""
-
-    def problem(strength, seed, n_vertices):
-        return Problem(lambda: _standard(n_vertices, seed)().deformed(gradient(strength)), _generic(seed))
-
-    return problem
+    return Problem(lambda: _standard(n_vertices, seed)().deformed(gradient(strength)), _generic(seed))
 
 
 def _skew_cell(strength, seed, n_vertices):
@@ -343,7 +333,7 @@ DIFFICULTIES = {
     ),
     "faint_edge": Difficulty(
         "one edge at σ = $10^{-x}$", (2, 4, 6, 8, 10, 12, 14, 16, 18, 20, 30, 50, 100, 150, 200, 300),
-        _one_edge(-1), (*CONFIGURATION, "equilibrium_newton", "linear_response"),
+        partial(_one_edge, power=-1), (*CONFIGURATION, "equilibrium_newton", "linear_response"),
     ),
     "faint_cut": Difficulty(
         "two vertices joined at σ = $10^{-x}$",
@@ -352,7 +342,7 @@ DIFFICULTIES = {
     ),
     "short_edge": Difficulty(
         "one edge at σ = $10^x$", (1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 12, 14, 16, 18, 20, 100),
-        _one_edge(1), (*CONFIGURATION, *SPRINGS, *LENGTHS),
+        partial(_one_edge, power=1), (*CONFIGURATION, *SPRINGS, *LENGTHS),
     ),
     "near_singular": Difficulty(
         "distance to a singular P",
@@ -394,11 +384,13 @@ DIFFICULTIES = {
     ),
     "anisotropic_cell": Difficulty(
         "aspect ratio of the cell", (1e1, 1e2, 1e3, 1e4, 1e5, 1e6),
-        _deformed(lambda aspect: np.diag([aspect**0.5, aspect**-0.5])), (*CONFIGURATION, *SPRINGS, "lengths_conic"),
+        partial(_deformed, gradient=lambda aspect: np.diag([aspect**0.5, aspect**-0.5])),
+        (*CONFIGURATION, *SPRINGS, "lengths_conic"),
     ),
     "sheared_cell": Difficulty(
         "simple shear of the cell", (0.1, 0.3, 1, 3, 10, 30, 100),
-        _deformed(lambda gamma: np.array([[1.0, gamma], [0.0, 1.0]])), (*CONFIGURATION, *SPRINGS, "lengths_conic"),
+        partial(_deformed, gradient=lambda gamma: np.array([[1.0, gamma], [0.0, 1.0]])),
+        (*CONFIGURATION, *SPRINGS, "lengths_conic"),
     ),
     "skew_cell": Difficulty(
         "multiples of a cell vector added", (1, 10, 100, 1e3, 1e4, 1e5, 1e6),

