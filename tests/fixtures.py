@@ -20,6 +20,8 @@ from matplotlib.figure import Figure
 from skips import pytest_terminal_summary  # noqa: F401 (a hook)
 from units import INVERSE, PLAIN, SCALED
 
+from critflow.command.main import main
+
 
 def pytest_configure(config):
     settings.register_profile("reproducible", max_examples=20, deadline=None, derandomize=True)
@@ -49,6 +51,18 @@ def pytest_collection_modifyitems(items):
 def units(request):
     """A test runs with lengths near one and stiffnesses of one, and with both far from it."""
     return request.param
+
+
+@pytest.fixture
+def said(capsys):
+    """`said(words, code)` gives a command and returns what it wrote to stdout and stderr."""
+
+    def of(words, code=0):
+        capsys.readouterr()
+        assert main(words) == code
+        return capsys.readouterr()
+
+    return of
 
 
 @pytest.fixture(autouse=True)
