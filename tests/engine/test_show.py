@@ -26,11 +26,9 @@ def results(tmp_path_factory):
     ("setting", "word"),
     [("sed=1", "'seed'"), ("population=flopy", "'floppy'"), ("seed=1", "add --set population=random")],
 )
-def test_a_mistake_in_the_choice_gives_one_sentence_and_draws_nothing(results, capsys, setting, word):
+def test_a_mistake_in_the_choice_gives_one_sentence_and_draws_nothing(results, said, setting, word):
     before = sorted(results.rglob("*"))
-    capsys.readouterr()
-    assert main(["show", str(results / "tiny.nc"), "--set", setting]) == 2
-    out, err = capsys.readouterr()
+    out, err = said(["show", str(results / "tiny.nc"), "--set", setting], 2)
     assert (out, len(err.splitlines())) == ("", 1)
     assert err.startswith("critflow: ") and word in err
     assert sorted(results.rglob("*")) == before
