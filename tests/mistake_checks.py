@@ -5,14 +5,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 from distributed import Client
+from fixtures import TINY
 from refusals import of_bounded_length
 
 import critflow as cf
 from critflow import CritflowError
 from critflow.command.main import main
 from critflow.engine import dask_workers
-
-TINY = str(Path(__file__).parent / "engine" / "tiny_study.py")
 
 NETWORK = cf.voronoi_network(n_vertices=60, seed=1)
 MANIFOLD = cf.CriticalManifold(NETWORK)
@@ -68,14 +67,6 @@ def give_their_codes_and_sentences(commands):
         assert contents(here) == before or name in late
 
     return test
-
-
-@pytest.fixture(scope="module")
-def results(tmp_path_factory):
-    """The results of a study without physics; tests only read them."""
-    folder = tmp_path_factory.mktemp("results")
-    assert main(["run", TINY, "--out", str(folder), "--workers", "0"]) == 0
-    return folder
 
 
 @pytest.fixture

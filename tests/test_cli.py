@@ -9,10 +9,9 @@ from pathlib import Path
 
 import pytest
 import xarray as xr
+from fixtures import TINY
 
 from critflow.command.main import main
-
-TINY = Path(__file__).parent / "engine" / "tiny_study.py"
 
 
 @pytest.fixture
@@ -20,7 +19,7 @@ def here(tmp_path, monkeypatch):
     """A working directory with a study in ./workflows."""
     monkeypatch.chdir(tmp_path)
     (tmp_path / "workflows").mkdir()
-    (tmp_path / "workflows" / "tiny.py").write_text(TINY.read_text())
+    (tmp_path / "workflows" / "tiny.py").write_text(Path(TINY).read_text())
     return tmp_path
 
 
@@ -66,7 +65,7 @@ def test_an_unexpected_error_is_one_line_and_its_traceback_on_request(tmp_path, 
 
 
 def test_a_figure_that_fails_does_not_stop_the_claims(here, said):
-    source = TINY.read_text().replace("picture = Figure()", "raise ArithmeticError('no ink')")
+    source = Path(TINY).read_text().replace("picture = Figure()", "raise ArithmeticError('no ink')")
     (here / "workflows" / "tiny.py").write_text(source)
     err = said(["run", "tiny", "--workers", "0"], 1).err
     assert "modulus" in err and "ArithmeticError: no ink" in err and "Traceback" not in err

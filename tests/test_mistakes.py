@@ -4,6 +4,7 @@ from dataclasses import FrozenInstanceError
 
 import numpy as np
 import pytest
+from fixtures import TINY
 from mistake_checks import (  # noqa: F401 (fixtures)
     BEST,
     CRITICAL,
@@ -12,12 +13,10 @@ from mistake_checks import (  # noqa: F401 (fixtures)
     MANIFOLD,
     NETWORK,
     STATE,
-    TINY,
     WIDE,
     give_their_codes_and_sentences,
     give_their_sentences,
     here,
-    results,
 )
 from refusals import refused
 

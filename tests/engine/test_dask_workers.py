@@ -25,7 +25,7 @@ import pytest
 import xarray as xr
 from distributed import LocalCluster
 from distributed.security import Security
-from disturbed import begun, ended, messages, numbers_of, stored_whole
+from disturbed import begun, ended, messages, numbers_of, stored_files, stored_whole, wait_until
 from problems import forbidden
 
 from critflow.command.main import main
@@ -118,13 +118,9 @@ def fatal():
 def test_a_worker_that_is_killed_while_the_run_stops_fails_no_case(tmp_path):
     out = tmp_path / "out"
     run = begun(out, ["seeds=0:3"], workers=1, environment={"CRITFLOW_TEST_PAUSE": "20"}, prepare=fatal)
-    while not (traces := list((out / "failed").glob(".*.trace"))):
-        assert run.is_alive(), messages(out)
-        time.sleep(0.05)
+    traces = wait_until(lambda: list((out / "failed").glob(".*.trace")), run.is_alive, lambda: messages(out))
     os.kill(run.pid, signal.SIGINT)
-    while not (out / ".stop").exists():
-        assert run.is_alive(), messages(out)
-        time.sleep(0.05)
+    wait_until((out / ".stop").exists, run.is_alive, lambda: messages(out))
     time.sleep(0.5)
     children = psutil.Process(run.pid).children(recursive=True)
     (worker,) = [one for one in children if str(traces[0]) in {file.path for file in one.open_files()}]
@@ -272,9 +268,7 @@ def accepts_a_stranger(port):
 def test_a_local_run_listens_on_loopback_and_answers_nobody_without_its_key(tmp_path, start, number):
     """Another user of the machine reaches the ports, and gets neither a connection nor a page."""
     process = start(tmp_path, "seeds=0:60", workers=1, study="plain", environment={"CRITFLOW_TEST_PAUSE": "2"})
-    while not list((tmp_path / "shards").glob("*.nc")):
-        assert process.poll() is None, process.communicate()
-        time.sleep(0.05)
+    wait_until(lambda: stored_files(tmp_path), lambda: process.poll() is None, process.communicate)
     command = psutil.Process(process.pid)
     found = listening([command, *command.children(recursive=True)])
     assert len(found) >= 2  # the scheduler and a worker at least
@@ -300,9 +294,7 @@ def remote(tmp_path):
     file, options = tmp_path / "scheduler.json", {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
     words = ("--host=127.0.0.1", "--port=0", "--no-dashboard", "--no-show", f"--scheduler-file={file}")
     processes = {"scheduler": subprocess.Popen([*DASK, "scheduler", *words], **options)}
-    while not file.exists():
-        assert processes["scheduler"].poll() is None
-        time.sleep(0.05)
+    wait_until(file.exists, lambda: processes["scheduler"].poll() is None)
     words = (f"--scheduler-file={file}", "--nthreads=1", "--no-nanny", "--no-dashboard")
     environment = os.environ | {"PYTHONPATH": os.pathsep.join(path for path in sys.path if path)}
     environment["CRITFLOW_TEST_PAUSE"] = "0.1"
@@ -318,9 +310,7 @@ def test_a_scheduler_or_its_last_worker_that_dies_ends_the_run_in_one_sentence(t
     address, processes = remote
     more = ("seeds=0:200",)
     run = begun(tmp_path / "out", more, workers=None, options=("--scheduler", address, "--insecure"), prepare=impatient)
-    while not list((tmp_path / "out" / "shards").glob("*.nc")):
-        assert run.is_alive(), messages(tmp_path / "out")
-        time.sleep(0.05)
+    wait_until(lambda: stored_files(tmp_path / "out"), run.is_alive, lambda: messages(tmp_path / "out"))
     processes[dead].kill()
     assert ended(run, 60.0) == 6, messages(tmp_path / "out")
     first, last = messages(tmp_path / "out").strip().splitlines()

@@ -1,7 +1,5 @@
 """The choice of a case of a dataset by the command, and its figure."""
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 import xarray as xr
@@ -9,17 +7,6 @@ import xarray as xr
 import critflow as cf
 from critflow import InputError, Status, extensions
 from critflow.command.cases import draw_case
-from critflow.command.main import main
-
-TINY = str(Path(__file__).parent / "tiny_study.py")
-
-
-@pytest.fixture(scope="module")
-def results(tmp_path_factory):
-    """A finished run of the tiny study; tests only read it."""
-    folder = tmp_path_factory.mktemp("results")
-    assert main(["run", TINY, "--out", str(folder), "--workers", "0"]) == 0
-    return folder
 
 
 @pytest.mark.parametrize(

@@ -10,7 +10,7 @@ from dataclasses import replace
 import netCDF4
 import numpy as np
 import pytest
-from disturbed import STUDY, begun, ended, stamps_of, words_of
+from disturbed import STUDY, begun, ended, stamps_of, wait_until, words_of
 
 from critflow.command.main import main
 from critflow.engine import store
@@ -122,9 +122,7 @@ SLOW = {"CRITFLOW_TEST_PAUSE": "100"}
 def holder(tmp_path):
     """A run in the middle of its first case."""
     process = begun(tmp_path / "out", environment=SLOW)
-    while not (tmp_path / "out" / "study.json").exists():
-        assert process.is_alive()
-        time.sleep(0.01)
+    wait_until((tmp_path / "out" / "study.json").exists, process.is_alive)
     yield process
     process.kill()
     process.join()
