@@ -397,7 +397,9 @@ COMMANDS = {
 }
 
 test_a_wrong_call_gives_its_kind_of_error_and_its_sentence = give_their_sentences(CALLS)
-test_a_wrong_command_gives_its_exit_code_and_its_sentence = give_their_codes_and_sentences(COMMANDS)
+test_a_wrong_command_gives_its_exit_code_and_its_sentence = give_their_codes_and_sentences(
+    COMMANDS, longest=400, silent=True
+)
 
 
 @pytest.mark.parametrize("name", ACCEPTED)
