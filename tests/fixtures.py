@@ -7,6 +7,7 @@ studies; `.ci/run` does that.
 
 import os
 from contextlib import contextmanager, nullcontext
+from pathlib import Path
 
 # Before NumPy is imported: the tests run in one process per core, and threads of BLAS in each of them wait for the
 # cores of the others, at twice the processor time.
@@ -19,6 +20,10 @@ from hypothesis import settings
 from matplotlib.figure import Figure
 from skips import pytest_terminal_summary  # noqa: F401 (a hook)
 from units import INVERSE, PLAIN, SCALED
+
+from critflow.command.main import main
+
+TINY = str(Path(__file__).parent / "engine" / "tiny_study.py")
 
 
 def pytest_configure(config):
@@ -49,6 +54,27 @@ def pytest_collection_modifyitems(items):
 def units(request):
     """A test runs with lengths near one and stiffnesses of one, and with both far from it."""
     return request.param
+
+
+@pytest.fixture(scope="session")
+def results(tmp_path_factory, empty_pictures):
+    """The results of a study without physics; tests only read them."""
+    folder = tmp_path_factory.mktemp("results")
+    with empty_pictures():
+        assert main(["run", TINY, "--out", str(folder), "--workers", "0"]) == 0
+    return folder
+
+
+@pytest.fixture
+def said(capsys):
+    """`said(words, code)` gives a command and returns what it wrote to stdout and stderr."""
+
+    def of(words, code=0):
+        capsys.readouterr()
+        assert main(words) == code
+        return capsys.readouterr()
+
+    return of
 
 
 @pytest.fixture(autouse=True)

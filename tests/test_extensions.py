@@ -45,15 +45,12 @@ def greet(word):
 """
 
 
-def test_a_command_joins_by_an_entry_point(joining, capsys):
+def test_a_command_joins_by_an_entry_point(joining, said):
     joining("[critflow.commands]\ngreet = guest_command:greet\nrun = guest_command:greet\n", guest_command=COMMAND)
-    assert main(["greet", "world"]) == 0
-    assert capsys.readouterr().out == "hello world\n"
-    assert main(["--help"]) == 0
-    assert "  greet    Print a word.\n" in capsys.readouterr().out
+    assert said(["greet", "world"]).out == "hello world\n"
+    assert "  greet    Print a word.\n" in said(["--help"]).out
     # A word of the scene stays that of the scene.
-    assert main(["run", "--help"]) == 0
-    assert "Compute a study" in capsys.readouterr().out
+    assert "Compute a study" in said(["run", "--help"]).out
 
 
 QUANTITY = """
@@ -93,17 +90,15 @@ BROKEN = {  # the text of its module, and a word of the sentence
 
 
 @pytest.mark.parametrize("mistake", BROKEN)
-def test_a_broken_package_does_not_break_the_scene(joining, capsys, mistake):
+def test_a_broken_package_does_not_break_the_scene(joining, said, mistake):
     text, word = BROKEN[mistake]
     entries = "[critflow.commands]\ngreet = guest_broken:greet\n[critflow.quantities]\nguest = guest_broken:greet\n"
     joining(entries, **({"guest_broken": text} if text else {}))
-    assert main(["--help"]) == 0
-    out, err = capsys.readouterr()
+    out, err = said(["--help"])
     assert "  run " in out and "  greet " not in out
     sentence = err.splitlines()
     assert len(sentence) == 1 and word in err and "install guest again" in err
-    assert main(["greet", "world"]) == 6
-    assert capsys.readouterr().err == err
+    assert said(["greet", "world"], 6).err == err
     assert main(["list", "ensemble"]) == 0
     network = lattice("honeycomb", 2, 2)
     assert quantity(network, "B_0").name == "B_0"

@@ -4,6 +4,7 @@ from dataclasses import FrozenInstanceError
 
 import numpy as np
 import pytest
+from fixtures import TINY
 from mistake_checks import (  # noqa: F401 (fixtures)
     BEST,
     CRITICAL,
@@ -12,12 +13,10 @@ from mistake_checks import (  # noqa: F401 (fixtures)
     MANIFOLD,
     NETWORK,
     STATE,
-    TINY,
     WIDE,
     give_their_codes_and_sentences,
     give_their_sentences,
     here,
-    results,
 )
 from refusals import refused
 
@@ -267,6 +266,7 @@ COMMANDS = {
     "command misspelt": (["rnu"], 2, "No such command 'rnu'", "did you mean 'run'"),
     "option misspelt": (["run", TINY, "--worker", "2"], 2, "option '--worker'", "did you mean '--workers'"),
     "option of no command misspelt": (["--vesrion"], 2, "No such option '--vesrion'", "did you mean '--version'"),
+    "option of show misspelt": (["show", "RESULTS/tiny.nc", "--seed", "1"], 2, "No such"),
     "no study": (["run"], 2, "Missing argument 'NAME|FILE'", "critflow run --help"),
     "no folder": (["status"], 2, "Missing argument 'DIR'", "critflow status --help"),
     "empty study": (["run", ""], 2, "the study '' is empty", "give the name of a study, or its file NAME.py"),
@@ -277,6 +277,7 @@ COMMANDS = {
     "list a misspelt study": (["list", "ensembel"], 2, "no study 'ensembel'", "did you mean 'ensemble'?"),
     # Settings
     "setting without --set": (["run", TINY, "seeds=0:2"], 2, "seeds=0:2", "write --set before KEY=VALUE"),
+    "--set without a study": (["run", "--set", "seeds=1"], 2, "Missing"),
     "--set without a setting": (["run", TINY, "--set"], 2, "'--set' requires an argument"),
     "setting without a value": (["run", TINY, "--set", "seeds"], 2, "seeds has no value", "--set seeds=VALUE"),
     "setting misspelt": (
@@ -327,6 +328,7 @@ COMMANDS = {
     ),
     # Folders and processes
     "--out empty": (["run", TINY, "--out", ""], 2, "--out must be a non-empty path"),
+    "--out unprintable": (["run", TINY, "--out", "a\nb"], 2, "--out"),
     "--out is a file": (["run", TINY, "--out", "text.txt"], 6, "text.txt is a file", "give a folder with --out"),
     "--out below a file": (
         ["run", TINY, "--workers=0", "--out", "text.txt/x"],
@@ -350,14 +352,21 @@ COMMANDS = {
         ["run", TINY, "--cluster", "slurm"],
         *(2, "--cluster, --jobs and --part are gone", "dask-jobqueue", "--scheduler ADDRESS", "docs/command.md"),
     ),
+    "--part": (["run", TINY, "--part", "1/4"], 2, "--scheduler ADDRESS"),
+    "--jobs": (["run", TINY, "--jobs", "4"], 2, "--scheduler ADDRESS"),
+    "--cluster with --jobs": (["run", TINY, "--cluster", "slurm", "--jobs=4"], 2, "dask-jobqueue"),
     "--scheduler plain": (
         ["run", TINY, "--scheduler", "tcp://127.0.0.1:9"],
         *(2, "'tcp://127.0.0.1:9' is not encrypted", "use tls://, or add --insecure"),
     ),
+    "--scheduler without certificates": (["run", TINY, "--scheduler", "tls://127.0.0.1:9"], 2, "certificates"),
+    "--scheduler that does not answer": (["run", TINY, "--scheduler", "tcp://127.0.0.1:9", "--insecure"], 6, "answers"),
+    "--scheduler of a study that measures time": (["run", "alone.py", "--scheduler", "tls://a:1"], 2, "measures"),
     "--time-limit zero": (
         ["run", TINY, "--workers=1", "--time-limit", "0"],
         *(2, "--time-limit 0 must be a number above zero"),
     ),
+    "--time-limit NaN": (["run", TINY, "--workers=1", "--time-limit", "nan"], 2, "--time-limit"),
     "--time-limit without workers": (
         ["run", TINY, "--workers=0", "--time-limit", "5"],
         *(2, "limits need worker processes", "give --workers 1"),
@@ -366,6 +375,8 @@ COMMANDS = {
         ["run", TINY, "--workers=1", "--memory-limit=-1"],
         *(2, "--memory-limit -1 must be a number above zero"),
     ),
+    "--memory-limit with a scheduler": (["run", TINY, "--memory-limit=5", "--scheduler=tls://h"], 2, "--memory-limit"),
+    "status of a file": (["status", "text.txt"], 2, "results folder"),
     "status of no folder": (
         ["status", "nowhere"],
         *(2, "nowhere is not a results folder", "no study.json", "critflow run"),
@@ -386,7 +397,9 @@ COMMANDS = {
 }
 
 test_a_wrong_call_gives_its_kind_of_error_and_its_sentence = give_their_sentences(CALLS)
-test_a_wrong_command_gives_its_exit_code_and_its_sentence = give_their_codes_and_sentences(COMMANDS)
+test_a_wrong_command_gives_its_exit_code_and_its_sentence = give_their_codes_and_sentences(
+    COMMANDS, longest=400, silent=True
+)
 
 
 @pytest.mark.parametrize("name", ACCEPTED)

@@ -11,7 +11,6 @@ from mistake_checks import (  # noqa: F401 (fixtures)
     give_their_codes_and_sentences,
     give_their_sentences,
     here,
-    results,
 )
 
 import critflow as cf

@@ -1,7 +1,5 @@
 """The choice of a case of a dataset by the command, and its figure."""
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 import xarray as xr
@@ -9,28 +7,15 @@ import xarray as xr
 import critflow as cf
 from critflow import InputError, Status, extensions
 from critflow.command.cases import draw_case
-from critflow.command.main import main
-
-TINY = str(Path(__file__).parent / "tiny_study.py")
-
-
-@pytest.fixture(scope="module")
-def results(tmp_path_factory):
-    """A finished run of the tiny study; tests only read it."""
-    folder = tmp_path_factory.mktemp("results")
-    assert main(["run", TINY, "--out", str(folder), "--workers", "0"]) == 0
-    return folder
 
 
 @pytest.mark.parametrize(
     ("setting", "word"),
     [("sed=1", "'seed'"), ("population=flopy", "'floppy'"), ("seed=1", "add --set population=random")],
 )
-def test_a_mistake_in_the_choice_gives_one_sentence_and_draws_nothing(results, capsys, setting, word):
+def test_a_mistake_in_the_choice_gives_one_sentence_and_draws_nothing(results, said, setting, word):
     before = sorted(results.rglob("*"))
-    capsys.readouterr()
-    assert main(["show", str(results / "tiny.nc"), "--set", setting]) == 2
-    out, err = capsys.readouterr()
+    out, err = said(["show", str(results / "tiny.nc"), "--set", setting], 2)
     assert (out, len(err.splitlines())) == ("", 1)
     assert err.startswith("critflow: ") and word in err
     assert sorted(results.rglob("*")) == before

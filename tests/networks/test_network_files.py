@@ -6,6 +6,7 @@ import numpy as np
 import pandas as pd
 import pytest
 import xarray as xr
+from refusals import refused
 
 import critflow as cf
 from critflow import CriticalConfiguration, InputError, Network, extensions
@@ -101,11 +102,6 @@ def test_pins_are_written_where_they_are():
     assert cf.read_network(cf.to_tables(pinned)).pins[0] == 0.25
 
 
-def test_a_source_has_one_cell():
-    with pytest.raises(InputError, match="a cell of its own: leave cell= out"):
-        cf.read_network(cf.to_tables(NETWORKS["plane"]), cell=CELL)
-
-
 def test_a_solution_is_written_as_its_value():
     solution = cf.optimize(NETWORKS["plane"], "B_0")
     for one, other in zip(cf.to_tables(solution), cf.to_tables(solution.value), strict=True):
@@ -136,15 +132,6 @@ def test_a_case_of_a_dataset_is_its_network_and_its_configuration():
     np.testing.assert_array_equal(read.sigma, critical.sigma)
     np.testing.assert_array_equal(read.coordinates, critical.coordinates)
     np.testing.assert_array_equal(cf.read_network(cases.sel(seed=3)).edges, critical.network.edges)
-    for case, word in (
-        (cases, "choose one seed of the dataset"),
-        (cases.sel(seed=3).drop_vars("edges"), "lacks edges"),
-        (cases.sel(seed=3) * np.nan, "no configuration"),
-    ):
-        with pytest.raises(InputError, match=word):
-            cf.read_network(case)
-    with pytest.raises(InputError, match="no force densities"):
-        cf.read_critical(cases.sel(seed=3).drop_vars("sigma"))
 
 
 def test_tables_of_own_columns():
@@ -267,16 +254,36 @@ def test_a_broken_file_is_one_sentence(tmp_path, vertices, edges, word):
     assert "\n" not in str(refusal.value)
 
 
-def test_stresses_that_do_not_balance_are_refused():
-    edges, vertices = cf.to_tables(cf.optimize(NETWORKS["plane"], "B_0").value)
-    rounded = vertices.round({"x": 5, "y": 5})
-    rounded.attrs = vertices.attrs
-    with pytest.raises(InputError, match=r"do not balance.*all digits"):
-        cf.read_critical((edges, rounded))
-    for sigma, word in ((np.nan, "row 1 of column force_density"), (0.0, "do not balance")):
-        with pytest.raises(InputError, match=word):
-            cf.read_critical((edges.assign(force_density=sigma), vertices))
+BALANCED, CASES = dataset()
+ROWS, PLACES = cf.to_tables(BALANCED)
 
+
+def rounded(vertices):
+    """The table with five digits of the coordinates."""
+    found = vertices.round({"x": 5, "y": 5})
+    found.attrs = vertices.attrs
+    return found
+
+
+test_sources_that_contradict_themselves_are_refused = refused(
+    {
+        "two cells": (
+            lambda: cf.read_network(cf.to_tables(NETWORKS["plane"]), cell=CELL),
+            "a cell of its own: leave cell= out",
+        ),
+        "two cases": (lambda: cf.read_network(CASES), "choose one seed of the dataset"),
+        "no edges": (lambda: cf.read_network(CASES.sel(seed=3).drop_vars("edges")), "lacks edges"),
+        "a failed case": (lambda: cf.read_network(CASES.sel(seed=3) * np.nan), "no configuration"),
+        "no stresses": (lambda: cf.read_critical(CASES.sel(seed=3).drop_vars("sigma")), "no force densities"),
+        "rounded": (lambda: cf.read_critical((ROWS, rounded(PLACES))), r"do not balance.*all digits"),
+        "stresses NaN": (
+            lambda: cf.read_critical((ROWS.assign(force_density=np.nan), PLACES)),
+            "row 1 of column force_density",
+        ),
+        "stresses of zero": (lambda: cf.read_critical((ROWS.assign(force_density=0.0), PLACES)), "do not balance"),
+    },
+    InputError,
+)
 
 BARE = Network(NETWORKS["plane"].edges, NETWORKS["plane"].offsets, NETWORKS["plane"].cell)
 

@@ -49,11 +49,18 @@ def unreadable(text):
     return tags + [cell for row in rows for cell in row if len(cell.strip()) > 200]
 
 
-def test_html_and_long_cells_are_seen():
-    assert unreadable("| a | b |\n\n`<x>` <!-- comment -->") == []
-    assert unreadable("a<br>b &lt; c") == ["<br>", "&lt;"]
-    assert unreadable("- C_B/B_0\n  + 1/2") == ["  + 1/2"]
-    assert unreadable(f"| a | {'b' * 201} |") == [f" {'b' * 201} "]
+@pytest.mark.parametrize(
+    "text, seen",
+    [
+        ("| a | b |\n\n`<x>` <!-- comment -->", []),
+        ("a<br>b &lt; c", ["<br>", "&lt;"]),
+        ("- C_B/B_0\n  + 1/2", ["  + 1/2"]),
+        (f"| a | {'b' * 201} |", [f" {'b' * 201} "]),
+    ],
+    ids=["none", "HTML", "a list by chance", "a long cell"],
+)
+def test_html_and_long_cells_are_seen(text, seen):
+    assert unreadable(text) == seen
 
 
 def test_a_table_follows_its_summary(tmp_path):
@@ -156,11 +163,18 @@ def test_statements_are_entries_with_place_value_and_study(package):
     ]
 
 
-def test_a_value_is_cut_between_its_parts():
-    assert short("1; 2, 3") == "1; 2, 3"
-    assert short(f"{'a' * 100}; {'b' * 100}") == f"{'a' * 100}; …"
-    assert short(f"{'a' * 100} and {'b' * 50}, {'c' * 50}") == f"{'a' * 100} and …"
-    assert short("word " * 100) == "word " * (LONGEST // 5) + "…"
+@pytest.mark.parametrize(
+    "text, cut",
+    [
+        ("1; 2, 3", "1; 2, 3"),
+        (f"{'a' * 100}; {'b' * 100}", f"{'a' * 100}; …"),
+        (f"{'a' * 100} and {'b' * 50}, {'c' * 50}", f"{'a' * 100} and …"),
+        ("word " * 100, "word " * (LONGEST // 5) + "…"),
+    ],
+    ids=["whole", "at a semicolon", "at a word", "between words"],
+)
+def test_a_value_is_cut_between_its_parts(text, cut):
+    assert short(text) == cut
 
 
 def test_an_unknown_table_is_an_error():
