@@ -9,10 +9,11 @@ from critflow.result import InputError
 from critflow_extras.explore.model import OPTIMA, POPULATIONS, SPREAD
 from critflow_extras.explore.session import Session
 
-_IMPORTED = (
-    *("CriticalManifold", "critical_from_lengths", "nearest_critical", "network_from", "optimize"),
-    *("pruned", "stiffening", "strain_path", "elasticity", "voronoi_network"),
+_SCENE = (
+    *("CriticalManifold", "critical_from_lengths", "optimize", "stiffening", "strain_path", "elasticity"),
+    "voronoi_network",
 )
+_EXTRAS = ("nearest_critical", "network_from", "pruned")
 _AT_TRANSITION = "print(elasticity(critical).value, stiffening(critical).value)"
 _MODULI = "print(elasticity(critical).value)"
 _AT_REST = "print(elasticity(network, imported.positions).value)  # springs at rest, as in the file"
@@ -27,7 +28,9 @@ def script(session: Session) -> str:
     text = "\n".join(body)
     heads = ["import numpy as np"] * ("np." in text) + ["import xarray as xr"] * ("xr." in text)
     heads += [""] * bool(heads)
-    heads.append(f"from critflow import {', '.join(name for name in _IMPORTED if f'{name}(' in text)}")
+    for package, names in (("critflow", _SCENE), ("critflow_extras", _EXTRAS)):
+        if used := [name for name in names if f"{name}(" in text]:
+            heads.append(f"from {package} import {', '.join(used)}")
     heads += ["from critflow.isogonal import face_modes"] * ("face_modes(" in text)
     heads += ["from critflow.engine import stable_rng"] * ("stable_rng(" in text)
     return "\n".join([*heads, "", text, ""])
