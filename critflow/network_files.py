@@ -65,7 +65,7 @@ def read_network(source: Any, cell: ArrayLike | None = None) -> Network:
         return _network(*_tables(source), cell)
 
 
-def read_critical(source: Any, cell: ArrayLike | None = None) -> CriticalConfiguration:
+def read_critical(source: Any) -> CriticalConfiguration:
     """The critical configuration of the positions and the force densities σ of a source of `read_network`.
 
     Raises `InputError` also without force densities, and where they do not balance.
@@ -77,7 +77,7 @@ def read_critical(source: Any, cell: ArrayLike | None = None) -> CriticalConfigu
     """
     with _one_sentence(source):
         edges, vertices = _tables(source)
-        network = _network(edges, vertices, cell)
+        network = _network(edges, vertices, None)
         if "force_density" not in edges:
             raise InputError("it has no force densities: CriticalManifold(network).configuration(sigma) takes them")
         sigma = edge_values(_numbers(edges, "force_density"), network.n_edges, "force_density", positive=False)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import inspect
+from tempfile import mkdtemp
 
 import numpy as np
 import pytest
@@ -35,9 +36,9 @@ OF_FUNCTION = {
     "delaunay_network": {"n_vertices": 8, "points": None},
     "lattice": {"name": "square"},
     "deformation_of": {"value": "dilation"},
-    **dict.fromkeys(("read_network", "read_critical"), {"source": critflow.to_tables(CRITICAL)}),
-    **dict.fromkeys(("to_tables", "to_graph"), {"thing": CRITICAL}),
-    "write_network": {"thing": CRITICAL, "path": "n.csv"},
+    **{key: {"source": critflow.to_tables(CRITICAL)} for key in ("read_network", "read_critical")},
+    **{key: {"thing": CRITICAL} for key in ("to_tables", "to_graph")},
+    "write_network": {"thing": CRITICAL, "path": f"{mkdtemp()}/n.csv"},
 }
 # Functions that compute next to nothing.
 QUICK = {

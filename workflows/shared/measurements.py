@@ -234,6 +234,12 @@ COMMENTS = {
 }
 
 
+def _error_bound(name, dims):
+    """The variable of the bound on the rounding error of another one."""
+    state = ", before the stress is scaled to its sum of squares" if name == "position" else ""
+    return Variable(f"{name}_error_bound", dims, "f8", long_name=f"bound on the rounding error of {name}{state}")
+
+
 def table(planar):
     """The stored variables with their comments; shapes of faces in the plane only."""
     member, each = ("population", "seed"), ("population", "seed", "strain")
@@ -244,7 +250,6 @@ def table(planar):
         "kappa_phys": "mean shape anisotropy of the faces, λ the eigenvalues of the gyration tensor",
         "kappa_force": "mean shape anisotropy of the force triangles, λ likewise",
     }
-    scaled = {"position": ", before the stress is scaled to its sum of squares"}
     rows = (
         *NETWORK,
         *numbers(
@@ -283,13 +288,7 @@ def table(planar):
             optimality="residual of the method: projected gradient, or force",
         ),
         *numbers(member, "i4", iterations="iterations of the method that found the configuration"),
-        *(
-            Variable(
-                f"{name}_error_bound", each if name in _OF_PATH else member, "f8",
-                long_name=f"bound on the rounding error of {name}{scaled.get(name, '')}",
-            )
-            for name in BOUNDED
-        ),
+        *(_error_bound(name, each if name in _OF_PATH else member) for name in BOUNDED),
     )  # fmt: skip
     # Where an edge collapses the infimum is not attained, and its coefficients are not defined.
     growths = {*_growths(""), *bounds(_EXACT)}

@@ -11,7 +11,8 @@ from pathlib import Path
 
 import numpy as np
 
-from critflow import CritflowError, CriticalManifold, InputError, Network, read_network
+import critflow as cf
+from critflow import CritflowError, CriticalManifold, InputError, Network
 from critflow.extensions import from_extras, has_extras
 from critflow.manifold import require_one_stress_by_count
 from critflow.points import check_voronoi
@@ -87,7 +88,7 @@ def _network_of(file) -> Network:
     if not Path(file).suffix:
         raise StudyError(f"network={file} must be a file whose ending names its format, such as tissue.csv")
     try:
-        return read_network(file)
+        return cf.read_network(file)
     except InputError as error:
         if not has_extras():
             raise StudyError(f"network={error}") from error
