@@ -239,7 +239,7 @@ def _spread(attributes: Mapping[str, Any], name: str, columns: Sequence[str]) ->
 
 
 def stored_configuration(case: Any) -> dict[str, np.ndarray | None]:
-    """Edges, offsets, cell, position and stresses of a case, by name; no stresses are None.
+    """Edges, offsets, cell, position, stresses and stiffnesses of a case, by name; of the last two None if not stored.
 
     Raises `InputError` for a dataset without configurations, several cases, and a case without a configuration.
     """
@@ -255,14 +255,16 @@ def stored_configuration(case: Any) -> dict[str, np.ndarray | None]:
     if not np.isfinite(position).all():
         raise InputError("this case of the dataset has no configuration: see its status, or choose another")
     arrays: dict[str, np.ndarray | None] = {name: np.asarray(case[name]) for name in ("edges", "offsets", "cell")}
-    return arrays | {"position": position, "sigma": np.asarray(case["sigma"]) if "sigma" in case else None}
+    optional = {name: np.asarray(case[name]) if name in case else None for name in ("sigma", "stiffness")}
+    return arrays | {"position": position} | optional
 
 
 def _of_case(case: Any) -> Tables:
     """The tables of a case of a dataset."""
-    edges, offsets, cell, x, sigma = stored_configuration(case).values()
+    edges, offsets, cell, x, sigma, stiffness = stored_configuration(case).values()
     assert edges is not None and offsets is not None and x is not None
-    values = {} if sigma is None else {"force_density": sigma}
+    given = {"stiffness": stiffness, "force_density": sigma}
+    values = {name: value for name, value in given.items() if value is not None}
     return tables_of(edges, offsets, values, x, np.zeros(len(x), int), {"cell": cell})
 
 

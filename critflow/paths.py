@@ -102,6 +102,7 @@ _JUMPED = "the equilibrium jumps to another branch: the one followed ends before
 _LOOSENED = "the strain loosens the network, which is floppy on this side of the transition: change its sign"
 _ADVICE = "CriticalManifold(network).configuration(sigma) or optimize(network, 'B_0') makes one"
 _OF_STRESS = "change its stress, or remove it"
+_OF_CABLES = "paths of cables from given rest lengths (taut_only=True has the taut edges as springs at rest)"
 
 Start = Any
 """What a path starts from: each kind of which `start_of` knows the springs, or a solution with one."""
@@ -764,7 +765,7 @@ def _(start: Solution, law: SpringLaw | None, taut_only: bool) -> Beginning:
 def _(start: CriticalConfiguration, law: SpringLaw | None, taut_only: bool) -> Beginning:
     """Springs at rest: all edges, or the taut ones; cables where rest lengths are known."""
     if start.rest_lengths is not None and not taut_only:
-        return from_extras("cables_at_onset", "paths of cables")(start, start.rest_lengths, law)
+        return from_extras("cables_at_onset", _OF_CABLES)(start, start.rest_lengths, law)
     require_directions((start.lengths <= COLLAPSED * start.lengths.mean()) & (start.sigma != 0), _OF_STRESS)
     part, note = start, ""
     if not start.sigma.all():

@@ -39,7 +39,7 @@ def test_a_run_by_name_writes_its_folder(here, said):
     claims = json.loads((folder / "claims.json").read_text())
     assert [claim["verdict"] for claim in claims] == ["holds", "measured", "differs"]
     parts = ["residuals | are large: **differs**", "measured: 0.5 (4 networks)", "printed: 7", "criterion: = 7"]
-    entry = "\n  - ".join([*parts, "they are uniform below one"])
+    entry = "\n  - ".join([*parts, "remark: they are uniform below one"])
     assert f"- {entry}\n" in (folder / "claims.md").read_text()
     summary = json.loads((folder / "summary.json").read_text())
     assert (summary["count"], summary["nothing"]) == (4, None)

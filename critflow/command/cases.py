@@ -69,6 +69,7 @@ def draw_case(dataset: xr.Dataset, words: Sequence[str], path: Path | None, fold
         raise InputError("this case has no stresses: choose another, or see its status")
     graph = arrays["edges"], arrays["offsets"], arrays["cell"]
     network = Network(*graph)
+    network = network if arrays["stiffness"] is None else network.with_stiffness(arrays["stiffness"])
     critical = CriticalConfiguration(network, sigma, x, network.bond_vectors(x))
     title = ", ".join(f"{axis} {value}" for axis, value in axes)
     path = path or folder / f"{name}.png"

@@ -65,6 +65,8 @@ def main(words: Sequence[str] | None = None) -> int:
         return fail(str(error), next((code for kind, code in EXIT_CODES if isinstance(error, kind)), 1))
     except (OSError, MemoryError) as error:
         return fail(f"the operating system refused: {str(error) or 'out of memory'}", 6)
+    except (ImportError, SyntaxError) as error:
+        return fail(f"a module cannot be imported: {error}: install critflow, or what joined it, again", 6)
     except Exception as error:
         return fail(f"unexpected {type(error).__name__}: {error}: set CRITFLOW_TRACEBACK=1 for the traceback", 1)
 

@@ -192,7 +192,7 @@ def entries(claims: Iterable[Claim]) -> list[str]:
         named = {"measured": f"{claim.value} ({claim.sample})", "printed": claim.paper, "criterion": claim.criterion}
         below = [f"{name}: {text}" for name, text in named.items() if text]
         if claim.because:
-            below.append(": ".join(filter(None, (DIFFERENCES.get(claim.difference), claim.because))))
+            below.append(": ".join(filter(None, ("remark", DIFFERENCES.get(claim.difference), claim.because))))
         for row in claim.rows:
             notes = ", ".join(filter(None, (row.get("n", ""), row.get("verdict", ""))))
             below.append(f"{row['variant']}: {row['value']} ({notes})")

@@ -47,7 +47,7 @@ def test_an_entry_has_its_place_its_variants_and_the_kind_of_its_difference():
     parts = [
         "measured: 0.5 (3 networks)",
         "criterion: c",
-        "the number is another: why",
+        "remark: the number is another: why",
         "FIRE: 0.5 (9 ascents, differs)",
     ]
     assert entries([claim]) == ["- it grows (III): **differs**", *(f"  - {part}" for part in parts)]

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from critflow import extensions, lattice, upper_bound, voronoi_network, write_network
+from critflow import elasticity, extensions, lattice, read_critical, upper_bound, voronoi_network, write_network
 from critflow.command.main import main
 from critflow.engine.code_digest import load_study
 from critflow.engine.settings import select
@@ -52,6 +52,17 @@ def test_the_ensemble_of_a_file_is_resumed_while_its_network_is_the_same(capsys)
     write_network(NETWORK.with_stiffness(np.linspace(1, 2, 36)), "mine.csv")
     assert run("ensemble", *settings) == 0
     assert "0 of 6 requested cases were stored before" in capsys.readouterr().out
+
+
+def test_the_stiffnesses_of_a_file_are_stored():
+    """The physics is recomputed, and a case is read, with them."""
+    write_network(NETWORK.with_stiffness(np.linspace(1, 2, 36)), "soft.csv")
+    settings = ("network=soft.csv", "populations=max_B_0", "seeds=0", "strains=0.001:0.003:0.001")
+    words = ["--workers", "0", "--out", "whole", *(f"--set={word}" for word in settings)]
+    assert main(["run", "ensemble", *words]) == 0 and main(["verify", "whole"]) == 0
+    with xr.open_dataset("whole/ensemble.nc") as dataset:
+        one = dataset.sel(seed=0, population="max_B_0")
+        assert elasticity(read_critical(one)).value.bulk == pytest.approx(float(one.B_0), rel=1e-12)
 
 
 def test_the_gallery_of_a_file():

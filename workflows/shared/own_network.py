@@ -90,12 +90,14 @@ def _network_of(file) -> Network:
     try:
         return cf.read_network(file)
     except InputError as error:
-        if not has_extras():
-            raise StudyError(f"network={error}") from error
+        refused = error
     try:
         return from_extras("network_from", "networks of files")(file, strict=True).network
     except CritflowError as error:
-        raise StudyError(f"network={file}: {error}; critflow convert reads and repairs it") from error
+        # Of tables the first sentence says which edge it is; other formats are those of the extras.
+        if has_extras() and Path(file).suffix not in (".csv", ".tsv", ".txt"):
+            raise StudyError(f"network={file}: {error}; critflow convert reads and repairs it") from error
+        raise StudyError(f"network={refused}") from refused
 
 
 def _digest(network):

@@ -50,17 +50,19 @@ def network_study(*, variables, n=10, references=PAPER, **more):
     return Study(axes=(networks(n),), references=references, variables=(*variables, *status), **more)
 
 
-# The generated network of each seed.
+# The network of each seed.
 NETWORK = (
     *numbers(("seed", "edge", "end"), "i4", edges="vertices at tail and head of each edge"),
     *numbers(("seed", "edge", "axis"), "i2", offsets="cell image in which the head of each edge lies"),
     *numbers(("seed", "cell_vector", "axis"), cell="cell vectors as rows"),
+    *numbers(("seed", "edge"), stiffness="stiffness k of each edge; 1 but for a network of a file"),
 )
 
 
 def of_network(network):
     """The arrays of `NETWORK`."""
-    return {"edges": network.edges, "offsets": network.offsets, "cell": network.cell}
+    names = ("edges", "offsets", "cell", "stiffness")
+    return {name: getattr(network, name) for name in names}
 
 
 def stacked(rows):

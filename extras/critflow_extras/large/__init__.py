@@ -1,1 +1,1 @@
-"""Sparse solvers for networks of more than 100,000 vertices."""
+"""Solvers for large networks: sparse ones by size (`choice`), and systems without multipliers from 100,000 edges."""

@@ -41,7 +41,7 @@ def test_tables_of_other_columns_are_the_same_network(tmp_path):
     assert own_network.with_digest({"network": "mine.csv"}) == first
 
 
-@pytest.mark.parametrize(("network", "word"), [("mine.png", "pictures.md"), ("loop.csv", "convert")])
+@pytest.mark.parametrize(("network", "word"), [("mine.png", "pictures.md"), ("loop.csv", "edge 2 joins vertex 1")])
 def test_a_file_that_needs_more_is_one_sentence(tmp_path, network, word, capsys):
     (tmp_path / "loop_edges.csv").write_text("tail,head\n0,1\n1,2\n1,1\n")
     (tmp_path / "loop_vertices.csv").write_text("id,x,y,fixed\n0,0,0,1\n1,1,0.5,0\n2,2,0,1\n")
