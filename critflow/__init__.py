@@ -13,21 +13,20 @@ _imported, _, __all__ = _lazy_loader.attach_stub(__name__, __file__)
 
 
 def __getattr__(name: str) -> _Any:
-    """A public name, imported; `AttributeError` says which extra is missing where its folder is."""
+    """A public name, imported; `AttributeError` says where other names may be."""
     if name == "__version__":
         return _import_module("importlib.metadata").version(__name__)
     if name not in __all__:
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    try:
-        return _imported(name)
-    except ModuleNotFoundError as error:
-        package, _, module = str(error.name).partition(".extras.")
-        if package != __name__:
-            raise
-        extra = module.partition(".")[0]
-        relation = "belongs to" if _import_module("critflow.extensions").missing(name) == extra else "needs"
-        sentence = f"critflow.{name} {relation} the extra {extra!r}, which is not installed: install critflow again"
-        raise AttributeError(sentence) from error
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}{_elsewhere(name)}")
+    return _imported(name)
+
+
+def _elsewhere(name: str) -> str:
+    """That critflow-extras has a name, or may have it."""
+    extensions = _import_module("critflow.extensions")
+    if name.startswith("_") or not extensions.has_extras():
+        return "" if name.startswith("_") else extensions.more("names")
+    return f": from critflow_extras import {name}" * (name in _import_module(extensions.EXTRAS).__all__)
 
 
 def __dir__() -> list[str]:

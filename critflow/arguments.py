@@ -97,9 +97,13 @@ def held(holder: Any, kinds: tuple[type, ...]) -> Any:
 
 
 def of_known_kind(function: Any, *kinds: type[Any], **values: Any) -> Any:
-    """As `of_kind`, where a function that is `extensible` also takes the kinds that are registered for it."""
+    """As `of_kind`, where a `singledispatch` function also takes the kinds that are registered for it."""
     own = (type(value.value if isinstance(value, Solution) else value) for value in values.values())
-    return of_kind(*kinds, *(kind for kind in own if kind not in kinds and function.takes(kind)), **values)
+    return of_kind(
+        *kinds,
+        *(kind for kind in own if kind not in kinds and function.dispatch(kind) is not function.dispatch(object)),
+        **values,
+    )
 
 
 def generator(seed: int | np.random.Generator) -> np.random.Generator:

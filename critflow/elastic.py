@@ -16,7 +16,7 @@ of edges s = σ, ḣ = L·E_a L, f = |L|²/k.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from functools import partial
+from functools import partial, singledispatch
 from typing import Any
 
 import numpy as np
@@ -25,7 +25,7 @@ from numpy.typing import ArrayLike
 from critflow.arguments import of_kind, of_known_kind
 from critflow.calls import running
 from critflow.deformation import strain_basis
-from critflow.extensions import extensible, provided
+from critflow.extensions import from_extras
 from critflow.linear_response import Elasticity, Errors, LinearResponse, linear_response
 from critflow.manifold import CriticalConfiguration
 from critflow.networks import Array, Network
@@ -75,10 +75,6 @@ def elasticity(
     >>> moduli = cf.elasticity(cf.optimize(cf.lattice("honeycomb", 2, 2), 'B_0')).value
     >>> round(moduli.bulk, 6), bool(moduli.errors.bulk < 1e-15)
     (0.288675, True)
-    >>> network = cf.lattice("triangular", 3, 3)
-    >>> tensor = cf.elasticity(network, network.positions).value
-    >>> round(tensor.bulk, 6), round(tensor.shear, 6)
-    (0.866025, 0.433013)
     """
     springs = of_known_kind(elastic_response, CriticalConfiguration, SpringState, Network, springs=springs)
     of_kind(np.ndarray, None, coordinates=coordinates, rest_lengths=rest_lengths, taut=taut)
@@ -94,13 +90,13 @@ def elasticity(
     return response
 
 
-@extensible
-def elastic_response(springs: Any, volume: float, **options: Any) -> LinearResponse:
-    """Elasticity by the kind of the springs, per volume V; networks at rest are registered by an extra.
+@singledispatch
+def elastic_response(network: Any, volume: float, **options: Any) -> LinearResponse:
+    """Elasticity by the kind of the springs, per volume V; of a network at coordinates where nothing is registered.
 
     options  the other arguments of `elasticity`
     """
-    response: LinearResponse = provided("response_at_rest", AT_REST)(springs, options["coordinates"], volume)
+    response: LinearResponse = from_extras("response_of_network", AT_REST)(network, volume, **options)
     return response
 
 
@@ -114,7 +110,7 @@ def _at_transition(critical: CriticalConfiguration, volume: float, **_: Any) -> 
             stats = Stats("transition", residual=part.residual)
             parts.append(LinearResponse(value, Status.ok, stats, n_self_stresses=1))
         else:
-            parts.append(provided("response_at_rest", AT_REST)(part.network, part.coordinates, volume))
+            parts.append(from_extras("response_at_rest", AT_REST)(part.network, part.coordinates, volume))
     return total_response(parts)
 
 
@@ -122,7 +118,7 @@ def _at_transition(critical: CriticalConfiguration, volume: float, **_: Any) -> 
 def _of_state(state: SpringState, volume: float, *, tolerance: float, **_: Any) -> LinearResponse:
     if under_stress(state, tolerance):
         return linear_response(state, volume)
-    response: LinearResponse = provided("state_at_rest", AT_REST)(state, volume)
+    response: LinearResponse = from_extras("state_at_rest", AT_REST)(state, volume)
     return response
 
 

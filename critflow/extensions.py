@@ -1,151 +1,82 @@
-"""How extras join the scene: each is a folder of `critflow/extras`, and its file `extra.toml` declares what it adds.
+"""How packages join the scene, by two groups of entry points, and what of critflow-extras the scene calls.
 
-    needs       other extras that it imports
-    numeric     false where nothing of it decides the numbers of a study
-    kinds       classes of the scene that its package teaches to functions which are `extensible`
-    quantities  name, such as "onset[D]" -> "module:factory" within its folder, as in `quantities.FACTORIES`
-    commands    name -> `place`, "module:function" within its folder, and `help`, its line in `critflow --help`
-    functions   name -> "module:function" within its folder, of a service that the scene calls by `provided`
-    solvers     of sparse matrices: `module` within its folder, and `least`, numbers of entries from which it is asked,
-                as `choose_backend` of `critflow.sparse` does
+    critflow.commands    word = "module:command"     a `click.Command`, a word after `critflow`
+    critflow.quantities  name = "module:factory"     (network, argument) -> `Quantity`
 
-The scene reads the declarations and imports an extra when one of its names is used.  It names none of them, so that a
-folder can be added or deleted without an edit.  The data file `known_extras.toml` lists the names of all extras of
-critflow, so that a name of one that is not installed is an error that says which.
+    [project.entry-points."critflow.quantities"]
+    "onset[D]" = "critflow_extras.cables.onset_quantity:onset"
+
+A module is imported when one of its names is used.  Functions of the scene whose arguments allow what only
+critflow-extras computes, such as moduli of springs at rest, import it from there by `from_extras`.
 """
 
 from __future__ import annotations
 
-import tomllib
+import re
 from collections.abc import Callable
-from dataclasses import dataclass, field
-from functools import cache, singledispatch, wraps
+from functools import cache
 from importlib import import_module
-from pathlib import Path
+from importlib.metadata import EntryPoint, entry_points
+from importlib.util import find_spec
 from typing import Any
 
-from critflow.result import InputError
+from critflow.result import EnvironmentFailure, InputError
 
-_FOLDER = Path(__file__).with_name("extras")
-_KNOWN = Path(__file__).with_name("known_extras.toml")
+used: set[str] = set()
+"""Names of quantities and functions that this process took from packages that joined, which a study must count."""
 
-
-@dataclass(frozen=True)
-class Extra:
-    """The declarations of one extra."""
-
-    name: str
-    needs: list[str] = field(default_factory=list)
-    numeric: bool = True
-    kinds: list[str] = field(default_factory=list)
-    quantities: dict[str, str] = field(default_factory=dict)
-    commands: dict[str, dict[str, str]] = field(default_factory=dict)
-    functions: dict[str, str] = field(default_factory=dict)
-    solvers: dict[str, Any] = field(default_factory=dict)
-
-    @property
-    def package(self) -> str:
-        return f"{__package__}.{_FOLDER.name}.{self.name}"
-
-    def named(self, place: str) -> Any:
-        """The object at "module:name" within the folder; `InputError` where the extra needs one that is not there."""
-        if absent := sorted(with_needs(set(self.needs)) - extras().keys()):
-            raise InputError(
-                f"the extra {self.name!r} of critflow needs the extra {absent[0]!r}, which is not installed: install "
-                "critflow again"
-            )
-        return named(f"{self.package}.{place}")
-
-
-def named(place: str) -> Any:
-    """The object at "module:name", whose module is imported at its first use."""
-    module, _, name = place.partition(":")
-    return getattr(import_module(module), name)
+EXTRAS = "critflow_extras"  # the package of the distribution critflow-extras
+INSTALL = "pip install . ./extras in a copy of the repository, or pip install critflow-extras"
 
 
 @cache
-def extras() -> dict[str, Extra]:
-    """All extras that are there, by name, in alphabetical order."""
-    files = sorted(_FOLDER.glob("*/extra.toml"))
-    declared = {file.parent.name: tomllib.loads(file.read_text(encoding="utf-8")) for file in files}
-    return {name: Extra(name, **entries) for name, entries in declared.items()}
+def joined(group: str) -> dict[str, EntryPoint]:
+    """The entry points of a group, "commands" or "quantities", by name in alphabetical order."""
+    found = entry_points(group=f"critflow.{group}")
+    return {one.name: one for one in sorted(found, key=lambda one: one.name.casefold())}
 
 
-def with_needs(names: set[str]) -> set[str]:
-    """Extras and all that they import, installed or not."""
-    needed, waiting = set[str](), set(names)
-    while waiting:
-        name = waiting.pop()
-        needed.add(name)
-        waiting |= set(extras()[name].needs) - needed if name in extras() else set()
-    return needed
+def loaded(entry: EntryPoint) -> Any:
+    """The object of an entry point; `EnvironmentFailure` where its package is broken."""
+    used.add(entry.name)
+    return _imported(entry.load, entry.name, entry.dist.name if entry.dist else entry.module)
+
+
+def _imported(load: Callable[[], Any], name: str, owner: str) -> Any:
+    """What `load` imports; `EnvironmentFailure` with any error, since each is one of the installation of its owner."""
+    try:
+        return load()
+    except Exception as error:
+        sentence = f"{name} of {owner} cannot be imported: {type(error).__name__}: {error}: install {owner} again"
+        raise EnvironmentFailure(sentence) from error
+
+
+def quantity_entry(name: str) -> EntryPoint | None:
+    """The entry point of the quantity of a name, such as "onset[dilation]" or "C_xxyy"."""
+    stem, bracket, _ = re.sub(r"^([SC])_[xyz]+$", r"\1_AXES", name).partition("[")
+    entries = joined("quantities").items()
+    return next((one for key, one in entries if key.partition("[")[:2] == (stem, bracket)), None)
 
 
 @cache
-def quantities() -> dict[str, str]:
-    """Quantities of all extras: "module:factory" by name."""
-    return {name: f"{one.package}.{place}" for one in extras().values() for name, place in one.quantities.items()}
+def has_extras() -> bool:
+    """Whether critflow-extras is installed."""
+    return find_spec(EXTRAS) is not None
 
 
-def missing(name: str) -> str | None:
-    """The extra of critflow that would have a name, where that extra is not installed, else None.
+def more(word: str) -> str:
+    """The end of a sentence on an unknown word: that critflow-extras has more, where it is not installed."""
+    return "" if has_extras() else f"; critflow-extras has more {word}: {INSTALL}"
 
-    name  a public name, a command, a service for `provided`, or a quantity, such as "onset[dilation]"
+
+def from_extras(name: str, purpose: str, counts: bool = True) -> Any:
+    """A public name of critflow-extras; `InputError` where it is not installed.
+
+    purpose  what needs it, as the sentence begins: "moduli of springs at rest"
+    counts   whether it decides numbers; a solver of linear systems is a library
     """
-    absent = {extra: names for extra, names in known_names().items() if extra not in extras()}
-    stem = name.partition("[")[0]
-    return next((extra for extra, names in absent.items() if stem in {one.partition("[")[0] for one in names}), None)
-
-
-@cache
-def known_names() -> dict[str, list[str]]:
-    """The names of all extras of critflow, installed or not."""
-    return tomllib.loads(_KNOWN.read_text(encoding="utf-8"))
-
-
-def provided(name: str, purpose: str) -> Any:
-    """The function that an extra declares under a name; `InputError` without such an extra.
-
-    purpose  what needs it, as the sentence of the error begins: "pressures in faces"
-    """
-    for extra in extras().values():
-        if name in extra.functions:
-            return extra.named(extra.functions[name])
-    absent = missing(name)
-    which = f"the extra {absent!r} of critflow, which" if absent else "an extra of critflow that"
-    raise InputError(f"{purpose} belong to {which} is not installed: install critflow again")
-
-
-def extensible(function: Callable[..., Any]) -> Any:
-    """`functools.singledispatch`, which first imports the extras that declare the kind of the first argument.
-
-    @extensible
-    def elasticity(springs, ...): raise InputError(...)     # the kinds that nothing is registered for
-
-    @elasticity.register
-    def _(springs: CriticalConfiguration, ...): ...
-    """
-    dispatcher = singledispatch(function)
-
-    @wraps(function)
-    def dispatched(first: Any, *args: Any, **options: Any) -> Any:
-        _import_extras_of(type(first))  # type: ignore[arg-type]
-        return dispatcher(first, *args, **options)
-
-    def takes(kind: type[Any]) -> bool:
-        """Whether a function is registered for a class, or for one of its bases."""
-        _import_extras_of(kind)  # type: ignore[arg-type]
-        return dispatcher.dispatch(kind) is not function
-
-    dispatched.register = dispatcher.register  # type: ignore[attr-defined]
-    dispatched.takes = takes  # type: ignore[attr-defined]
-    return dispatched
-
-
-@cache
-def _import_extras_of(kind: type[Any]) -> None:
-    """Import the packages that declare a class or one of its bases: they register functions of it."""
-    names = {base.__name__ for base in kind.__mro__}
-    for extra in extras().values():
-        if names & set(extra.kinds):
-            import_module(extra.package)
+    if not has_extras():
+        raise InputError(f"{purpose} need critflow-extras, which is not installed: {INSTALL}")
+    if counts:
+        used.add(name)
+    return _imported(lambda: getattr(import_module(EXTRAS), name), name, "critflow-extras")

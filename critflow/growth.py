@@ -24,6 +24,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import astuple, dataclass, replace
+from functools import singledispatch
 from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
@@ -31,7 +32,7 @@ import numpy as np
 from critflow.arguments import of_kind, of_known_kind
 from critflow.calls import running
 from critflow.deformation import Deformable, Deformation, deformation_of
-from critflow.extensions import extensible, provided
+from critflow.extensions import from_extras
 from critflow.linear_response import TRUSTED_ERROR, accumulated_rounding
 from critflow.manifold import CriticalConfiguration, CriticalManifold
 from critflow.networks import Array, Network
@@ -39,7 +40,6 @@ from critflow.numerics import EPS, dot, norms, product
 from critflow.quantities import dilation, pure_shear
 from critflow.refinement import exact_displacement
 from critflow.result import Record, Solution, Stats, Status
-from critflow.saddles import Saddle, SaddleFactor
 from critflow.self_stress import require_one_stress_by_rank, stabilises
 from critflow.springs import HOOKEAN, SpringLaw, checked_law
 from critflow.taut_part import backbone
@@ -137,9 +137,9 @@ def stiffening(
     return solution.or_raise("no stiffening coefficients") if throw else solution
 
 
-@extensible
+@singledispatch
 def exact_stiffening(
-    critical: CriticalConfiguration, path: Deformation, law: SpringLaw, manifold: CriticalManifold | None
+    critical: Any, path: Deformation, law: SpringLaw, manifold: CriticalManifold | None
 ) -> StiffeningSolution:
     """The coefficients by the kind of springs; those on edges here, which are sums over the disconnected taut parts."""
     # 1. The stiffnesses of the manifold, in a fixed cell
@@ -147,7 +147,7 @@ def exact_stiffening(
         critical.require_same_geometry(manifold.network)
         critical = replace(critical, network=manifold.network)
     if path.free:
-        relaxing = provided("relaxing_component", "free components of the cell")
+        relaxing = from_extras("relaxing_component", "free components of the cell")
         return failed(Status.floppy, relaxing(critical, path))
     # 2. Each taut part; the first failure decides the status
     solutions = [
@@ -188,7 +188,7 @@ def stiffening_of_part(
         return failed(Status.ill_conditioned, "rounding hides which configuration balances this stress exactly")
     # 3. Its responses, and the derivatives of the energy
     strains = strains_of_growth(path)
-    energy = StrainedEnergy(network, sigma, balance.bond_vectors, manifold.saddle, law, strains)
+    energy = StrainedEnergy(network, sigma, balance.bond_vectors, manifold.system(sigma), law, strains)
     return with_status(energy, *coefficients(energy, network.volume, path))
 
 
@@ -309,7 +309,7 @@ class StrainedEnergy:
     Springs on edges of the stress σ (N_b,) and bond vectors L (N_b, d); others override `third` and `third_error`, and
     have D and `responses` to the strains with an amplitude, a work and a residual.
 
-    system  the saddle system of the network at σ
+    system  `CriticalManifold.system` at σ
     """
 
     def __init__(
@@ -317,7 +317,7 @@ class StrainedEnergy:
         network: Network,
         sigma: Array,
         L: Array,
-        system: Saddle,
+        system: Any,
         law: SpringLaw,
         strains: Sequence[Array],
     ):
@@ -331,7 +331,7 @@ class StrainedEnergy:
         factor = system.factorize(sigma, L)
         self.responses: Sequence[Any] = [self.respond(A, sigma, factor) for A in strains]
 
-    def respond(self, A: Array, sigma: Array, factor: SaddleFactor) -> Response:
+    def respond(self, A: Array, sigma: Array, factor: Any) -> Response:
         """The response to a strain: a solution, and a second one of what is left by the first."""
         network, L, s, g = self.network, self.L, self.s, self.network.free_incidence
         affine = L @ A.T

@@ -22,7 +22,7 @@ from numpy.typing import ArrayLike
 
 from critflow.deformation import Deformable, deformation_of, strain_basis, strain_components
 from critflow.equilibria import FLOPPY_SHIFT, stability_of
-from critflow.extensions import provided
+from critflow.extensions import from_extras
 from critflow.networks import Array
 from critflow.numerics import EPS, dot, product
 from critflow.refinement import ROUNDED_FORCE, inverse_norm
@@ -143,7 +143,7 @@ class Elasticity(Record):
 
         direction  a vector (d,), or its angle from x in the plane xy
         """
-        return float(provided("young of a tensor", _BY_DIRECTION)(self, direction))
+        return float(from_extras("young", _BY_DIRECTION)(self, direction))
 
     def poisson(self, direction: ArrayLike, transverse: ArrayLike | None = None) -> float:
         """Poisson's ratio −(strain along `transverse`)/(strain along `direction`) under uniaxial stress along the last.
@@ -155,7 +155,7 @@ class Elasticity(Record):
 
         Raises `InputError` for directions that are not orthogonal.
         """
-        return float(provided("poisson of a tensor", _BY_DIRECTION)(self, direction, transverse))
+        return float(from_extras("poisson", _BY_DIRECTION)(self, direction, transverse))
 
 
 def no_elasticity(dimension: int, volume: float = np.nan, error: float = np.nan) -> Elasticity:

@@ -23,12 +23,12 @@ from scipy.sparse.linalg import LinearOperator
 from critflow.arguments import of_kind
 from critflow.checks import check_opened, components, edge_values
 from critflow.double_double import two_product
-from critflow.extensions import provided
+from critflow.extensions import from_extras, has_extras
 from critflow.networks import Array, Network
 from critflow.numerics import dot, norms, product, read_only, restore_read_only, set_read_only
 from critflow.refinement import ExtendedGeometry, Refinement
 from critflow.result import InputError, NetworkError, Record, Solution, Stats, Status, Value
-from critflow.saddles import Saddle
+from critflow.saddles import Saddle, positive
 from critflow.sparse import Factor, laplacian
 
 # Edges without length: every limit below which a length counts as zero, in units of the mean length but where stated.
@@ -48,6 +48,9 @@ NO_LENGTH = 1e-10
 # In units of the cone program: tension over length would overflow.
 NO_DIRECTION = 1e-150
 
+# Edges from which systems of stresses and displacements are cheaper condensed than as saddle matrices, for stresses
+# that are all positive.
+CONDENSED_EDGES = 100_000
 # A stress with Σσ² = N_b to this relative accuracy counts as scaled and keeps its digits: the sum of squares is
 # rounded by a few EPS.
 SCALED = 4e-15
@@ -252,6 +255,16 @@ class CriticalManifold:
         return Saddle(self.network, self.backend)
 
     @cached_property
+    def condensed(self) -> Any:
+        """The same systems for σ > 0 without their multipliers, by critflow-extras."""
+        return from_extras("CondensedSaddle", "condensed systems", counts=False)(self.network, self.backend)
+
+    def system(self, sigma: Array) -> Any:
+        """Systems of stresses and displacements in the form that is the fastest for σ (N_b,)."""
+        large = self.network.n_edges >= CONDENSED_EDGES and has_extras()
+        return self.condensed if large and positive(sigma) else self.saddle
+
+    @cached_property
     def geometry(self) -> ExtendedGeometry:
         """Bond vectors and forces of the network to 32 digits."""
         return ExtendedGeometry(self.network)
@@ -267,7 +280,7 @@ class CriticalManifold:
         nearly singular that no digit is certain.
         """
         if pressures is not None:
-            return provided("pressurised_configuration", "pressures in faces")(self, sigma, pressures, throw)
+            return from_extras("pressurised_configuration", "pressures in faces")(self, sigma, pressures, throw)
         return self.solve(sigma, throw).value
 
     def solve(
@@ -324,6 +337,8 @@ class CriticalManifold:
 
     def balance(self, sigma: Array, factor: Factor | None = None) -> Balance:
         """The configuration of a stress with the factor of P, unchecked: the inner step of every optimisation.
+
+        Its bond vectors are L = g x(σ) + b (`SelfStressParamaterization_bondvecs`).
 
         factor  of P, or of a matrix near it; made here by default
         """

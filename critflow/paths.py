@@ -19,7 +19,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
-from functools import cached_property
+from functools import cached_property, singledispatch
 from typing import Any, ClassVar, Literal, TypeAlias
 
 import numpy as np
@@ -38,7 +38,7 @@ from critflow.equilibria import (
     relaxation_method,
     relaxed,
 )
-from critflow.extensions import extensible, provided
+from critflow.extensions import from_extras
 from critflow.lean_steps import LeanSteps
 from critflow.linear_response import (
     Elasticity,
@@ -102,6 +102,7 @@ _JUMPED = "the equilibrium jumps to another branch: the one followed ends before
 _LOOSENED = "the strain loosens the network, which is floppy on this side of the transition: change its sign"
 _ADVICE = "CriticalManifold(network).configuration(sigma) or optimize(network, 'B_0') makes one"
 _OF_STRESS = "change its stress, or remove it"
+_OF_CABLES = "paths of cables from given rest lengths (taut_only=True has the taut edges as springs at rest)"
 
 Start = Any
 """What a path starts from: each kind of which `start_of` knows the springs, or a solution with one."""
@@ -234,8 +235,8 @@ def strain_path(
     F = deformation_of(deformation, springs.network.dimension)
     if not isinstance(measure, str) or measure not in MEASURES:
         raise InputError(f"a path measures one of {', '.join(MEASURES)}, not {shown(measure)}")
-    kind = provided("free_cell_path", "free components of the cell") if F.free else Path
-    kind = provided("cable_path", "paths of cables")(kind) if springs.law.one_sided else kind
+    kind = from_extras("FreeCellPath", "free components of the cell") if F.free else Path
+    kind = from_extras("cable_path", "paths of cables")(kind) if springs.law.one_sided else kind
     path = kind(springs.network, F, gamma, method, tolerance, measure, stress)
     reached = path.follow(springs)
     result = _solution(path, reached, gamma if total_strains is None else total_strains(F, gamma), note)
@@ -742,7 +743,7 @@ network as given, by the deformation and strains (n,) along the path, where they
 """
 
 
-@extensible
+@singledispatch
 def start_of(start: Start, law: SpringLaw | None, taut_only: bool) -> Beginning:
     """The springs from which a path starts, with the stress of a transition; `InputError` for other kinds."""
     known = held(start, (CriticalConfiguration, SpringState))
@@ -764,7 +765,7 @@ def _(start: Solution, law: SpringLaw | None, taut_only: bool) -> Beginning:
 def _(start: CriticalConfiguration, law: SpringLaw | None, taut_only: bool) -> Beginning:
     """Springs at rest: all edges, or the taut ones; cables where rest lengths are known."""
     if start.rest_lengths is not None and not taut_only:
-        return provided("cables_at_onset", "paths of cables")(start, start.rest_lengths, law)
+        return from_extras("cables_at_onset", _OF_CABLES)(start, start.rest_lengths, law)
     require_directions((start.lengths <= COLLAPSED * start.lengths.mean()) & (start.sigma != 0), _OF_STRESS)
     part, note = start, ""
     if not start.sigma.all():

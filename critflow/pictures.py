@@ -12,11 +12,14 @@ from itertools import product
 
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.cm import ScalarMappable
 from matplotlib.collections import LineCollection, PolyCollection
 from matplotlib.colors import Colormap, LinearSegmentedColormap, Normalize
+from matplotlib.figure import Figure
 from matplotlib.patches import Polygon
 from numpy.typing import ArrayLike
 
+from critflow.extensions import from_extras
 from critflow.faces import Faces
 from critflow.networks import Array, IntArray
 
@@ -61,6 +64,33 @@ def draw_network(
     values = np.ones(len(np.asarray(edges))) if tensions is None else np.asarray(tensions)
     outline = add_cell(axes, cell)
     return add_edges(axes, segments, values[edge], limits or colour_limits(values), outline, width=width)
+
+
+def network_figure(
+    edges: ArrayLike,
+    offsets: ArrayLike,
+    cell: ArrayLike,
+    coordinates: ArrayLike,
+    sigma: Array,
+    lengths: Array,
+    title: str = "",
+) -> Figure:
+    """A figure of one network with a colour bar of the tensions at unit pressure; 3D networks in projection."""
+    tensions = unit_pressure_tensions(sigma, lengths, float(abs(np.linalg.det(np.asarray(cell)))))
+    figure = Figure(figsize=(6.2, 5.4), layout="constrained")
+    axes = figure.add_subplot()
+    if np.shape(coordinates)[1] == 3:
+        draw_in_depth = from_extras("draw_in_depth", "drawings in space", counts=False)
+        lines: ScalarMappable = draw_in_depth(axes, edges, offsets, cell, coordinates, tensions)
+    else:
+        lines = draw_network(axes, edges, offsets, cell, coordinates, tensions, width=1.6)
+    bar = figure.colorbar(lines, ax=axes, shrink=0.8, pad=0.02)
+    bar.set_label("edge tension τ at unit pressure")
+    if (tensions < 0).any():
+        axes.plot([], [], color=COMPRESSED, linestyle=(0, (2, 1)), label="compressed")
+        axes.legend(loc="upper left", fontsize=8, frameon=True)
+    axes.set_title(title, fontsize=10)
+    return figure
 
 
 def colour_limits(tensions: Array) -> tuple[float, float]:

@@ -31,9 +31,11 @@ from __future__ import annotations
 
 import re
 from abc import ABC, abstractmethod
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, is_dataclass
 from difflib import get_close_matches
 from functools import cached_property
+from importlib.metadata import EntryPoint
 from typing import ClassVar
 
 import numpy as np
@@ -44,7 +46,7 @@ from critflow.arguments import of_kind, shown
 from critflow.calls import running
 from critflow.deformation import DEFORMATIONS, Deformable, deformation_of, strain_basis
 from critflow.double_double import Extended, add, divide, extended, multiply, total, two_product
-from critflow.extensions import missing, named, quantities
+from critflow.extensions import EXTRAS, joined, loaded, more
 from critflow.manifold import Balance, CriticalConfiguration, CriticalManifold, StressedBonds
 from critflow.networks import Array, Network
 from critflow.numerics import EPS, dot, mean, norms, quasi_random
@@ -57,6 +59,8 @@ IMAGINARY = 1e-100
 # function itself below which a derivative is rounding.
 DISAGREEMENT, NEGLIGIBLE = 1e-4, 1e-8
 
+Factory = EntryPoint | Callable[[Network, str], "Quantity"]
+"""What makes a quantity, or the entry point of it."""
 Partials = tuple[Array, Array]
 """∂O/∂σ (N_b,) and ∂O/∂L (N_b, d)."""
 Balanced = StressedBonds | CriticalConfiguration
@@ -472,8 +476,8 @@ def _input_rounding(critical: CriticalConfiguration, value: float) -> float:
 
 
 def own(quantity: Quantity) -> bool:
-    """Whether the class of a quantity is one of critflow, which has tests of its own."""
-    return type(quantity).__module__.partition(".")[0] == __name__.partition(".")[0]
+    """Whether the class of a quantity is one of critflow or critflow-extras, which have tests of their own."""
+    return type(quantity).__module__.partition(".")[0] in ("critflow", EXTRAS)
 
 
 def require_valid(quantity: Quantity, balance: Balanced) -> None:
@@ -557,22 +561,6 @@ def require_exact_hessian(manifold: CriticalManifold, quantity: Quantity) -> Non
 # B_0 G_0       bulk and shear modulus at the transition
 # V_L V_tau     variances of lengths and of tensions
 # modulus[D]    modulus of a deformation D, such as modulus[uniaxial]
-#
-# Extras add names, such as C_B, C_G and onset[D], by their declarations.
-
-FACTORIES = {
-    "B_0": "critflow.quantities:named_modulus",
-    "G_0": "critflow.quantities:named_modulus",
-    "V_L": "critflow.quantities:variance",
-    "V_tau": "critflow.quantities:variance",
-    "modulus[D]": "critflow.quantities:transition_modulus",
-}
-"""Factories by name, "module:function", of which a module is imported when one of its names is used.
-
-A factory takes the network, and the text in brackets or else the whole name.  D is the name of a deformation.  In the
-names of extras AXES are those of a component of the stress or, after C, of the elasticity tensor, EDGE and FACE a
-number; what else stands in brackets goes to the factory as it is written.
-"""
 
 ALIASES = {
     "bulk_modulus": "B_0",
@@ -599,7 +587,7 @@ def quantity(network: Network, name: str | Quantity) -> Quantity:
     if isinstance(name, Quantity):
         return name
     argument, known = ALIASES.get(name, name), names(network)
-    factory = "" if "[" in argument else known.get(argument)
+    factory = None if "[" in argument else known.get(argument)
     if bracketed := re.fullmatch(r"(\w+)\[([^\[\]]+)\]", argument):
         stem, argument = bracketed.groups()
         kind, factory = _indexed().get(stem, ("", None))
@@ -607,11 +595,12 @@ def quantity(network: Network, name: str | Quantity) -> Quantity:
             factory = None
     if not factory:
         raise InputError(_unknown(network, name))
-    measured: Quantity = named(factory)(network, argument)
+    # An entry point may be of the package importlib_metadata, which dask imports.
+    measured: Quantity = (factory if callable(factory) else loaded(factory))(network, argument)
     return measured
 
 
-def names(network: Network) -> dict[str, str]:
+def names(network: Network) -> Mapping[str, Factory]:
     """The names of all quantities of a network and their factories, with a placeholder for a number in brackets."""
     axes = strain_basis(network.dimension)[0]
     spelled = {
@@ -620,33 +609,42 @@ def names(network: Network) -> dict[str, str]:
         "G_0": ["G_0"] * (network.dimension > 1),
         **{f"{stem}[D]": [f"{stem}[{D}]" for D in DEFORMATIONS] for stem in _indexed()},
     }
-    factories = FACTORIES | quantities()
-    return {one: factory for name, factory in factories.items() for one in spelled.get(name, [name])}
+    return {one: factory for name, factory in _factories().items() for one in spelled.get(name, [name])}
 
 
-def _indexed() -> dict[str, tuple[str, str]]:
+def _factories() -> Mapping[str, Factory]:
+    """Factories by name: those of this module and the entry points `critflow.quantities`.
+
+    A factory takes the network, and the text in brackets or else the whole name.  D is the name of a deformation.
+    AXES are those of a component of the stress or, after C, of the elasticity tensor, EDGE and FACE a number; what else
+    stands in brackets goes to the factory as it is written.
+    """
+    own = {"B_0": named_modulus, "G_0": named_modulus, "V_L": variance, "V_tau": variance}
+    return {**own, "modulus[D]": transition_modulus, **joined("quantities")}
+
+
+def _indexed() -> dict[str, tuple[str, Factory]]:
     """What stands in brackets and the factory, by the part of the name before them."""
-    split = [(*name.rstrip("]").partition("["), factory) for name, factory in (FACTORIES | quantities()).items()]
+    split = [(*name.rstrip("]").partition("["), factory) for name, factory in _factories().items()]
     return {stem: (kind, factory) for stem, _, kind, factory in split if kind}
 
 
 def _unknown(network: Network, name: str) -> str:
     """The sentence for a name that no quantity has."""
-    if extra := missing(re.sub(r"^([SC])_[xyz]+$", r"\1_AXES", name)):
-        return f"{name!r:.40} is of the extra {extra!r} of critflow, which is not installed: install critflow again"
     listed, kinds = names(network), {stem: kind for stem, (kind, _) in _indexed().items()}
     spellings = [*listed, *(alias for alias, symbol in ALIASES.items() if symbol in listed)]
     same_letters = [spelling for spelling in spellings if spelling.casefold() == name.casefold()]
     nearest = same_letters or get_close_matches(name, spellings, 1, 0.5)
     hint = f"did you mean {nearest[0]!r}? " if nearest else ""
     short = [one for one in listed if len(one) < 6 and not one.startswith("S_")]
-    components = ["S_xx", "C_xxyy"] * ("S_AXES" in quantities())
+    components = ["S_xx", "C_xxyy"] * ("S_AXES" in _factories())
     numbered = [f"{stem}[{kind}]" for stem, kind in kinds.items() if kind != "D"]
     *deformed, last = [f"{stem}[D]" for stem, kind in kinds.items() if kind == "D"]
     return (
         f"no quantity is called {name!r:.40}: {hint}choose from "
         f"{', '.join([*short, *components, *numbered])}, and "
         f"{' or '.join([', '.join(deformed)] * bool(deformed) + [last])} of a deformation D: {', '.join(DEFORMATIONS)}"
+        f"{more('quantities, such as C_B and onset[D]')}"
     )
 
 

@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from scipy.sparse.csgraph import depth_first_order
 from scipy.sparse.linalg import SuperLU, splu
 
-from critflow.extensions import extras
+from critflow.extensions import from_extras, has_extras
 from critflow.networks import Array, IntArray, Network
 from critflow.numerics import EPS, product, symmetric_product
 from critflow.result import InputError
@@ -32,7 +32,7 @@ from critflow.result import InputError
 # qdldl    row by row on a minimum-degree ordering; always installed, and the fastest for small matrices
 # superlu  SciPy's SuperLU on a minimum-degree ordering; always installed
 #
-# Extras bring others for large networks (`solvers` of their `extra.toml`): eliminating ones, and iterative ones for
+# critflow-extras has others for large networks (`installed_solvers`): eliminating ones, and iterative ones for
 # Laplacians of positive stresses, without inertia, each as a kind of `Factor`.
 
 # Entries of the upper triangle up to which qdldl is faster, of networks in the plane and in space.  Measured for one
@@ -130,8 +130,10 @@ def _eliminate(matrix: sp.csc_matrix, ordering: str) -> SuperLU:
     return splu(matrix, permc_spec=ordering, diag_pivot_thresh=0.0, options={"SymmetricMode": True})
 
 
-# The solvers of the scene by name.
+# The solvers of the scene by name, and the entries of the upper triangle, of networks in the plane and in space, from
+# which critflow-extras may have a faster one.
 BACKENDS: dict[str, Any] = {"qdldl": QDLDL, "superlu": MinimumDegree}
+LARGE = (20_000, 3_000)
 
 
 def with_data(matrix: sp.csc_matrix, data: Array) -> sp.csc_matrix:
@@ -142,12 +144,10 @@ def with_data(matrix: sp.csc_matrix, data: Array) -> sp.csc_matrix:
 
 
 def available_backends() -> dict[str, Any]:
-    """The sparse solvers that are installed, of the scene and of extras, by name, each good for `backend=`."""
-    solvers = dict(BACKENDS)
-    for extra in extras().values():
-        if extra.solvers:
-            solvers |= extra.named(f"{extra.solvers['module']}:installed")()
-    return solvers
+    """The sparse solvers that are installed, here and in critflow-extras, by name, each good for `backend=`."""
+    if not has_extras():
+        return BACKENDS
+    return BACKENDS | from_extras("installed_solvers", "solvers of large networks", counts=False)()
 
 
 def choose_backend(backend: str, n_entries: int, in_space: bool = False, laplacian: bool = False) -> str:
@@ -160,14 +160,13 @@ def choose_backend(backend: str, n_entries: int, in_space: bool = False, laplaci
     """
     if backend == "auto":
         backend = "superlu" if n_entries > CROSSOVER[in_space] else "qdldl"
-        for extra in extras().values():
-            # An extra is not imported for smaller matrices.
-            if extra.solvers and n_entries > extra.solvers["least"][in_space]:
-                backend = extra.named(f"{extra.solvers['module']}:fastest")(backend, n_entries, in_space, laplacian)
+        if n_entries > LARGE[in_space] and has_extras():
+            fastest = from_extras("fastest_solver", "solvers of large networks", counts=False)
+            backend = fastest(backend, n_entries, in_space, laplacian)
     elif backend not in BACKENDS and backend not in (installed := available_backends()):
         raise InputError(
             f"no backend {backend!r} is installed: choose 'auto' or one of {', '.join(installed)}, and pip install "
-            "'critflow[fast,multigrid]' for all of them"
+            "'critflow-extras[fast,multigrid]' for all of them"
         )
     return backend
 

@@ -7,8 +7,8 @@ from pathlib import Path
 from pygments.lexers.shell import BashSessionLexer
 from pygments.lexers.special import TextLexer
 
-DOCS = Path(__file__).parent
-sys.path[:0] = [str(DOCS / "_ext"), str(DOCS.parent)]
+HERE = Path(__file__).parent
+sys.path[:0] = [str(HERE / "_ext"), str(HERE.parent)]
 
 project = "critflow"
 release = metadata.version("critflow")
@@ -22,10 +22,9 @@ myst_heading_anchors = 4
 html_math_renderer = "mathml"
 html_theme = "furo"
 html_title = f"critflow {release}"
-html_static_path = ["_static"]
+html_static_path = [str(HERE / "_static")]
 html_css_files = ["site.css"]
-html_js_files = ["claims.js"]
-html_favicon = "_static/favicon.svg"
+html_favicon = str(HERE / "_static" / "favicon.svg")
 html_show_copyright = False
 html_show_sphinx = False
 html_copy_source = False

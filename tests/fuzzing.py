@@ -1,7 +1,7 @@
 """Random valid networks through functions: what every answer must satisfy.
 
 Nothing but a `CritflowError` is raised, no warning is given, no number of an `ok` answer is NaN, and no call exceeds
-its number of factorisations.  The tables of calls are in `test_fuzz.py`, and in the folder of each extra.
+its number of factorisations.  The tables of calls are in `test_fuzz.py`, and in the folders of the extras' tests.
 """
 
 from __future__ import annotations

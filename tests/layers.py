@@ -5,5 +5,5 @@ LAYERS = (
     *("points", "lattices", "numerics", "sparse", "saddles", "double_double", "refinement"),
     *("manifold", "taut_part", "quantities", "isogonal", "self_stress", "springs"),
     *("equilibria", "cones", "taut_edges", "lengths", "descent", "optima", "linear_response", "elastic", "growth"),
-    *("lean_steps", "paths", "engine", "pictures", "extras", "command", "__main__"),
+    *("lean_steps", "paths", "engine", "pictures", "network_files", "studies", "command", "__main__"),
 )

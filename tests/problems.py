@@ -308,7 +308,7 @@ def quadratic(n=8):
 
 
 class Factorisations:
-    """Counts numeric factorisations by kind of matrix: `counter(network, call)`.
+    """Counts numeric factorisations by kind of matrix: `counter(network, call)`; `answer` is that of the last call.
 
     The kinds have different sizes: "P" (n_free), the elastic "Hessian" (d n_free), the "saddle" matrix of stresses and
     displacements (d n_free + N_b); "part" is any other size.
@@ -326,7 +326,7 @@ class Factorisations:
 
     def __call__(self, network: Network, call) -> Counter:
         self._sizes.clear()
-        call()
+        self.answer = call()
         n, d = len(network.free), network.dimension
         kinds = {n: "P", d * n: "Hessian", d * n + network.n_edges: "saddle"}
         return Counter(kinds.get(size, "part") for size in self._sizes)

@@ -1,35 +1,17 @@
-"""Settings at which each study is run in a few seconds: by the tests of the studies, and by `.ci/datasets`."""
+"""Settings at which each study of the scene takes a few seconds, for the tests of studies and `.ci/datasets`."""
 
 SETTINGS = {
-    "allostery": (
-        *("seeds=0:1", "n_vertices=40", "loads=0.1,1.0", "sizes=24,40", "fractions=0.2,0.6", "starts=1", "steps=100"),
-    ),
     "boundary": ("seeds=0:3", "n_vertices=40"),
     "ensemble": ("seeds=0:3", "n_vertices=60"),
     "failure_map": (
         *("difficulties=stress_spread,near_singular,short_edge,small_strain,rest_lengths", "seeds=0", "n_steps=4"),
     ),
     "gallery": ("seeds=1:3", "n_vertices=60", "starts=2"),
-    "reference_numbers": (
-        *("seeds=0:1", "n_vertices=40", "n_vertices_cells=40", "onsets=0.05,0.1", "columns=3", "candidates=2"),
-    ),
-    "reach": (
-        *("seeds=0:1", "n_vertices=16", "directions=3", "samples=3", "thresholds=0.3", "ascent=10", "sizes=24"),
-        *("ratios=-0.5,0.5", "surface_vertices=24", "surface_directions=8"),
-    ),
     "percolation": ("seeds=0:3", "n_vertices=20,40", "spreads=0.02,0.1,0.5"),
     "shear": (
         *("seeds=0:3", "n_vertices=40,80", "ascent_vertices=60", "steps=0,1,3,10,40,200", "n_steps=400"),
         *("fractions=0.3,0.6", "detailed_seeds=2", "n_starts=3", "thresholds=0.1,0.3"),
     ),
     "statements": ("seeds=0:1", "n_vertices=40"),
-    "stiffening": (
-        *("seeds=0:1", "n_vertices=24", "sources=max_B_0,random_stress", "isogonal_vertices=24"),
-        *("coefficients=0.1,0.3", "strains=0.01"),
-    ),
-    "tension_inference": ("seeds=0:3", "n_vertices=20", "noises=1e-6,1e-3"),
     "three_bar": ("s=-2.1:2.1:0.3", "span=2.0"),
-    "weak_forces": ("seeds=0:1", "n_vertices=24", "kappas=0.000001,0.0001"),
-    "three_dimensions": ("seeds=0:2", "n_vertices=60"),
-    "topology": ("seeds=0:1", "n_vertices=24", "cuts=3", "pruned_vertices=40", "pruned_edges=4"),
 }

@@ -3,165 +3,55 @@
 from __future__ import annotations
 
 import inspect
-import itertools
-import tempfile
-from pathlib import Path
+from tempfile import mkdtemp
 
 import numpy as np
 import pytest
-from extras_there import missing
-from problems import square_octagon
-from public import NAMES, checked_functions
+from argument_checks import (
+    CRITICAL,
+    HEXAGONS,
+    MANIFOLD,
+    NAMES,
+    NETWORK,
+    shows_its_name_and_sets_the_threads,
+    wrong_arguments_raise,
+)
 
 import critflow
-from critflow import CritflowError, CriticalManifold, InputError, Network, calls, lattice, spring_state
+from critflow import InputError, Network, deformation, faces, isogonal, points, quantities, spring_state, taut_part
 from critflow.arguments import generator, of_kind
 
-NETWORK = square_octagon()
-MANIFOLD = CriticalManifold(NETWORK)
-CRITICAL = MANIFOLD.configuration(np.ones(6))
-HEXAGONS = lattice("honeycomb", 2, 2)
-
-# Right arguments by the name of the parameter, and where a function gives a name another meaning.
-RIGHT = {
-    "network": NETWORK,
-    "manifold": MANIFOLD,
-    "critical": CRITICAL,
-    "coordinates": CRITICAL.coordinates,
-    "sigma": np.ones(6),
-    "signs": np.ones(6),
-    "rest_lengths": CRITICAL.lengths,
-    "strains": [0.001, 0.002],
-    "start": CRITICAL,
-    "strain": np.eye(2),
-    "kappa": 0.001,
-    "objective": "B_0",
-    "state": spring_state(NETWORK, CRITICAL.lengths, CRITICAL.coordinates),
-    "springs": spring_state(NETWORK, CRITICAL.lengths, CRITICAL.coordinates),
-    "targets": np.full(4, 5.0),
-    "perimeters": np.full(4, 5.0),
-    "moduli": [1.0, 2.0],
-    "edges": NETWORK.edges,
-    "offsets": NETWORK.offsets,
-    "bond_vectors": CRITICAL.bond_vectors,
-    "cell": NETWORK.cell,
-    "n_points": 4,
-    "distance": 0.1,
-    "rng": np.random.default_rng(0),
-    "points": np.random.default_rng(1).random((12, 2)),
-    "z": 2.9,
-    "dimension": 2,
-    "n_vertices": 60,
-    "directions": np.eye(2)[None],
-    "first": np.eye(2),
-    "second": np.diag([1.0, -1.0]),
-    "n": 4,
-    "edge": 0,
-    "tail": 0,
-    "head": 1,
-    "s": np.zeros(5),
-    "deformation": "dilation",
-    "thing": CRITICAL,
-    "path": Path(tempfile.mkdtemp()) / "page.md",
-}
-# Arguments that an extra makes.
-OF_EXTRAS = {
-    "local": lambda: {"response": critflow.local_response(CRITICAL, (0, 2, (1, 1)), (1, 3, (0, 0))).value},
-    "weak": lambda: {"energy": critflow.AngleSprings(2.0)},
-    "examine": lambda: {"examination": critflow.examine(NETWORK, CRITICAL.coordinates, deformations=())},
-}
-for extra, made in OF_EXTRAS.items():
-    RIGHT |= {} if missing("", extra) else made()
+PUBLIC = {name: function for name in NAMES if inspect.isfunction(function := getattr(critflow, name))}
+# Functions of modules that the reference of the documents lists.
+IN_MODULES = (
+    *(taut_part.backbone, isogonal.face_modes, quantities.transition_modulus, quantities.stress_hessian),
+    *(quantities.flat_directions, points.random_sequential_addition, deformation.deformation_of, faces.planar_faces),
+)
 OF_FUNCTION = {
-    "tissue": {"network": HEXAGONS, "coordinates": HEXAGONS.positions},
-    "critical_from_perimeters": {"network": HEXAGONS},
-    "design": {"targets": {"B_0": 0.1}, "initial": np.ones(6), "signs": "positive"},
-    "isotropic_targets": {"youngs_modulus": 1.0, "poissons_ratio": 0.2},
-    "prune_towards": {"targets": {"B_0": 0.1}},
-    "local_response": {"springs": CRITICAL, "source": (0, 2, (0, 0)), "targets": [(1, 3, (0, 0))]},
-    "face_diagonals": {"network": HEXAGONS},
-    "response_name": {"source": (0, 2, (0, 0)), "target": (1, 3, (0, 0))},
-    "properties": {"quantities": ["B_0"]},
     "quantity": {"name": "B_0"},
     "upper_bound": {"name": "B_0"},
-    "pareto": {"objectives": {"B_0": "largest", "V_L": "smallest"}, "start": np.ones(6), "n": 2},
     "optimize": {"start": np.ones(6), "signs": "positive"},
     "planar_faces": {"edges": HEXAGONS.edges, "bond_vectors": HEXAGONS.bond_vectors(HEXAGONS.positions)},
     "voronoi_network": {"n_vertices": 8, "points": None},
     "delaunay_network": {"n_vertices": 8, "points": None},
     "lattice": {"name": "square"},
-    "fibre_network": {"kind": "mikado", "z": 3.6},
     "deformation_of": {"value": "dilation"},
-    "diluted": {"network": lattice("honeycomb", 4, 4)},
-    "packing_network": {"n_vertices": 24, "z": 4.2},
+    **{key: {"source": critflow.to_tables(CRITICAL)} for key in ("read_network", "read_critical")},
+    **{key: {"thing": CRITICAL} for key in ("to_tables", "to_graph")},
+    "write_network": {"thing": CRITICAL, "path": f"{mkdtemp()}/n.csv"},
 }
-WRONG = {
-    "a word": "soft",
-    "nothing": None,
-    "a ragged list": [[1.0, 2.0], [3.0]],
-    "a solution": MANIFOLD.solve(np.ones(6)),
-    "an object": object(),
-    "a complex number": 1j,
-    "no entries": [],
-    "a negative number": -1,
-    "not a number": float("nan"),
-    "zero": 0,
-    "a matrix": np.ones((2, 3)),
+# Functions that compute next to nothing.
+QUICK = {
+    *("lattice", "quantity", "spring_state", "three_bar_linkage"),
+    *("read_critical", "read_network", "to_graph", "to_tables", "write_network"),
 }
-PUBLIC = checked_functions()
-# Functions of files and foreign objects judge these themselves.
-FUNCTIONS = {name: function for name, function in PUBLIC.items() if "exchange" not in function.__module__}
-# Random points take long for some seeds.
-SLOW = {("foam_network", "seed", "zero")}
 
-
-def arguments_of(name):
-    """Arguments of a public function by name."""
-    right = RIGHT | OF_FUNCTION.get(name, {})
-    variable = inspect.Parameter.VAR_POSITIONAL, inspect.Parameter.VAR_KEYWORD
-    parameters = [p for p in inspect.signature(FUNCTIONS[name]).parameters.values() if p.kind not in variable]
-    unknown = [p.name for p in parameters if p.default is p.empty and p.name not in right]
-    assert not unknown, f"add right arguments {unknown} of {name} to RIGHT"
-    return {p.name: right[p.name] if p.default is p.empty or p.name in right else p.default for p in parameters}
-
-
-@pytest.mark.parametrize("name", FUNCTIONS)
-def test_wrong_arguments_of_every_public_function_raise_one_sentence(name):
-    right = arguments_of(name)
-    for key, wrong in itertools.product(right, WRONG):
-        if (name, key, wrong) in SLOW:
-            continue
-        try:
-            FUNCTIONS[name](**(right | {key: WRONG[wrong]}))
-        except CritflowError as error:
-            assert "\n" not in str(error)
-            assert 10 < len(str(error)) < 300
-        except Exception as error:
-            raise AssertionError(f"{name}({key} = {wrong}) raised {type(error).__name__}: {error}") from error
-
-
-# Functions of the top level that compute next to nothing, or wait for the disk.
-QUICK = {"lattice", "network_from", "quantity", "spring_state", "three_bar_linkage", "tissue", "write_network"}
-
-
-class Computing(Exception):
-    """Raised where a call begins to compute."""
-
-
-@pytest.mark.parametrize("name", sorted(name for name in FUNCTIONS if name in NAMES and name not in QUICK))
-def test_a_function_that_may_take_long_shows_its_name_and_sets_the_threads(name, monkeypatch):
-    names = []
-
-    def controller():
-        names.append("threads")
-        raise Computing
-
-    monkeypatch.setattr(calls, "_visible", lambda: True)
-    monkeypatch.setattr(calls._LINE, "begin", names.append)
-    monkeypatch.setattr(calls, "_controller", controller)
-    with pytest.raises(Computing):
-        FUNCTIONS[name]()
-    assert names == [name, "threads"]
+test_wrong_arguments_of_every_public_function_raise_one_sentence = wrong_arguments_raise(
+    PUBLIC | {function.__name__: function for function in IN_MODULES}, OF_FUNCTION
+)
+test_a_function_that_may_take_long_shows_its_name_and_sets_the_threads = shows_its_name_and_sets_the_threads(
+    PUBLIC, QUICK
+)
 
 
 def example(network, number, count=1, rng=None, flag=True):

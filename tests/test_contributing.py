@@ -8,8 +8,6 @@ from pathlib import Path
 import pytest
 from layers import LAYERS
 
-from critflow.extensions import extras
-
 ROOT = Path(__file__).parents[1]
 PAGE = (ROOT / "docs" / "contributing.md").read_text(encoding="utf-8")
 PACKAGE = ROOT / "critflow"
@@ -55,14 +53,5 @@ def test_a_path_exists(path):
 
 def test_the_table_of_the_scene_lists_its_files():
     listed = [name for cell, _ in table("scene") for name in re.findall(r"`(\w+)(?:\.py|/)`", cell)]
-    assert listed == [layer for layer in LAYERS if layer not in ("extras", "__main__")]
+    assert listed == [layer for layer in LAYERS if layer not in ("studies", "__main__")]
     assert all((PACKAGE / f"{name}.py").exists() or (PACKAGE / name).is_dir() for name in listed)
-
-
-def test_the_table_of_extras_has_what_they_declare():
-    """A row may be of an extra that is not there."""
-    rows = {name.strip("`"): (content, needs) for name, content, needs in table("extras")}
-    for name, extra in extras().items():
-        text = (PACKAGE / "extras" / name / "__init__.py").read_text(encoding="utf-8")
-        needs = ", ".join(f"`{one}`" for one in extra.needs) or "–"
-        assert rows[name] == (ast.get_docstring(ast.parse(text)).split("\n")[0], needs)

@@ -84,20 +84,17 @@ def test_lengths_refine_one_configuration(refined):
 def test_a_closed_form_has_no_descent(factorised, monkeypatch, network, manifold):
     """No step of any method; only the configuration at σ = k is solved."""
     monkeypatch.setattr(OPTIMIZE, "descend", forbidden)
-    answers = []
-    counts = factorised(network, lambda: answers.append(optimize(manifold, "bulk_modulus")))
+    counts = factorised(network, lambda: optimize(manifold, "bulk_modulus"))
     assert set(counts) == {"P"} and counts["P"] <= 2  # P(k) for bound and configuration, and for the residual
-    assert answers[0].stats.steps == 0 and answers[0].stats.method == "closed_form"
+    assert factorised.answer.stats.steps == 0 and factorised.answer.stats.method == "closed_form"
     assert factorised(network, lambda: upper_bound(manifold, "B_0")) == {"P": 1}
 
 
 def test_coefficients_need_one_system_and_no_path(factorised, monkeypatch, network, manifold, critical):
     monkeypatch.setattr(sys.modules["critflow.paths"], "relaxed", forbidden)
-    answers = []
-    counts = factorised(network, lambda: answers.append(stiffening(critical, manifold=manifold)))
     # P(σ) refines the coordinates.
-    assert counts == {"saddle": 1, "P": 1}
-    assert answers[0].ok
+    assert factorised(network, lambda: stiffening(critical, manifold=manifold)) == {"saddle": 1, "P": 1}
+    assert factorised.answer.ok
 
 
 def test_a_path_without_moduli_has_no_linear_response(factorised, monkeypatch, network, critical):
@@ -111,14 +108,13 @@ def test_a_path_without_moduli_has_no_linear_response(factorised, monkeypatch, n
 def test_a_strain_of_a_path_is_one_factorisation(factorised, deformation, measure):
     """And one for the velocity at the transition; only the first strain, a long step, takes a few more."""
     network = NETWORKS["planar"](200, seed=3)
-    critical, paths = CriticalManifold(network).configuration(np.ones(network.n_edges)), []
+    critical = CriticalManifold(network).configuration(np.ones(network.n_edges))
     side = 1 if strain_path(critical, [1e-3], deformation, throw=False).ok else -1
     strains = side * 1e-3 * np.arange(1, 11)
-    counts = factorised(
-        network, lambda: paths.append(strain_path(critical, strains, deformation, measure=measure).value)
-    )
+    counts = factorised(network, lambda: strain_path(critical, strains, deformation, measure=measure).value)
     assert counts[SPRINGS] <= len(strains) + 4
-    assert paths[0].steps[0] <= 3 and not paths[0].steps[2:].any() and not paths[0].inserted.any()
+    path = factorised.answer
+    assert path.steps[0] <= 3 and not path.steps[2:].any() and not path.inserted.any()
 
 
 def test_a_departure_with_the_affine_motion_factorises_nothing(factorised):
@@ -142,7 +138,6 @@ def test_lengths_determine_the_transition_without_springs(factorised):
     """A few steps of the iteration, Newton's method on the stressed edges, and one balance of the resulting stress."""
     network = NETWORKS["planar"](60, seed=1)
     lengths = 1 + 0.02 * np.sin(1.0 + np.arange(network.n_edges))
-    answers = []
-    counts = factorised(network, lambda: answers.append(critical_from_lengths(network, lengths)))
-    assert answers[0].status is Status.ok
+    counts = factorised(network, lambda: critical_from_lengths(network, lengths))
+    assert factorised.answer.status is Status.ok
     assert set(counts) == {"P", "saddle"} and counts["P"] <= 6

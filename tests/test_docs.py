@@ -1,226 +1,45 @@
-"""The documents: code blocks run and print what the page shows, links lead somewhere, pages keep their length.
-
-A page is executed as one program, in an empty directory, with warnings as errors.  Fenced blocks by info string:
-
-    python FILE      written to FILE, before anything is executed
-    KIND critflow/FILE, KIND tests/FILE    of an extra: `tests/test_extending.py` executes it in a copy of the package
-    console          lines `$ critflow ...` are executed in turn and must succeed, or end in `# exit N`
-    python           executed after all commands, as one program for the page
-    output           the exact output of the `python` block before it
-    text, sh         not executed
-"""
+"""The documents of critflow, which run without critflow-extras; `documents.py` has the tests of every page."""
 
 import inspect
-import io
 import re
-import runpy
-import shlex
-import subprocess
-import sys
-import tomllib
-from contextlib import redirect_stderr, redirect_stdout
-from itertools import pairwise
 from pathlib import Path
-from typing import NamedTuple
 
-import matplotlib
-import matplotlib.pyplot as plt
-import numpy as np
 import pytest
-from extras_there import PUBLIC, absent, left_out_without_services, mentioned, skip_without
-from PIL import Image
 
 import critflow
-from critflow import sparse as backends
-from critflow.command.main import main
-from critflow.extensions import extras
 from critflow.quantities import ALIASES
 from workflows.pages.paper import EQUATIONS, named
 
-ROOT = Path(__file__).parents[1]
-sys.path.append(str(ROOT / "docs" / "_ext"))
+pytest.register_assert_rewrite("documents")
 
-import programs  # noqa: E402
+from documents import *  # noqa: E402, F403
+from documents import DOCS, PAGES, ROOT, blocks  # noqa: E402
 
-DOCS = ROOT / "docs"
-MADE = {path.with_suffix(".md") for path in (DOCS / "notebooks").glob("*.ipynb")}  # by the site
-BUILT = set((DOCS / "_build").rglob("*.md"))
-PAGES = [ROOT / "README.md", ROOT / "workflows" / "README.md", *sorted(set(DOCS.rglob("*.md")) - MADE - BUILT)]
-COLUMNS, SHOWN = 80, ("python", "console", "sh", "text")
-LINES_OF_PICTURE, PICTURES = 40, 24
-INFO_STRINGS = {"python", "output", "console", "text", "sh", "toml", "{layer}", "{names}", "{gallery}"}
-# Packages of pages that no extra of the project installs.
-NEEDED = {"docs/recipes/pictures.md": ("skimage", "skan")}
-_MARK = "<<< next block >>>"
+WORDS = 27_000
 
 
-class Block(NamedTuple):
-    kind: str
-    file: str
-    text: str
-    line: int
+def test_the_documents_name_nothing_that_needs_the_extras():
+    """Code of a page uses critflow alone; the way to the extras is a link to their pages."""
+    code = [(page.name, block.text) for page in PAGES if page.is_relative_to(DOCS) for block in blocks(page)]
+    scripts = [*DOCS.glob("gallery/*.py"), *DOCS.glob("pictures/*.py")]
+    code += [(script.name, script.read_text(encoding="utf-8")) for script in scripts]
+    assert [name for name, text in code if "import critflow_extras" in text or "from critflow_extras" in text] == []
 
 
-def blocks(page: Path) -> list[Block]:
-    """The fenced code blocks of a page."""
-    found, current = [], None
-    for number, line in enumerate(page.read_text(encoding="utf-8").split("\n"), 1):
-        if current is None:
-            if opening := re.fullmatch(r"\s*```([\w{}]*) ?(\S*)", line):
-                current = (opening[1], opening[2], [], number)
-        elif line.strip() == "```":
-            kind, file, lines, start = current
-            found.append(Block(kind, file, "\n".join(lines) + "\n", start))
-            current = None
-        else:
-            current[2].append(line)
-    assert current is None, f"{page.name}: a code block is not closed"
-    return found
-
-
-def is_of_the_package(block: Block) -> bool:
-    """Whether a block is a file of critflow or of its tests, which only a copy of the package receives."""
-    return block.file.startswith(("critflow/", "tests/"))
-
-
-def name_of(page: Path) -> str:
-    return str(page.relative_to(ROOT))
-
-
-def executed(page: Path) -> list[Block]:
-    return [block for block in blocks(page) if block.kind in ("python", "console")]
-
-
-def run_command(line: str) -> None:
-    """Run one `$ critflow ...` line and compare its exit code with the one in its comment, 0 by default."""
-    command, _, comment = line.removeprefix("$ ").partition("#")
-    expected = int(comment.split()[1]) if comment.split()[:1] == ["exit"] else 0
-    name, *words = shlex.split(command)
-    assert name == "critflow", f"only critflow is executed in a console block, not {name}: use a text block"
-    with redirect_stderr(io.StringIO()) as stream:
-        code = main(words)
-    assert code == expected, f"{command}\n{stream.getvalue()}"
-
-
-def run_python(page: Path, group: list[Block], folder: Path) -> list[str]:
-    """The output of each of these blocks, run as one program."""
-    program = folder / "page.py"
-    program.write_text(f"print({_MARK!r})\n".join(block.text for block in group), encoding="utf-8")
-    if page == PAGES[0]:  # the first program that a reader runs: in a new process, as a script
-        words = [sys.executable, "-W", "error", program.name]
-        done = subprocess.run(words, capture_output=True, text=True, cwd=folder)
-        assert done.returncode == 0, f"{name_of(page)}, blocks from line {group[0].line}:\n{done.stderr}"
-        printed = done.stdout
-    else:
-        with redirect_stdout(io.StringIO()) as stream:
-            runpy.run_path(program.name, run_name="__main__")
-        printed = stream.getvalue()
-        plt.close("all")
-    program.unlink()
-    return printed.split(f"{_MARK}\n")
-
-
-@pytest.mark.parametrize("page", [page for page in PAGES if executed(page)], ids=name_of)
-def test_the_code_of_a_page_runs_and_prints_what_the_page_shows(page, tmp_path, monkeypatch, empty_pictures):
-    for package in NEEDED.get(name_of(page), ()):
-        pytest.importorskip(package)
-    skip_without(mentioned("".join(block.text for block in executed(page))))
-    monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(backends, "BACKENDS", dict(backends.BACKENDS))  # a page adds one
-    found = blocks(page)
-    for block in found:
-        if block.kind == "python" and block.file and not is_of_the_package(block):
-            (tmp_path / block.file).write_text(block.text, encoding="utf-8")
-    group = [block for block in found if block.kind == "python" and not block.file]
-    with left_out_without_services(), empty_pictures():
-        for block in found:
-            if block.kind == "console":
-                for line in block.text.replace("\\\n", " ").splitlines():
-                    if line.startswith("$ "):
-                        run_command(line)
-        printed = dict(zip(group, run_python(page, group, tmp_path), strict=True)) if group else {}
-    for block, following in pairwise(found):
-        if following.kind == "output":
-            assert printed[block] == following.text, f"{name_of(page)}, line {block.line}"
-
-
-@pytest.mark.parametrize("page", PAGES, ids=name_of)
-def test_every_block_says_how_it_is_used_and_fits_on_the_page(page):
-    for block in blocks(page):
-        assert block.kind in INFO_STRINGS, f"{name_of(page)}, line {block.line}: ```{block.kind}"
-        wide = [line for line in block.text.splitlines() if len(line) > COLUMNS and block.kind in SHOWN]
-        assert not wide, f"{name_of(page)}, block at {block.line}: {wide}"
-
-
-@pytest.mark.parametrize("page", PAGES, ids=name_of)
-def test_relative_links_and_anchors_lead_somewhere(page):
-    prose = re.sub(r"^\s*```.*?^\s*```$", "", page.read_text(encoding="utf-8"), flags=re.M | re.S)
-    for target in re.findall(r"\]\(([^)\s]+)\)", prose):
-        if re.match(r"https?://|mailto:", target):
-            continue
-        path, _, anchor = target.partition("#")
-        file = (page.parent / path).resolve() if path else page
-        assert file.exists(), f"{name_of(page)}: {target}"
-        if anchor:
-            assert anchor in anchors(file), f"{name_of(page)}: {target}"
-
-
-def anchors(page: Path) -> set[str]:
-    """The anchors that GitHub gives to the headings of a page."""
-    headings = re.findall(r"^#+ (.+)$", page.read_text(encoding="utf-8"), flags=re.M)
-    return {re.sub(r"[^\w\- ]", "", heading.lower()).replace(" ", "-") for heading in headings}
-
-
-def test_every_page_is_in_the_contents():
-    for page in PAGES[2:]:
-        folder = page.parent if page.name != "index.md" else page.parent.parent
-        above = [index for index in (folder / "index.md", DOCS / "index.md") if index.exists() and index != page]
-        links = [f"({page.relative_to(index.parent)})" in index.read_text(encoding="utf-8") for index in above]
-        assert page == DOCS / "index.md" or any(links), f"{name_of(page)} is in no index.md"
-
-
-TAUGHT = [DOCS / f"{name}.md" for name in ("index", "start", "tutorial", "question", "questions", "tools")]
-TAUGHT += [*sorted((DOCS / "howto").glob("*.md")), *sorted((DOCS / "reference").glob("*.md"))]
-
-
-@pytest.mark.parametrize("page", TAUGHT, ids=name_of)
-def test_what_a_block_prints_stands_below_it(page):
-    """In a block of output, which is compared, and not in a comment, which is not."""
-    found = [block for block in blocks(page) if not block.file]
-    for block, following in pairwise([*found, Block("", "", "", 0)]):
-        if block.kind == "python":
-            place = f"{name_of(page)}, line {block.line}"
-            assert "print(" not in block.text or following.kind == "output", f"{place}: its output is not shown"
-            assert not re.search(r"^# ?([\[({'\d-]|True|False|None)", block.text, flags=re.M), f"{place}: typed output"
-
-
-INSTALLED = r"(pip install|sphinx-build|pytest -m|python (?=-m workflows|docs/|workflows/))"
-BARE_COMMAND = re.compile(rf"(?<![\w/.'-]){INSTALLED}")
-
-
-@pytest.mark.parametrize("page", PAGES, ids=name_of)
-def test_commands_name_the_environment_unless_the_page_activates_it(page):
-    text = re.sub(r"^<!--.*-->$", "", page.read_text(encoding="utf-8"), flags=re.M)
-    found = BARE_COMMAND.search(text)
-    assert not found or "bin/activate" in text[: found.start()], f"{name_of(page)}: .venv/bin/{found[0]}"
-
-
-@pytest.mark.parametrize("page", sorted((DOCS / "howto").glob("*.md")), ids=name_of)
-def test_a_how_to_page_begins_with_its_purpose_and_a_picture(page):
-    first = page.read_text(encoding="utf-8").partition("```")[0].split("\n\n")
-    assert re.match(r"\S.* (computes|finds|opens|tells|writes) ", first[1].replace("\n", " ")), "its purpose"
-    assert first[2].startswith("!["), "a picture"
+def test_the_documents_are_short():
+    words = {page: len(page.read_text(encoding="utf-8").split()) for page in PAGES if page.is_relative_to(DOCS)}
+    assert sum(words.values()) <= WORDS
 
 
 def test_every_status_is_explained():
     rows = re.findall(r"^\| `(\w+)` \| (\d+) \|", (DOCS / "failures.md").read_text(encoding="utf-8"), flags=re.M)
     assert rows == [(status.name, str(int(status))) for status in critflow.Status]
-    start = (DOCS / "start.md").read_text(encoding="utf-8").split("## When something is wrong")[1]
-    assert set(re.findall(r"`(\w+)`", start)) >= {status.name for status in critflow.Status}
 
 
 def test_the_pages_on_theory_name_the_function_of_every_equation():
-    text = "".join(page.read_text(encoding="utf-8") for page in (DOCS / "theory").glob("*.md"))
+    """Those that the extras compute stand on their page on rigidity."""
+    pages = [*(DOCS / "theory").glob("*.md"), *(ROOT / "extras" / "docs" / "theory").glob("*.md")]
+    text = "".join(page.read_text(encoding="utf-8") for page in pages)
     rows = re.findall(r"^\| \((\d+)\) \|.*\| `([^`]+)` \|$", text, flags=re.M)
     assert sorted(rows) == sorted((equation.number, named(equation.function)) for equation in EQUATIONS)
 
@@ -244,7 +63,7 @@ def source_of(module: str) -> str:
 def test_error_bounds_have_the_kind_that_their_modules_state():
     text = (ROOT / "docs" / "failures.md").read_text(encoding="utf-8")
     rows = re.findall(r"^\| ((?:`\w+`(?:, )?)+) \|.*\| (.*(?:proof|estimate).*) \|$", text, flags=re.M)
-    assert len(rows) == 10
+    assert len(rows) == 8
     for names, kinds in rows:
         for name in re.findall(r"`(\w+)`", names):
             stated = "".join(source_of(module) for module in DELEGATES.get(name, ()))
@@ -252,66 +71,9 @@ def test_error_bounds_have_the_kind_that_their_modules_state():
                 one = inspect.unwrap(getattr(critflow, name))
                 own, module = inspect.getdoc(one) or "", Path(inspect.getfile(one)).read_text(encoding="utf-8")
                 stated += own if re.search(BOUND, own) else module
-            if name in PUBLIC and absent([PUBLIC[name]]):
-                continue
             assert stated, name
             for kind in ("proof", "estimate"):
                 assert bool(re.search(BOUND + kind, stated)) == (kind in kinds), name
-
-
-def test_the_gallery_has_short_scripts_and_shows_them_all():
-    scripts = programs.gallery_scripts()
-    listed = re.findall(r"```{gallery}\n(.*?)```", (DOCS / "gallery" / "index.md").read_text("utf-8"), flags=re.S)
-    assert sorted(" ".join(listed).split()) == [script.stem for script in scripts]
-    assert len(scripts) >= PICTURES
-    for script in scripts:
-        lines = script.read_text(encoding="utf-8").splitlines()
-        assert len(lines) <= LINES_OF_PICTURE and max(map(len, lines)) <= COLUMNS, script.name
-
-
-@pytest.mark.parametrize("script", programs.gallery_scripts(), ids=lambda script: script.stem)
-def test_a_picture_of_the_gallery_is_made_by_its_script(script):
-    skip_without(mentioned(script.read_text(encoding="utf-8")))
-    assert 5_000 < programs.execute_script(script).stat().st_size < 120_000
-
-
-def reduced(picture: Path) -> np.ndarray:
-    """The mean colours of tiles of 6 × 6 pixels, which smoothing and palettes hardly change."""
-    with Image.open(picture) as image:
-        tiles = image.convert("RGB").resize((image.width // 6, image.height // 6), Image.Resampling.BOX)
-    return np.asarray(tiles, float)
-
-
-_KNOWN = (ROOT / "critflow" / "known_extras.toml").read_text(encoding="utf-8")
-COMPLETE = set(tomllib.loads(_KNOWN)) <= set(extras())  # no extra is deleted
-DRAWN = [path for path in sorted((DOCS / "pictures").glob("*.py")) if COMPLETE or path.stem != "house"]
-
-
-@pytest.mark.parametrize("script", DRAWN, ids=lambda script: script.stem)
-def test_a_committed_picture_is_the_one_of_its_script(script, tmp_path, monkeypatch):
-    texts = [script.read_text(encoding="utf-8")]
-    texts += [
-        (DOCS / "gallery" / name).read_text(encoding="utf-8") for name in re.findall(r"gallery/(\w+\.py)", texts[0])
-    ]
-    skip_without(mentioned("".join(texts)))
-    monkeypatch.setattr(sys, "argv", [str(script), str(tmp_path / "made.png")])
-    agg = matplotlib.rcParamsDefault | {"backend": "Agg"}
-    with left_out_without_services(), matplotlib.rc_context(agg):
-        runpy.run_path(str(script), run_name="__main__")
-    made, committed = reduced(tmp_path / "made.png"), reduced(script.with_suffix(".png"))
-    assert made.shape == committed.shape
-    # Of 255: a palette changes 0.05, letters of another font 0.2, one other panel of three or eight more than 1.2.
-    # The picture of rounding errors has other points on another processor.
-    assert np.abs(made - committed).mean() < (3 if script.stem == "errors" else 1)
-    movie = script.with_suffix(".gif")
-    assert movie.exists() == (tmp_path / "made.gif").exists()
-    if movie.exists():
-        with Image.open(movie) as shown, Image.open(tmp_path / "made.gif") as again:
-            assert movie.stat().st_size < 2**20 and shown.n_frames == again.n_frames > 20
-            for at in (0, shown.n_frames // 2):
-                shown.seek(at), again.seek(at)
-                difference = np.asarray(shown.convert("RGB"), float) - np.asarray(again.convert("RGB"), float)
-                assert np.abs(difference).mean() < 1
 
 
 def test_the_glossary_lists_the_long_names_of_quantities():

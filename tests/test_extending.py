@@ -1,56 +1,85 @@
-"""The extra and the population of `docs/extending.md`, in a copy of the package of which nothing else changes."""
+"""What `docs/extending.md` says of files outside the page: an eighth population, and a package that joins.
+
+Its other blocks are executed by `test_docs.py`.
+"""
 
 import ast
+import os
 import shutil
 import subprocess
 import sys
+import tomllib
 from pathlib import Path
 
 import numpy as np
+import pytest
 import xarray as xr
-from extras_there import skip_without
-from test_docs import DOCS, blocks, is_of_the_package
-from test_extras import ROOT, without
+from test_docs import DOCS, blocks
+
+ROOT = DOCS.parent
+PAGE = blocks(DOCS / "extending.md")
+FILES = {block.file: block.text for block in PAGE if block.file}
 
 
-def test_the_extra_of_the_documents_is_one_folder(tmp_path):
-    """The page has its files, its tests, and what its command prints."""
-    skip_without(["design_names"])
-    page = blocks(DOCS / "extending.md")
-    folder, files = without(tmp_path), [block for block in page if is_of_the_package(block)]
-    for block in files:
-        (folder / block.file).parent.mkdir(parents=True, exist_ok=True)
-        (folder / block.file).write_text(block.text, encoding="utf-8")
-    names = {Path(block.file).parts[2] for block in files}
-    assert names == {"poisson"} and {Path(block.file).parts[1] for block in files} == {"extras"}
-    assert 40 <= sum(block.text.count("\n") for block in files if block.file.startswith("critflow")) <= 60
-    command, printed = next(block.text for block in page if block.kind == "text").splitlines()
-    for words, expected in (
-        (["critflow", *command.split()[2:]], printed),
-        (["critflow", "--help"], "Print Poisson's ratio of the stiffest critical configuration."),
-        (["pytest", "-p", "no:cacheprovider", *(block.file for block in files if "test_" in block.file)], "2 passed"),
-    ):
-        line = [sys.executable, "-W", "error", "-m", *words]
-        done = subprocess.run(line, cwd=folder, capture_output=True, text=True, timeout=120)
-        assert done.returncode == 0 and expected in done.stdout, done.stdout[-2000:] + done.stderr[-2000:]
+def run(*words, cwd, **environment):
+    """What a command line prints in a new process, with warnings as errors."""
+    line = [sys.executable, "-W", "error", "-m", *words]
+    done = subprocess.run(
+        line, cwd=cwd, env=os.environ | environment, capture_output=True, text=True, timeout=120, check=False
+    )
+    assert done.returncode == 0, done.stdout[-2000:] + done.stderr[-2000:]
+    return done.stdout
 
 
-def test_the_population_of_the_documents_is_one_entry(tmp_path):
-    """Behind the last one it has a label, a colour and numbers in the ensemble, and is drawn."""
-    entry = next(block.text for block in blocks(DOCS / "extending.md") if block.file == "entry.py")
-    folder = without(tmp_path)
-    (folder / "workflows").unlink()
-    shutil.copytree(ROOT / "workflows", folder / "workflows", ignore=shutil.ignore_patterns("__pycache__"))
-    module = folder / "workflows" / "shared" / "populations.py"
+@pytest.fixture
+def checkout(tmp_path):
+    """A copy of the package and of its studies, from which `python -m critflow` imports."""
+    for folder in ("critflow", "workflows"):
+        shutil.copytree(ROOT / folder, tmp_path / folder, ignore=shutil.ignore_patterns("__pycache__"))
+    return tmp_path
+
+
+def test_an_eighth_population_is_one_entry(checkout):
+    """It stands last, has a label, a colour and numbers in the ensemble, and is drawn."""
+    module = checkout / "workflows" / "shared" / "populations.py"
     lines = module.read_text(encoding="utf-8").splitlines(keepends=True)
     calls = [node for node in ast.walk(ast.parse("".join(lines))) if isinstance(node, ast.Call)]
-    lines.insert(max(c.end_lineno for c in calls if getattr(c.func, "id", "") == "Population"), entry)
+    lines.insert(max(one.end_lineno for one in calls if getattr(one.func, "id", "") == "Population"), FILES["entry.py"])
     module.write_text("".join(lines), encoding="utf-8")
-    words = ("seeds=0:2", "n_vertices=20", "strains=0.001:0.003:0.001")
-    command = [sys.executable, "-W", "error", "-m", "critflow", "run", "ensemble", "--workers", "0", "--out", "out"]
-    done = subprocess.run([*command, *(f"--set={word}" for word in words)], cwd=folder, capture_output=True, text=True)
-    assert done.returncode == 0, done.stdout[-2000:] + done.stderr[-2000:]
-    one = xr.load_dataset(folder / "out" / "ensemble.nc").isel(population=-1)
-    assert (str(one.population.values), one.population.size) == ("lognormal_stress", 1)
+    settings = [f"--set={word}" for word in ("seeds=0:2", "n_vertices=20", "strains=0.001:0.003:0.001")]
+    run("critflow", "run", "ensemble", "--workers", "0", "--out", "out", *settings, cwd=checkout)
+    whole = xr.load_dataset(checkout / "out" / "ensemble.nc")
+    one = whole.isel(population=-1)
+    assert (whole.sizes["population"], str(one.population.values)) == (8, "lognormal_stress")
     assert (str(one.population_label.values), str(one.population_color.values)) == ("log-normal σ", "#000000")
-    assert np.isfinite(one.B_0).all() and len(list((folder / "out" / "figures").glob("*.png"))) == 3
+    assert np.isfinite(one.B_0).all() and len(list((checkout / "out" / "figures").glob("*.png"))) == 3
+
+
+def installed(folder: Path) -> None:
+    """What `pip install .` adds to a folder of packages, written here since the backend may not be installed."""
+    project = tomllib.loads(FILES["pyproject.toml"])["project"]
+    (folder / f"{project['name']}.py").write_text(FILES[f"{project['name']}.py"], encoding="utf-8")
+    metadata = folder / f"{project['name']}-{project['version']}.dist-info"
+    metadata.mkdir(parents=True)
+    text = "Metadata-Version: 2.1\nName: {name}\nVersion: {version}\n".format(**project)
+    (metadata / "METADATA").write_text(text, encoding="utf-8")
+    groups = project["entry-points"].items()
+    lines = [line for group, names in groups for line in (f"[{group}]", *(f"{a} = {b}" for a, b in names.items()))]
+    (metadata / "entry_points.txt").write_text("\n".join(lines) + "\n", encoding="utf-8")
+
+
+def test_a_package_joins_by_its_entry_points(tmp_path):
+    """Its command prints what the page shows, `--help` lists it, and its quantity stands wherever a name does."""
+    (tmp_path / "site").mkdir()
+    installed(tmp_path / "site")
+    shown = next(block.text for block in PAGE if block.kind == "text")
+    command, printed = shown.splitlines()
+    there = {"cwd": tmp_path, "PYTHONPATH": str(tmp_path / "site")}
+    assert run("critflow", *command.split()[2:], **there) == printed + "\n"
+    assert "Print the localisation of the stress in an optimum." in run("critflow", "--help", **there)
+    (tmp_path / "least.py").write_text(
+        "import critflow as cf\n"
+        "best = cf.optimize(cf.voronoi_network(20, seed=1), 'localisation', method='newton')\n"
+        "print(round(best.objective, 12), best.status)\n"
+    )
+    assert run("least", **there) == "1.0 ok\n"  # equal stresses, by second derivatives of the class

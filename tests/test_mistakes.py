@@ -1,397 +1,255 @@
-"""Sentences that users get for mistakes: for each call and each command, the kind of error and its decisive words.
-
-Rows stand under the names of the extras that they need, and are skipped where the folder of one is deleted.
-"""
+"""Sentences that users get for mistakes: for each call and each command, the kind of error and its decisive words."""
 
 from dataclasses import FrozenInstanceError
-from pathlib import Path
 
 import numpy as np
 import pytest
-import xarray as xr
-from extras_there import skip_without
+from fixtures import TINY
+from mistake_checks import (  # noqa: F401 (fixtures)
+    BEST,
+    CRITICAL,
+    FAILED,
+    MAKES_ONE,
+    MANIFOLD,
+    NETWORK,
+    STATE,
+    WIDE,
+    give_their_codes_and_sentences,
+    give_their_sentences,
+    here,
+)
 from refusals import refused
 
 import critflow as cf
-from critflow import CritflowError, InputError, SolveError
-from critflow.command.main import main
-
-TINY = str(Path(__file__).parent / "engine" / "tiny_study.py")
-
-NETWORK = cf.voronoi_network(n_vertices=60, seed=1)
-MANIFOLD = cf.CriticalManifold(NETWORK)
-BEST = cf.optimize(NETWORK, "B_0")
-CRITICAL = BEST.value
-STATE = cf.spring_state(NETWORK, CRITICAL.lengths, CRITICAL.coordinates)
-FAILED = cf.CriticalManifold(cf.three_bar_linkage()).solve([1, 1, -0.5])
-# Lengths at which edges are slack.
-WIDE = np.abs(1 + 0.5 * np.random.default_rng(0).standard_normal(90))
-MAKES_ONE = "CriticalManifold(network).configuration(sigma) or optimize(network, 'B_0') makes one"
-
-
-def dataset():
-    """Two critical configurations on each of two networks, as a study stores them."""
-    networks = [cf.voronoi_network(n_vertices=40, seed=seed) for seed in (0, 1)]
-    critical = [[cf.CriticalManifold(n).configuration(sigma * np.ones(60)) for sigma in (1.0, 2.0)] for n in networks]
-    arrays = {
-        "edges": (("seed", "edge", "end"), [n.edges for n in networks]),
-        "offsets": (("seed", "edge", "axis"), [n.offsets for n in networks]),
-        "cell": (("seed", "cell_vector", "axis"), [n.cell for n in networks]),
-        "sigma": (("seed", "population", "edge"), [[c.sigma for c in row] for row in critical]),
-        "position": (("seed", "population", "vertex", "axis"), [[c.coordinates for c in row] for row in critical]),
-    }
-    return xr.Dataset(arrays, {"seed": [0, 1], "population": ["max_B_0", "random_stress"]})
-
-
-DATASET = dataset()
+from critflow import InputError, SolveError
 
 
 def assign(thing, name):
     setattr(thing, name, 3)
 
 
-# By the names of extras, "" for none: call, kind of error, words of the sentence.
 CALLS = {
-    "": {
-        # Names of quantities, methods and deformations
-        "quantity misspelt": (lambda: cf.optimize(NETWORK, "B0"), InputError, "'B0'", "did you mean 'B_0'?"),
-        "quantity misspelt, long": (
-            lambda: cf.optimize(NETWORK, "bulk_modulos"),
-            *(InputError, "'bulk_modulos'", "did you mean 'bulk_modulus'?"),
-        ),
-        "bound of a misspelt quantity": (lambda: cf.upper_bound(NETWORK, "B0"), InputError, "did you mean 'B_0'?"),
-        "quantity in lower case": (lambda: cf.quantity(NETWORK, "v_l"), InputError, "did you mean 'V_L'?"),
-        "quantity of a deformation": (
-            lambda: cf.quantity(NETWORK, "modulus[twist]"),
-            *(InputError, "'modulus[twist]'", "did you mean 'modulus[dilation]'?", "simple_shear"),
-        ),
-        "quantity without its deformation": (lambda: cf.quantity(NETWORK, "modulus"), InputError, "modulus[D]"),
-        "objective a number": (lambda: cf.optimize(NETWORK, 3), InputError, "objective must be a name or a Quantity"),
-        "method misspelt": (
-            lambda: cf.optimize(NETWORK, "G_0", "newtn"),
-            *(InputError, "no method is called 'newtn'", "lbfgs", "newton", "auto"),
-        ),
-        "relaxation method": (lambda: cf.equilibrium(STATE, "magic"), InputError, "'magic'", "'newton' or 'fire'"),
-        "deformation misspelt": (
-            lambda: cf.strain_path(BEST, [0.01], "twist"),
-            *(InputError, "no deformation is called 'twist'", "dilation, simple_shear, pure_shear, uniaxial"),
-        ),
-        "sides misspelt": (lambda: cf.Deformation.uniaxial(2, sides="loose"), InputError, "'fixed' or 'free'"),
-        "lattice misspelt": (
-            lambda: cf.lattice("kagomé", 4, 4),
-            *(InputError, "no lattice is called 'kagomé'", "honeycomb", "kagome,"),
-        ),
-        "measure of a path": (
-            lambda: cf.strain_path(BEST, [0.01], measure="all"),
-            *(InputError, "a path measures one of tensors, moduli, energy", "'all'"),
-        ),
-        # Numbers
-        "odd number of vertices": (
-            lambda: cf.voronoi_network(n_vertices=61, seed=1),
-            *(InputError, "n_vertices must be an even number of at least 4", "not 61", "two a cell"),
-        ),
-        "vertices as a word": (lambda: cf.voronoi_network("60"), InputError, "n_vertices", "whole number, not '60'"),
-        "seed a word": (
-            lambda: cf.voronoi_network(60, "a"),
-            *(InputError, "seed must be a whole number or a Generator", "not 'a'"),
-        ),
-        "seed a fraction": (lambda: cf.voronoi_network(60, 1.5), InputError, "numpy.random.default_rng(1.5)"),
-        "seed negative": (lambda: cf.voronoi_network(60, -1), InputError, "seed must be a whole number from zero"),
-        "lattice of no cells": (
-            lambda: cf.lattice("honeycomb", 0, 3),
-            *(InputError, "honeycomb", "whole numbers of at least 1", "2 directions", "0 × 3"),
-        ),
-        "tolerance a word": (
-            lambda: cf.optimize(NETWORK, "B_0", tolerance="small"),
-            *(InputError, "tolerance must be a number", "not 'small'"),
-        ),
-        "steps a fraction": (
-            lambda: cf.optimize(NETWORK, "B_0", max_steps=2.5),
-            *(InputError, "max_steps must be a whole number", "not 2.5"),
-        ),
-        "steps true": (lambda: cf.optimize(NETWORK, "V_L", max_steps=True), InputError, "whole number, not True"),
-        "throw a number": (lambda: cf.optimize(NETWORK, "B_0", throw=2), InputError, "throw must be True or False"),
-        "volume negative": (
-            lambda: cf.three_bar_linkage().with_volume(-1),
-            *(InputError, "a volume must be positive and finite", "not -1"),
-        ),
-        "strains of both signs": (
-            lambda: cf.strain_path(BEST, [-0.1, 0.01]),
-            *(InputError, "strains must be finite", "0.001:0.010:0.001", "one path for each sign"),
-        ),
-        "strain a word": (lambda: cf.strain_path(BEST, ["a"]), InputError, "strains must be an array of numbers"),
-        # Arrays over edges
-        "sigma zero": (
-            lambda: MANIFOLD.configuration(np.zeros(90)),
-            *(InputError, "sigma is zero on every edge", "positive for tension"),
-        ),
-        "sigma NaN": (
-            lambda: MANIFOLD.configuration(np.full(90, np.nan)),
-            *(InputError, "sigma must be finite on every edge", "sigma[0] = nan"),
-        ),
-        "sigma too short": (
-            lambda: MANIFOLD.configuration(np.ones(3)),
-            *(InputError, "sigma must have one value per edge", "shape (90,), not (3,)"),
-        ),
-        "sigma a word": (lambda: MANIFOLD.solve("a"), InputError, "sigma must be real numbers", "'a'"),
-        "lengths too short": (
-            lambda: cf.critical_from_lengths(NETWORK, np.ones(5)),
-            *(InputError, "rest_lengths must have one value per edge", "shape (90,), not (5,)"),
-        ),
-        "lengths negative": (
-            lambda: cf.critical_from_lengths(NETWORK, -np.ones(90)),
-            *(InputError, "rest_lengths must be positive", "rest_lengths[0] = -1"),
-        ),
-        "lengths a word": (
-            lambda: cf.critical_from_lengths(NETWORK, "ones"),
-            *(InputError, "rest_lengths must be an array of numbers", "'ones'"),
-        ),
-        "spring lengths too short": (
-            lambda: cf.spring_state(NETWORK, np.ones(5), CRITICAL.coordinates),
-            *(InputError, "rest_lengths", "shape (90,), not (5,)"),
-        ),
-        # Graphs
-        "network from a name": (lambda: cf.Network("foo.csv"), InputError, "edges must be whole numbers"),
-        "network without boundary": (
-            lambda: cf.Network([[0, 1], [1, 2]]),
-            *(InputError, "a periodic cell or pins", "collapses to a point"),
-        ),
-        # Arguments of another kind
-        "path from a network": (
-            lambda: cf.strain_path(NETWORK, [0.1]),
-            *(InputError, "start must be a CriticalConfiguration", "not a Network", MAKES_ONE),
-        ),
-        "path from a manifold": (
-            lambda: cf.strain_path(MANIFOLD, [0.1]),
-            *(InputError, "start must be a CriticalConfiguration", "not a CriticalManifold", MAKES_ONE),
-        ),
-        "path from a word": (lambda: cf.strain_path("best", [0.1]), InputError, "start must be", "not 'best'"),
-        "method of a path unknown": (
-            lambda: cf.strain_path(BEST, [0.01], method="steepest"),
-            *(InputError, "no relaxation method is called 'steepest'", "'newton'"),
-        ),
-        "tolerance of a path a word": (
-            lambda: cf.strain_path(BEST, [0.01], tolerance="fine"),
-            *(InputError, "tolerance must be a number", "not 'fine'"),
-        ),
-        "elasticity of a number": (
-            lambda: cf.elasticity(3),
-            *(InputError, "CriticalConfiguration", "SpringState", "not 3", MAKES_ONE),
-        ),
-        "elasticity of coordinates": (
-            lambda: cf.elasticity(CRITICAL.coordinates),
-            *(InputError, "CriticalConfiguration", "SpringState", "not an array of shape (60, 2)", MAKES_ONE),
-        ),
-        "stiffening of a network": (
-            lambda: cf.stiffening(NETWORK),
-            *(InputError, "critical must be a CriticalConfiguration", "not a Network", MAKES_ONE),
-        ),
-        "stiffening of a state": (
-            lambda: cf.stiffening(STATE),
-            *(InputError, "critical must be a CriticalConfiguration", "not a SpringState", MAKES_ONE),
-        ),
-        "relaxation of a network": (
-            lambda: cf.equilibrium(NETWORK),
-            *(InputError, "state must be a SpringState, not a Network", "spring_state(network, coordinates)"),
-        ),
-        "relaxation of an optimum": (
-            lambda: cf.equilibrium(BEST),
-            *(InputError, "state must be a SpringState, not an Optimum", "use its .value"),
-        ),
-        "optimum of a word": (
-            lambda: cf.optimize("n", "B_0"),
-            *(InputError, "network must be a Network or a CriticalManifold", "not 'n'"),
-        ),
-        "optimum of an array": (
-            lambda: cf.optimize(CRITICAL.coordinates, "B_0"),
-            *(InputError, "network must be a Network", "not an array of shape (60, 2) and type float64"),
-        ),
-        "manifold of edges": (
-            lambda: cf.CriticalManifold(NETWORK.edges),
-            *(InputError, "network must be a Network, not an array of shape (90, 2)"),
-        ),
-        # Solutions that failed
-        "elasticity of a failure": (
-            lambda: cf.elasticity(FAILED),
-            *(InputError, "a solution that failed", "prestress matrix is singular", ".value"),
-        ),
-        "stiffening of a failure": (
-            lambda: cf.stiffening(FAILED),
-            *(InputError, "a solution that failed", "prestress matrix is singular", ".value"),
-        ),
-        "path from a failure": (
-            lambda: cf.strain_path(FAILED, [0.01]),
-            *(SolveError, "no path starts from this solution", "prestress matrix is singular"),
-        ),
-        "too few steps": (
-            lambda: cf.optimize(NETWORK, "V_L", "lbfgs", max_steps=1),
-            *(SolveError, "no optimum", "step limit", "raise max_steps", "method='auto'"),
-        ),
-        "slack edges": (
-            lambda: cf.critical_from_lengths(NETWORK, WIDE),
-            *(SolveError, "no all-tension critical configuration", "18 of 90 edges are slack", "narrow the lengths"),
-        ),
-        # Python's own sentences
-        "no such public name": (lambda: cf.optimise, AttributeError, "critflow", "optimise"),
-        "argument missing": (lambda: cf.optimize(NETWORK), TypeError, "optimize() missing", "'objective'"),
-        "argument misspelt": (
-            lambda: cf.optimize(NETWORK, "B_0", tolerence=1),
-            *(TypeError, "optimize()", "unexpected keyword argument 'tolerence'"),
-        ),
-        "argument of a path misspelt": (
-            lambda: cf.strain_path(BEST, [0.01], measur="moduli"),
-            *(TypeError, "strain_path()", "'measur'"),
-        ),
-        "argument of a generator misspelt": (
-            lambda: cf.voronoi_network(60, rng=3),
-            *(TypeError, "voronoi_network()", "'rng'"),
-        ),
-        "quantity of a solution": (
-            lambda: BEST.B_0,
-            AttributeError,
-            "Optimum",
-            "'B_0'",
-            ".objective",
-            "elasticity(...)",
-        ),
-        "edges that count from one": (
-            lambda: cf.Network([[1, 2], [2, 3]], pins={1: [0, 0], 3: [1, 0]}),
-            *(InputError, "vertex 0 hangs on no edge", "pruned(", "vertices count from 0: subtract 1"),
-        ),
-        "many edges that count from one": (
-            lambda: cf.Network([[1, 2], [1, 2], [2, 1]], [[1, 0], [0, 1], [0, 0]], np.eye(2)),
-            *(InputError, "vertex 0 hangs on no edge", "vertices count from 0: subtract 1"),
-        ),
-        "field of a value": (lambda: CRITICAL.stress, AttributeError, "CriticalConfiguration", "'stress'"),
-        "field of a network": (lambda: NETWORK.nope, AttributeError, "Network", "'nope'"),
-        "field of an elasticity": (lambda: cf.elasticity(BEST).value.bulkk, AttributeError, "Elasticity", "'bulkk'"),
-        "change of a network": (lambda: assign(NETWORK, "stiffness"), FrozenInstanceError, "field 'stiffness'"),
-        "change of a configuration": (lambda: assign(CRITICAL, "sigma"), FrozenInstanceError, "field 'sigma'"),
-    },
-    "certificates": {
-        "certificate of a network": (
-            lambda: cf.certify(NETWORK),
-            *(InputError, "critical must be a CriticalConfiguration, not a Network", MAKES_ONE),
-        ),
-    },
-    "design_growth": {
-        "quantity in lower case": (lambda: cf.quantity(NETWORK, "C_b"), InputError, "did you mean 'C_B'?"),
-    },
-    "sensitivities": {
-        "property misspelt": (lambda: cf.properties(BEST, ["B0"]), InputError, "did you mean 'B_0'?"),
-    },
-    "design_names": {
-        "quantity of no edge": (
-            lambda: cf.quantity(NETWORK, "length[500]"),
-            *(InputError, "length[500]", "90 edges", "counted from 0"),
-        ),
-    },
-    "drawing": {
-        "drawing of a dataset": (
-            lambda: cf.draw(DATASET),
-            *(InputError, "a Dataset cannot be drawn", "give a network, a configuration or a state"),
-        ),
-        "colour a word": (
-            lambda: cf.draw(BEST, color="red"),
-            *(InputError, "color must be an array of numbers", "not 'red'"),
-        ),
-        "a picture in place of axes": (
-            lambda: cf.draw(BEST, "x.png"),
-            *(InputError, "ax must be an Axes, not 'x.png'", "draw(...).figure.savefig('x.png')"),
-        ),
-    },
-    "rest": {
-        "elasticity of a network": (
-            lambda: cf.elasticity(NETWORK),
-            *(InputError, "elasticity of a network depends on its configuration", "give coordinates"),
-        ),
-    },
-    "cables": {
-        "deformation misspelt": (
-            lambda: cf.critical_strain(NETWORK, 1.05 * CRITICAL.lengths, "shear"),
-            *(InputError, "no deformation is called 'shear'", "simple_shear, pure_shear"),
-        ),
-        "lengths too short": (
-            lambda: cf.critical_strain(NETWORK, np.ones(7), "simple_shear"),
-            *(InputError, "rest_lengths must have one value per edge", "shape (90,), not (7,)"),
-        ),
-    },
-    "targets": {
-        "beyond the bound": (
-            lambda: cf.design(NETWORK, {"B_0": 1.0}),
-            *(SolveError, "B_0 is at most 0.28664132", "its bound for every stress", "1 was requested"),
-        ),
-        "no such quantity": (
-            lambda: cf.design(NETWORK, {"nu": -0.5}),
-            *(InputError, "no quantity is called 'nu'", "choose from B_0, G_0", "modulus[D]"),
-        ),
-        "targets as a set": (
-            lambda: cf.design(NETWORK, {"B_0"}),
-            InputError,
-            "targets must be a Mapping",
-            "{'B_0': 0.25}",
-            "not a set",
-        ),
-    },
-    "design_stiffness rest targets": {
-        "a target of another change": (
-            lambda: cf.design(NETWORK, {"poisson": -0.5}),
-            *(InputError, "poisson is a target of change='stiffness', not of change='stress'"),
-        ),
-    },
-    "design_stiffness": {
-        "no such quantity of stiffnesses": (
-            lambda: cf.design(STATE, {"nu": -0.5}, change="stiffness"),
-            *(InputError, "no quantity is called 'nu'", "choose from B_0, G_0", "modulus[D]"),
-        ),
-        "a network in place of springs": (
-            lambda: cf.design(NETWORK, {"poisson": -0.5}, change="stiffness"),
-            *(InputError, "change='stiffness' starts from springs on edges", "spring_state(network, ...)"),
-        ),
-        "limits of an unknown quantity": (
-            lambda: cf.design(STATE, {"B_0": 0.2}, change="stiffness", within={"colour": (0.1, 10)}),
-            *(InputError, "edges have no quantity 'colour'", "choose from stiffnesses"),
-        ),
-    },
-    "fronts": {
-        "objectives one by one": (
-            lambda: cf.pareto(NETWORK, "B_0", "C_G0", 3),
-            *(InputError, "both objectives stand in one list", "pareto(network, ['B_0', 'V_L'], 11)"),
-        ),
-        "one objective": (lambda: cf.pareto(NETWORK, "B_0"), InputError, "both objectives stand in one list"),
-        "a target without its value": (
-            lambda: cf.prune_towards(BEST, "B_0", 0.2),
-            *(InputError, "targets must be a Mapping", "not 'B_0'"),
-        ),
-    },
-    "files": {
-        "columns in place of a network": (
-            lambda: cf.network_from({"x": [0, 1]}),
-            *(InputError, "{'x': [0, 1]}", "not a known source of a network", "edges= and positions="),
-        ),
-        "a whole dataset": (
-            lambda: cf.network_from(DATASET),
-            *(InputError, "choose one seed and one population", "dataset.sel(seed=0, population='max_B_0')"),
-        ),
-        "several cases of a dataset": (
-            lambda: cf.network_from(DATASET.sel(seed=1)),
-            *(InputError, "choose one population", "dataset.sel(population='max_B_0')"),
-        ),
-        "unknown ending": (
-            lambda: cf.write_network(BEST, "x.npz"),
-            *(InputError, "the ending '.npz' of 'x.npz'", "choose one of .csv", ".graphml", ".vtu"),
-        ),
-    },
+    # Names of quantities, methods and deformations
+    "quantity misspelt": (lambda: cf.optimize(NETWORK, "B0"), InputError, "'B0'", "did you mean 'B_0'?"),
+    "quantity misspelt, long": (
+        lambda: cf.optimize(NETWORK, "bulk_modulos"),
+        *(InputError, "'bulk_modulos'", "did you mean 'bulk_modulus'?"),
+    ),
+    "bound of a misspelt quantity": (lambda: cf.upper_bound(NETWORK, "B0"), InputError, "did you mean 'B_0'?"),
+    "quantity in lower case": (lambda: cf.quantity(NETWORK, "v_l"), InputError, "did you mean 'V_L'?"),
+    "quantity of a deformation": (
+        lambda: cf.quantity(NETWORK, "modulus[twist]"),
+        *(InputError, "'modulus[twist]'", "did you mean 'modulus[dilation]'?", "simple_shear"),
+    ),
+    "quantity without its deformation": (lambda: cf.quantity(NETWORK, "modulus"), InputError, "modulus[D]"),
+    "objective a number": (lambda: cf.optimize(NETWORK, 3), InputError, "objective must be a name or a Quantity"),
+    "method misspelt": (
+        lambda: cf.optimize(NETWORK, "G_0", "newtn"),
+        *(InputError, "no method is called 'newtn'", "lbfgs", "newton", "auto"),
+    ),
+    "relaxation method": (lambda: cf.equilibrium(STATE, "magic"), InputError, "'magic'", "'newton' or 'fire'"),
+    "deformation misspelt": (
+        lambda: cf.strain_path(BEST, [0.01], "twist"),
+        *(InputError, "no deformation is called 'twist'", "dilation, simple_shear, pure_shear, uniaxial"),
+    ),
+    "sides misspelt": (lambda: cf.Deformation.uniaxial(2, sides="loose"), InputError, "'fixed' or 'free'"),
+    "lattice misspelt": (
+        lambda: cf.lattice("kagomé", 4, 4),
+        *(InputError, "no lattice is called 'kagomé'", "honeycomb", "kagome,"),
+    ),
+    "measure of a path": (
+        lambda: cf.strain_path(BEST, [0.01], measure="all"),
+        *(InputError, "a path measures one of tensors, moduli, energy", "'all'"),
+    ),
+    # Numbers
+    "odd number of vertices": (
+        lambda: cf.voronoi_network(n_vertices=61, seed=1),
+        *(InputError, "n_vertices must be an even number of at least 4", "not 61", "two a cell"),
+    ),
+    "vertices as a word": (lambda: cf.voronoi_network("60"), InputError, "n_vertices", "whole number, not '60'"),
+    "seed a word": (
+        lambda: cf.voronoi_network(60, "a"),
+        *(InputError, "seed must be a whole number or a Generator", "not 'a'"),
+    ),
+    "seed a fraction": (lambda: cf.voronoi_network(60, 1.5), InputError, "numpy.random.default_rng(1.5)"),
+    "seed negative": (lambda: cf.voronoi_network(60, -1), InputError, "seed must be a whole number from zero"),
+    "lattice of no cells": (
+        lambda: cf.lattice("honeycomb", 0, 3),
+        *(InputError, "honeycomb", "whole numbers of at least 1", "2 directions", "0 × 3"),
+    ),
+    "tolerance a word": (
+        lambda: cf.optimize(NETWORK, "B_0", tolerance="small"),
+        *(InputError, "tolerance must be a number", "not 'small'"),
+    ),
+    "steps a fraction": (
+        lambda: cf.optimize(NETWORK, "B_0", max_steps=2.5),
+        *(InputError, "max_steps must be a whole number", "not 2.5"),
+    ),
+    "steps true": (lambda: cf.optimize(NETWORK, "V_L", max_steps=True), InputError, "whole number, not True"),
+    "throw a number": (lambda: cf.optimize(NETWORK, "B_0", throw=2), InputError, "throw must be True or False"),
+    "volume negative": (
+        lambda: cf.three_bar_linkage().with_volume(-1),
+        *(InputError, "a volume must be positive and finite", "not -1"),
+    ),
+    "strains of both signs": (
+        lambda: cf.strain_path(BEST, [-0.1, 0.01]),
+        *(InputError, "strains must be finite", "0.001:0.010:0.001", "one path for each sign"),
+    ),
+    "strain a word": (lambda: cf.strain_path(BEST, ["a"]), InputError, "strains must be an array of numbers"),
+    # Arrays over edges
+    "sigma zero": (
+        lambda: MANIFOLD.configuration(np.zeros(90)),
+        *(InputError, "sigma is zero on every edge", "positive for tension"),
+    ),
+    "sigma NaN": (
+        lambda: MANIFOLD.configuration(np.full(90, np.nan)),
+        *(InputError, "sigma must be finite on every edge", "sigma[0] = nan"),
+    ),
+    "sigma too short": (
+        lambda: MANIFOLD.configuration(np.ones(3)),
+        *(InputError, "sigma must have one value per edge", "shape (90,), not (3,)"),
+    ),
+    "sigma a word": (lambda: MANIFOLD.solve("a"), InputError, "sigma must be real numbers", "'a'"),
+    "lengths too short": (
+        lambda: cf.critical_from_lengths(NETWORK, np.ones(5)),
+        *(InputError, "rest_lengths must have one value per edge", "shape (90,), not (5,)"),
+    ),
+    "lengths negative": (
+        lambda: cf.critical_from_lengths(NETWORK, -np.ones(90)),
+        *(InputError, "rest_lengths must be positive", "rest_lengths[0] = -1"),
+    ),
+    "lengths a word": (
+        lambda: cf.critical_from_lengths(NETWORK, "ones"),
+        *(InputError, "rest_lengths must be an array of numbers", "'ones'"),
+    ),
+    "spring lengths too short": (
+        lambda: cf.spring_state(NETWORK, np.ones(5), CRITICAL.coordinates),
+        *(InputError, "rest_lengths", "shape (90,), not (5,)"),
+    ),
+    # Graphs
+    "network from a name": (lambda: cf.Network("foo.csv"), InputError, "edges must be whole numbers"),
+    "network without boundary": (
+        lambda: cf.Network([[0, 1], [1, 2]]),
+        *(InputError, "a periodic cell or pins", "collapses to a point"),
+    ),
+    # Arguments of another kind
+    "path from a network": (
+        lambda: cf.strain_path(NETWORK, [0.1]),
+        *(InputError, "start must be a CriticalConfiguration", "not a Network", MAKES_ONE),
+    ),
+    "path from a manifold": (
+        lambda: cf.strain_path(MANIFOLD, [0.1]),
+        *(InputError, "start must be a CriticalConfiguration", "not a CriticalManifold", MAKES_ONE),
+    ),
+    "path from a word": (lambda: cf.strain_path("best", [0.1]), InputError, "start must be", "not 'best'"),
+    "method of a path unknown": (
+        lambda: cf.strain_path(BEST, [0.01], method="steepest"),
+        *(InputError, "no relaxation method is called 'steepest'", "'newton'"),
+    ),
+    "tolerance of a path a word": (
+        lambda: cf.strain_path(BEST, [0.01], tolerance="fine"),
+        *(InputError, "tolerance must be a number", "not 'fine'"),
+    ),
+    "elasticity of a number": (
+        lambda: cf.elasticity(3),
+        *(InputError, "CriticalConfiguration", "SpringState", "not 3", MAKES_ONE),
+    ),
+    "elasticity of coordinates": (
+        lambda: cf.elasticity(CRITICAL.coordinates),
+        *(InputError, "CriticalConfiguration", "SpringState", "not an array of shape (60, 2)", MAKES_ONE),
+    ),
+    "stiffening of a network": (
+        lambda: cf.stiffening(NETWORK),
+        *(InputError, "critical must be a CriticalConfiguration", "not a Network", MAKES_ONE),
+    ),
+    "stiffening of a state": (
+        lambda: cf.stiffening(STATE),
+        *(InputError, "critical must be a CriticalConfiguration", "not a SpringState", MAKES_ONE),
+    ),
+    "relaxation of a network": (
+        lambda: cf.equilibrium(NETWORK),
+        *(InputError, "state must be a SpringState, not a Network", "spring_state(network, coordinates)"),
+    ),
+    "relaxation of an optimum": (
+        lambda: cf.equilibrium(BEST),
+        *(InputError, "state must be a SpringState, not an Optimum", "use its .value"),
+    ),
+    "optimum of a word": (
+        lambda: cf.optimize("n", "B_0"),
+        *(InputError, "network must be a Network or a CriticalManifold", "not 'n'"),
+    ),
+    "optimum of an array": (
+        lambda: cf.optimize(CRITICAL.coordinates, "B_0"),
+        *(InputError, "network must be a Network", "not an array of shape (60, 2) and type float64"),
+    ),
+    "manifold of edges": (
+        lambda: cf.CriticalManifold(NETWORK.edges),
+        *(InputError, "network must be a Network, not an array of shape (90, 2)"),
+    ),
+    # Solutions that failed
+    "elasticity of a failure": (
+        lambda: cf.elasticity(FAILED),
+        *(InputError, "a solution that failed", "prestress matrix is singular", ".value"),
+    ),
+    "stiffening of a failure": (
+        lambda: cf.stiffening(FAILED),
+        *(InputError, "a solution that failed", "prestress matrix is singular", ".value"),
+    ),
+    "path from a failure": (
+        lambda: cf.strain_path(FAILED, [0.01]),
+        *(SolveError, "no path starts from this solution", "prestress matrix is singular"),
+    ),
+    "too few steps": (
+        lambda: cf.optimize(NETWORK, "V_L", "lbfgs", max_steps=1),
+        *(SolveError, "no optimum", "step limit", "raise max_steps", "method='auto'"),
+    ),
+    "slack edges": (
+        lambda: cf.critical_from_lengths(NETWORK, WIDE),
+        *(SolveError, "no all-tension critical configuration", "18 of 90 edges are slack", "narrow the lengths"),
+    ),
+    # Python's own sentences
+    "no such public name": (lambda: cf.optimise, AttributeError, "critflow", "optimise"),
+    "argument missing": (lambda: cf.optimize(NETWORK), TypeError, "optimize() missing", "'objective'"),
+    "argument misspelt": (
+        lambda: cf.optimize(NETWORK, "B_0", tolerence=1),
+        *(TypeError, "optimize()", "unexpected keyword argument 'tolerence'"),
+    ),
+    "argument of a path misspelt": (
+        lambda: cf.strain_path(BEST, [0.01], measur="moduli"),
+        *(TypeError, "strain_path()", "'measur'"),
+    ),
+    "argument of a generator misspelt": (
+        lambda: cf.voronoi_network(60, rng=3),
+        *(TypeError, "voronoi_network()", "'rng'"),
+    ),
+    "quantity of a solution": (
+        lambda: BEST.B_0,
+        AttributeError,
+        "Optimum",
+        "'B_0'",
+        ".objective",
+        "elasticity(...)",
+    ),
+    "edges that count from one": (
+        lambda: cf.Network([[1, 2], [2, 3]], pins={1: [0, 0], 3: [1, 0]}),
+        *(InputError, "vertex 0 hangs on no edge", "pruned(", "vertices count from 0: subtract 1"),
+    ),
+    "many edges that count from one": (
+        lambda: cf.Network([[1, 2], [1, 2], [2, 1]], [[1, 0], [0, 1], [0, 0]], np.eye(2)),
+        *(InputError, "vertex 0 hangs on no edge", "vertices count from 0: subtract 1"),
+    ),
+    "field of a value": (lambda: CRITICAL.stress, AttributeError, "CriticalConfiguration", "'stress'"),
+    "field of a network": (lambda: NETWORK.nope, AttributeError, "Network", "'nope'"),
+    "field of an elasticity": (lambda: cf.elasticity(BEST).value.bulkk, AttributeError, "Elasticity", "'bulkk'"),
+    "change of a network": (lambda: assign(NETWORK, "stiffness"), FrozenInstanceError, "field 'stiffness'"),
+    "change of a configuration": (lambda: assign(CRITICAL, "sigma"), FrozenInstanceError, "field 'sigma'"),
 }
 
-# Calls that look like mistakes and are none, by extras: what they return.
+# Calls that look like mistakes and are none: what they return.
 ACCEPTED = {
-    "": {
-        "a strain as a number": (lambda: cf.strain_path(BEST, 0.1).status, cf.Status.ok),
-        "strains as percentages": (lambda: cf.strain_path(BEST, [1, 2, 5]).status, cf.Status.ok),
-        "compressed edges": (lambda: type(MANIFOLD.configuration(-np.ones(90))), cf.CriticalConfiguration),
-    },
-    "files": {"a plane network without the size of its model": (lambda: cf.write_network(BEST, "x.stl"), None)},
+    "a strain as a number": (lambda: cf.strain_path(BEST, 0.1).status, cf.Status.ok),
+    "strains as percentages": (lambda: cf.strain_path(BEST, [1, 2, 5]).status, cf.Status.ok),
+    "compressed edges": (lambda: type(MANIFOLD.configuration(-np.ones(90))), cf.CriticalConfiguration),
 }
 
 # A solution and a field of its value, which is read as solution.value.NAME.
@@ -402,227 +260,151 @@ FIELDS_OF_VALUES = {
     "a path": (cf.strain_path(BEST, [0.001]), "energy"),
 }
 
-# By extras: words of the command, exit code, words of the sentence.
 COMMANDS = {
-    "": {
-        # Words that are no command, option or study
-        "no command": ([], 2, "Missing command", "critflow --help"),
-        "command misspelt": (["rnu"], 2, "No such command 'rnu'", "did you mean 'run'"),
-        "option misspelt": (["run", TINY, "--worker", "2"], 2, "option '--worker'", "did you mean '--workers'"),
-        "option of no command misspelt": (["--vesrion"], 2, "No such option '--vesrion'", "did you mean '--version'"),
-        "no study": (["run"], 2, "Missing argument 'NAME|FILE'", "critflow run --help"),
-        "no folder": (["status"], 2, "Missing argument 'DIR'", "critflow status --help"),
-        "empty study": (["run", ""], 2, "the study '' is empty", "give the name of a study, or its file NAME.py"),
-        "two studies": (["run", TINY, "twice.py"], 2, "unexpected extra argument", "twice.py"),
-        "study misspelt": (["run", "ensembel"], 2, "there is no study 'ensembel'", "did you mean 'ensemble'?"),
-        "study joined": (["run", "design_curves"], 2, "is a part of 'stiffening'", "critflow run stiffening"),
-        "no such file": (["run", "nowhere.py"], 2, "cannot read the study file", "nowhere.py", "critflow list"),
-        "folder as study": (["run", "folder/"], 2, "cannot read the study file", "its file NAME.py"),
-        "list a misspelt study": (["list", "ensembel"], 2, "no study 'ensembel'", "did you mean 'ensemble'?"),
-        # Settings
-        "setting without --set": (["run", TINY, "seeds=0:2"], 2, "seeds=0:2", "write --set before KEY=VALUE"),
-        "--set without a setting": (["run", TINY, "--set"], 2, "'--set' requires an argument"),
-        "setting without a value": (["run", TINY, "--set", "seeds"], 2, "seeds has no value", "--set seeds=VALUE"),
-        "setting misspelt": (
-            ["run", TINY, "--set", "sedes=3"],
-            *(2, "study 'tiny' has no setting 'sedes'", "did you mean 'seeds'?"),
-        ),
-        "setting shortened": (
-            ["run", "ensemble", "--set", "vertices=100"],
-            *(2, "study 'ensemble' has no setting 'vertices'", "did you mean 'n_vertices'?"),
-        ),
-        "setting of words": (["run", TINY, "--set", "seeds=a"], 2, "seeds needs whole numbers", "not 'a'"),
-        "setting of no values": (
-            ["run", TINY, "--set", "seeds=0:0"],
-            *(2, "seeds=0:0 is an empty range", "give a stop above 0"),
-        ),
-        "setting with a value twice": (
-            ["run", TINY, "--set", "seeds=1,1"],
-            *(2, "seeds contains 1 twice", "give every value once"),
-        ),
-        "population misspelt": (
-            ["run", "ensemble", "--set", "populations=random_stres"],
-            *(2, "populations has no 'random_stres'", "did you mean 'random_stress'?"),
-        ),
-        "variable misspelt": (
-            ["run", TINY, "--set", "variables=colour"],
-            *(2, "study 'tiny' has no variable 'colour'", "the choices are all, scalars"),
-        ),
-        "odd number of vertices": (
-            ["run", "ensemble", "--set", "n_vertices=61"],
-            *(2, "n_vertices must be an even number of at least 4, not 61", "two a cell"),
-        ),
-        "too many vertices": (
-            ["run", "ensemble", "--set", "n_vertices=1000000000"],
-            *(2, "1,000,000,000 vertices", "1,000 GB", "at most 20,000,000"),
-        ),
-        "hard core too large": (
-            ["run", "ensemble", "--set", "hard_core=1.2"],
-            *(2, "500 points never fitted", "lower the hard core", "0.834"),
-        ),
-        "strain of zero": (
-            ["run", "ensemble", "--set", "strains=0"],
-            *(2, "strains must be finite, positive and increasing", "0.001:0.010:0.001"),
-        ),
-        "threshold of zero": (["run", "ensemble", "--set", "threshold=0.0"], 2, "threshold=0.0 must be positive"),
-        "deformation misspelt": (
-            ["run", "ensemble", "--set", "deformation=shear"],
-            *(2, "deformation=shear must be one of dilation, simple_shear, pure_shear"),
-        ),
-        # Folders and processes
-        "--out empty": (["run", TINY, "--out", ""], 2, "--out must be a non-empty path"),
-        "--out is a file": (["run", TINY, "--out", "text.txt"], 6, "text.txt is a file", "give a folder with --out"),
-        "--out below a file": (
-            ["run", TINY, "--workers=0", "--out", "text.txt/x"],
-            *(6, "cannot write in text.txt/x", "Not a directory", "choose another folder with --out"),
-        ),
-        "--out of another study": (
-            ["run", "other.py", "--out", "RESULTS"],
-            *(2, "contains study 'tiny', not 'other'", "choose another folder with --out"),
-        ),
-        "--workers a word": (["run", TINY, "--workers", "many"], 2, "'--workers'", "valid integer"),
-        "--workers negative": (["run", TINY, "--workers", "-1"], 2, "--workers must not be negative"),
-        "--workers of a study that measures time": (
-            ["run", "alone.py", "--workers", "2"],
-            *(2, "--workers 2 disturbs the times", "give at most 1"),
-        ),
-        "--workers with a scheduler": (
-            ["run", TINY, "--scheduler", "tls://a:1", "--workers", "2"],
-            *(2, "--workers counts local processes", "leave it out with --scheduler"),
-        ),
-        "a batch system": (
-            ["run", TINY, "--cluster", "slurm"],
-            *(2, "--cluster, --jobs and --part are gone", "dask-jobqueue", "--scheduler ADDRESS", "docs/command.md"),
-        ),
-        "--scheduler plain": (
-            ["run", TINY, "--scheduler", "tcp://127.0.0.1:9"],
-            *(2, "'tcp://127.0.0.1:9' is not encrypted", "use tls://, or add --insecure"),
-        ),
-        "--time-limit zero": (
-            ["run", TINY, "--workers=1", "--time-limit", "0"],
-            *(2, "--time-limit 0 must be a number above zero"),
-        ),
-        "--time-limit without workers": (
-            ["run", TINY, "--workers=0", "--time-limit", "5"],
-            *(2, "limits need worker processes", "give --workers 1"),
-        ),
-        "--memory-limit negative": (
-            ["run", TINY, "--workers=1", "--memory-limit=-1"],
-            *(2, "--memory-limit -1 must be a number above zero"),
-        ),
-        "status of no folder": (
-            ["status", "nowhere"],
-            *(2, "nowhere is not a results folder", "no study.json", "critflow run"),
-        ),
-        "status of a damaged note": (
-            ["status", "damaged"],
-            *(4, "damaged/study.json is damaged", "run the study again"),
-        ),
-        "verify no folder": (["verify", "nowhere"], 2, "nowhere is not a results folder", "critflow run"),
-        "figures of no folder": (["figures", "nowhere"], 2, "nowhere is not a results folder", "critflow run"),
-        "figures in an unknown format": (
-            ["figures", "RESULTS", "--format", "gif"],
-            *(2, "figures can be png, pdf, svg", "not 'gif'"),
-        ),
-        "show no dataset": (["show", "nowhere.nc"], 2, "there is no dataset nowhere.nc", "run the study first"),
-        "show a folder": (["show", "folder"], 2, "folder is a folder", "give the dataset NAME.nc in it"),
-        "show a text": (["show", "text.txt"], 4, "text.txt is damaged", "run the study again"),
-        "show in no folder": (
-            ["show", "RESULTS/tiny.nc", "--set", "seed=1", "--out", "nowhere/x.png"],
-            *(2, "there is no folder nowhere for x.png", "make it, or choose another"),
-        ),
-        "show as a text": (
-            ["show", "RESULTS/tiny.nc", "--set", "seed=1", "--out", "x.doc"],
-            *(2, "a picture cannot have the ending '.doc'", "choose .png, .pdf or .svg"),
-        ),
-    },
-    "examine files": {
-        "examine no file": (
-            ["examine", "nowhere.csv"],
-            *(2, "there is no file nowhere_edges.csv", "check its name", "NAME_edges.csv and NAME_vertices.csv"),
-        ),
-        "examine one of two tables": (
-            ["examine", "text.txt"],
-            *(2, "there is no file text_edges.txt", "one of two tables", "give the other one after it"),
-        ),
-        "examine without a boundary": (["examine", "star.csv"], 2, "--pins hull fixes"),
-    },
-    "files": {
-        "show an unknown axis": (
-            ["show", "RESULTS/tiny.nc", "--set", "sed=1"],
-            *(2, "the dataset has no axis 'sed'", "did you mean 'seed'?"),
-        ),
-        "show an unknown value": (
-            ["show", "RESULTS/tiny.nc", "--set", "population=flopy"],
-            *(2, "population has no 'flopy' here", "did you mean 'floppy'?"),
-        ),
-        "show an unknown number": (
-            ["show", "RESULTS/tiny.nc", "--set", "seed=999"],
-            *(2, "seed has no '999' here", "seeds are 0 to "),
-        ),
-        "show several": (
-            ["show", "RESULTS/tiny.nc", "--set", "seed=1"],
-            *(2, "which population?", "add --set population=random"),
-        ),
-        "no such network": (
-            ["run", "ensemble", "--set", "network=nowhere.csv"],
-            *(2, "network=nowhere.csv", "there is no file nowhere_edges.csv", "check its name"),
-        ),
-        "convert no file": (["convert", "nowhere.csv", "x.json"], 2, "no file nowhere_edges.csv", "check its name"),
-        "convert to no file": (["convert", "text.txt"], 2, "a file to read and one to write", "convert FILE OUT"),
-        "convert to an unknown ending": (
-            ["convert", "star.csv", "x.npz", "--pins", "hull"],
-            *(2, "the ending '.npz' of 'x.npz'", "choose one of .csv"),
-        ),
-        "convert a picture": (
-            ["convert", "fibres.png", "x.json"],
-            *(2, "fibres.png is read by scikit-image and skan", "docs/recipes/pictures.md", "--labels for a mask"),
-        ),
-        "convert to a workbook": (
-            ["convert", "star.csv", "x.xlsx", "--pins", "hull"],
-            *(2, "x.xlsx is written by pandas", "docs/recipes/workbooks.md", "choose .csv"),
-        ),
-    },
-    "explore": {
-        "explore at too large a port": (["explore", "--port", "99999"], 2, "'--port'", "0<=x<=65535"),
-    },
-    "explore files": {
-        "explore no file": (["explore", "nowhere.csv"], 2, "no file nowhere_edges.csv", "check its name"),
-    },
-    "make": {
-        "make without --out": (["make", "star.csv"], 2, "Missing option '--out'"),
-        "make a target without its value": (
-            ["make", "star.csv", "--pins", "hull", "--out", "m.csv", "--target", "C_B"],
-            *(2, "NAME=VALUE"),
-        ),
-    },
+    # Words that are no command, option or study
+    "no command": ([], 2, "Missing command", "critflow --help"),
+    "command misspelt": (["rnu"], 2, "No such command 'rnu'", "did you mean 'run'"),
+    "option misspelt": (["run", TINY, "--worker", "2"], 2, "option '--worker'", "did you mean '--workers'"),
+    "option of no command misspelt": (["--vesrion"], 2, "No such option '--vesrion'", "did you mean '--version'"),
+    "option of show misspelt": (["show", "RESULTS/tiny.nc", "--seed", "1"], 2, "No such"),
+    "no study": (["run"], 2, "Missing argument 'NAME|FILE'", "critflow run --help"),
+    "no folder": (["status"], 2, "Missing argument 'DIR'", "critflow status --help"),
+    "empty study": (["run", ""], 2, "the study '' is empty", "give the name of a study, or its file NAME.py"),
+    "two studies": (["run", TINY, "twice.py"], 2, "unexpected extra argument", "twice.py"),
+    "study misspelt": (["run", "ensembel"], 2, "there is no study 'ensembel'", "did you mean 'ensemble'?"),
+    "no such file": (["run", "nowhere.py"], 2, "cannot read the study file", "nowhere.py", "critflow list"),
+    "folder as study": (["run", "folder/"], 2, "cannot read the study file", "its file NAME.py"),
+    "list a misspelt study": (["list", "ensembel"], 2, "no study 'ensembel'", "did you mean 'ensemble'?"),
+    # Settings
+    "setting without --set": (["run", TINY, "seeds=0:2"], 2, "seeds=0:2", "write --set before KEY=VALUE"),
+    "--set without a study": (["run", "--set", "seeds=1"], 2, "Missing"),
+    "--set without a setting": (["run", TINY, "--set"], 2, "'--set' requires an argument"),
+    "setting without a value": (["run", TINY, "--set", "seeds"], 2, "seeds has no value", "--set seeds=VALUE"),
+    "setting misspelt": (
+        ["run", TINY, "--set", "sedes=3"],
+        *(2, "study 'tiny' has no setting 'sedes'", "did you mean 'seeds'?"),
+    ),
+    "setting shortened": (
+        ["run", "ensemble", "--set", "vertices=100"],
+        *(2, "study 'ensemble' has no setting 'vertices'", "did you mean 'n_vertices'?"),
+    ),
+    "setting of words": (["run", TINY, "--set", "seeds=a"], 2, "seeds needs whole numbers", "not 'a'"),
+    "setting of no values": (
+        ["run", TINY, "--set", "seeds=0:0"],
+        *(2, "seeds=0:0 is an empty range", "give a stop above 0"),
+    ),
+    "setting with a value twice": (
+        ["run", TINY, "--set", "seeds=1,1"],
+        *(2, "seeds contains 1 twice", "give every value once"),
+    ),
+    "population misspelt": (
+        ["run", "ensemble", "--set", "populations=random_stres"],
+        *(2, "populations has no 'random_stres'", "did you mean 'random_stress'?"),
+    ),
+    "variable misspelt": (
+        ["run", TINY, "--set", "variables=colour"],
+        *(2, "study 'tiny' has no variable 'colour'", "the choices are all, scalars"),
+    ),
+    "odd number of vertices": (
+        ["run", "ensemble", "--set", "n_vertices=61"],
+        *(2, "n_vertices must be an even number of at least 4, not 61", "two a cell"),
+    ),
+    "too many vertices": (
+        ["run", "ensemble", "--set", "n_vertices=1000000000"],
+        *(2, "1,000,000,000 vertices", "1,000 GB", "at most 20,000,000"),
+    ),
+    "hard core too large": (
+        ["run", "ensemble", "--set", "hard_core=1.2"],
+        *(2, "500 points never fitted", "lower the hard core", "0.834"),
+    ),
+    "strain of zero": (
+        ["run", "ensemble", "--set", "strains=0"],
+        *(2, "strains must be finite, positive and increasing", "0.001:0.010:0.001"),
+    ),
+    "threshold of zero": (["run", "ensemble", "--set", "threshold=0.0"], 2, "threshold=0.0 must be positive"),
+    "deformation misspelt": (
+        ["run", "ensemble", "--set", "deformation=shear"],
+        *(2, "deformation=shear must be one of dilation, simple_shear, pure_shear"),
+    ),
+    # Folders and processes
+    "--out empty": (["run", TINY, "--out", ""], 2, "--out must be a non-empty path"),
+    "--out unprintable": (["run", TINY, "--out", "a\nb"], 2, "--out"),
+    "--out is a file": (["run", TINY, "--out", "text.txt"], 6, "text.txt is a file", "give a folder with --out"),
+    "--out below a file": (
+        ["run", TINY, "--workers=0", "--out", "text.txt/x"],
+        *(6, "cannot write in text.txt/x", "Not a directory", "choose another folder with --out"),
+    ),
+    "--out of another study": (
+        ["run", "other.py", "--out", "RESULTS"],
+        *(2, "contains study 'tiny', not 'other'", "choose another folder with --out"),
+    ),
+    "--workers a word": (["run", TINY, "--workers", "many"], 2, "'--workers'", "valid integer"),
+    "--workers negative": (["run", TINY, "--workers", "-1"], 2, "--workers must not be negative"),
+    "--workers of a study that measures time": (
+        ["run", "alone.py", "--workers", "2"],
+        *(2, "--workers 2 disturbs the times", "give at most 1"),
+    ),
+    "--workers with a scheduler": (
+        ["run", TINY, "--scheduler", "tls://a:1", "--workers", "2"],
+        *(2, "--workers counts local processes", "leave it out with --scheduler"),
+    ),
+    "a batch system": (
+        ["run", TINY, "--cluster", "slurm"],
+        *(2, "--cluster, --jobs and --part are gone", "dask-jobqueue", "--scheduler ADDRESS", "docs/command.md"),
+    ),
+    "--part": (["run", TINY, "--part", "1/4"], 2, "--scheduler ADDRESS"),
+    "--jobs": (["run", TINY, "--jobs", "4"], 2, "--scheduler ADDRESS"),
+    "--cluster with --jobs": (["run", TINY, "--cluster", "slurm", "--jobs=4"], 2, "dask-jobqueue"),
+    "--scheduler plain": (
+        ["run", TINY, "--scheduler", "tcp://127.0.0.1:9"],
+        *(2, "'tcp://127.0.0.1:9' is not encrypted", "use tls://, or add --insecure"),
+    ),
+    "--scheduler without certificates": (["run", TINY, "--scheduler", "tls://127.0.0.1:9"], 2, "certificates"),
+    "--scheduler that does not answer": (["run", TINY, "--scheduler", "tcp://127.0.0.1:9", "--insecure"], 6, "answers"),
+    "--scheduler of a study that measures time": (["run", "alone.py", "--scheduler", "tls://a:1"], 2, "measures"),
+    "--time-limit zero": (
+        ["run", TINY, "--workers=1", "--time-limit", "0"],
+        *(2, "--time-limit 0 must be a number above zero"),
+    ),
+    "--time-limit NaN": (["run", TINY, "--workers=1", "--time-limit", "nan"], 2, "--time-limit"),
+    "--time-limit without workers": (
+        ["run", TINY, "--workers=0", "--time-limit", "5"],
+        *(2, "limits need worker processes", "give --workers 1"),
+    ),
+    "--memory-limit negative": (
+        ["run", TINY, "--workers=1", "--memory-limit=-1"],
+        *(2, "--memory-limit -1 must be a number above zero"),
+    ),
+    "--memory-limit with a scheduler": (["run", TINY, "--memory-limit=5", "--scheduler=tls://h"], 2, "--memory-limit"),
+    "status of a file": (["status", "text.txt"], 2, "results folder"),
+    "status of no folder": (
+        ["status", "nowhere"],
+        *(2, "nowhere is not a results folder", "no study.json", "critflow run"),
+    ),
+    "status of a damaged note": (
+        ["status", "damaged"],
+        *(4, "damaged/study.json is damaged", "run the study again"),
+    ),
+    "verify no folder": (["verify", "nowhere"], 2, "nowhere is not a results folder", "critflow run"),
+    "figures of no folder": (["figures", "nowhere"], 2, "nowhere is not a results folder", "critflow run"),
+    "figures in an unknown format": (
+        ["figures", "RESULTS", "--format", "gif"],
+        *(2, "figures can be png, pdf, svg", "not 'gif'"),
+    ),
+    "show no dataset": (["show", "nowhere.nc"], 2, "there is no dataset nowhere.nc", "run the study first"),
+    "show a folder": (["show", "folder"], 2, "folder is a folder", "give the dataset NAME.nc in it"),
+    "show a text": (["show", "text.txt"], 4, "text.txt is damaged", "run the study again"),
 }
 
-
-def rows(table):
-    """Every row of a table: the names of its extras, and its own name."""
-    return [pytest.param(extras, name, id=f"{extras} {name}".strip()) for extras in table for name in table[extras]]
-
-
-@pytest.mark.parametrize("extras, name", rows(CALLS))
-def test_a_wrong_call_gives_its_kind_of_error_and_its_sentence(extras, name, monkeypatch, tmp_path):
-    skip_without(extras.split())
-    monkeypatch.chdir(tmp_path)
-    call, kind, *words = CALLS[extras][name]
-    with pytest.raises(kind) as caught:
-        call()
-    sentence = str(caught.value)
-    assert [word for word in words if word not in sentence] == [], sentence
-    if isinstance(caught.value, CritflowError):
-        assert "\n" not in sentence and 10 < len(sentence) < 400
-    assert list(tmp_path.iterdir()) == []
+test_a_wrong_call_gives_its_kind_of_error_and_its_sentence = give_their_sentences(CALLS)
+test_a_wrong_command_gives_its_exit_code_and_its_sentence = give_their_codes_and_sentences(
+    COMMANDS, longest=400, silent=True
+)
 
 
-@pytest.mark.parametrize("extras, name", rows(ACCEPTED))
-def test_a_call_that_is_no_mistake_returns(extras, name, monkeypatch, tmp_path):
-    skip_without(extras.split())
-    monkeypatch.chdir(tmp_path)
-    call, expected = ACCEPTED[extras][name]
+@pytest.mark.parametrize("name", ACCEPTED)
+def test_a_call_that_is_no_mistake_returns(name):
+    call, expected = ACCEPTED[name]
     assert call() == expected
 
 
@@ -634,44 +416,6 @@ def test_a_solution_has_no_fields_of_its_value(name):
         getattr(solution, field)
     words = (type(solution).__name__, f"'{field}'")
     assert [word for word in words if word not in str(caught.value)] == [], str(caught.value)
-
-
-@pytest.fixture(scope="module")
-def results(tmp_path_factory):
-    """The results of a study without physics; tests only read them."""
-    folder = tmp_path_factory.mktemp("results")
-    assert main(["run", TINY, "--out", str(folder), "--workers", "0"]) == 0
-    return folder
-
-
-@pytest.fixture
-def here(tmp_path, monkeypatch):
-    """A working directory with two studies, a network without a boundary, and files that are no results."""
-    monkeypatch.chdir(tmp_path)
-    source = Path(TINY).read_text()
-    (tmp_path / "other.py").write_text(source.replace('name="tiny"', 'name="other"'))
-    (tmp_path / "alone.py").write_text(source.replace("check=check,", "check=check, workers=1,"))
-    (tmp_path / "star_edges.csv").write_text("tail,head\nA,D\nB,D\nC,D\n")
-    (tmp_path / "star_vertices.csv").write_text("id,x,y\nA,0,0\nB,4,0\nC,0,3\nD,1,1\n")
-    (tmp_path / "text.txt").write_text("no study\n")
-    (tmp_path / "damaged").mkdir()
-    (tmp_path / "damaged" / "study.json").write_text("{")
-    (tmp_path / "folder").mkdir()
-    return tmp_path
-
-
-@pytest.mark.parametrize("extras, name", rows(COMMANDS))
-def test_a_wrong_command_gives_its_exit_code_and_its_sentence(extras, name, here, results, capsys):
-    skip_without(extras.split())
-    words, code, *decisive = COMMANDS[extras][name]
-    files = sorted(here.rglob("*"))
-    capsys.readouterr()
-    assert main([word.replace("RESULTS", str(results)) for word in words]) == code
-    # A run says how many cases it begins.
-    (line,) = [line for line in capsys.readouterr().err.splitlines() if " cases in " not in line]
-    assert line.startswith("critflow: ")
-    assert [word for word in decisive if word not in line] == [], line
-    assert sorted(here.rglob("*")) == files
 
 
 def one(edge, value):

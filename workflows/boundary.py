@@ -177,9 +177,13 @@ def _window(axes, cell):
         Polygon(corners, closed=True, fill=False, edgecolor="0.35", linewidth=1.0, linestyle=(0, (4, 2)), zorder=5)
     )
     middle, half = cell.sum(axis=0) / 2, 1.12 * np.abs(cell).max()
-    axes.set(xlim=(middle[0] - half, middle[0] + half), ylim=(middle[1] - half, middle[1] + half), aspect="equal")
-    axes.set_xticks([])
-    axes.set_yticks([])
+    axes.set(
+        xlim=(middle[0] - half, middle[0] + half),
+        ylim=(middle[1] - half, middle[1] + half),
+        aspect="equal",
+        xticks=[],
+        yticks=[],
+    )
     axes.spines[:].set_color("0.8")
 
 

@@ -13,7 +13,7 @@ import textwrap
 import numpy as np
 from matplotlib.figure import Figure
 
-from critflow import Status, voronoi_network
+from critflow import voronoi_network
 from critflow.engine import Axis, Coordinate, Study, decimals
 from critflow.engine.study import plural
 from critflow.paths import check_strains
@@ -48,9 +48,7 @@ def case(parameters, *, seed, population, wanted):
     found = configuration(manifold, parameters, seed, population, random_start=bool(own and seed))
     if not np.isfinite(found.value.coordinates).all():
         return identified(manifold.network, found)
-    # Where an edge collapses the infimum is not attained, and its coefficients are not defined.
-    undefined = np.nan if found.status is Status.edge_collapse else 1.0
-    result = measured(manifold, found, parameters, wanted, undefined)
+    result = measured(manifold, found, parameters, wanted)
     for name, anisotropy in (("kappa_phys", face_anisotropy), ("kappa_force", force_anisotropy)):
         if name in wanted:
             known = name == "kappa_force" or manifold.network.faces is not None

@@ -25,6 +25,7 @@ from critflow.points import check_voronoi
 from .shared.checks import check_known, check_network
 from .shared.figures import legend_below, lettered
 from .shared.measurements import coefficients, moduli_with_bounds, stressed_fraction
+from .shared.population_reports import PRINTED_SPREAD
 from .shared.populations import random_lengths
 from .shared.reports import PAPER, half_point, parameters, series, shown
 from .shared.strain_protocol import critical_by_strain, critical_in_printed_box
@@ -102,8 +103,6 @@ EACH = ("seed", "n_vertices")
 SPREAD = (*EACH, "state", "spread")
 
 
-# The spread that the paper prints as the largest with every edge stressed.
-PRINTED_SPREAD = 0.3
 # How far max B_0 lies above random rest lengths [%], as printed, and half of the last digit.
 PRINTED_GAP, HALF_DIGIT = 10, 5
 _RESAMPLED = 500  # ensembles behind the interval of the power
@@ -251,8 +250,7 @@ def spread_figure(ds):
             printed = float(np.nanmedian(first)) if spreads[0] == 0 else np.nan
         axes.axhline(printed, color="0.3", linestyle="--", linewidth=1)
         axes.axvline(PRINTED_SPREAD, color="0.3", linestyle=":", linewidth=1)
-        axes.set(xlabel="spread of rest lengths $s$", xlim=(0, spreads.max()), title=f"paper: {words}")
-        axes.set_ylabel(label)
+        axes.set(xlabel="spread of rest lengths $s$", xlim=(0, spreads.max()), title=f"paper: {words}", ylabel=label)
     for axes in (panels[2], panels[5]):
         axes.set_yscale("log")
     # C_B grows without end as edges shrink.

@@ -15,7 +15,6 @@ import traceback
 from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 import click
 
@@ -34,7 +33,7 @@ from critflow.engine.store import (
     reason_lines,
 )
 from critflow.engine.study import plural
-from critflow.extensions import extras, missing, provided
+from critflow.extensions import joined, loaded, more
 from critflow.result import CritflowError, EnvironmentFailure, InputError, IntegrityError
 
 INTERRUPTED, INTEGRITY, FAILED_CASES = 130, 4, 3  # exit codes
@@ -57,6 +56,8 @@ def main(words: Sequence[str] | None = None) -> int:
         return fail("interrupted: run the same command again", INTERRUPTED)
     except click.ClickException as error:
         message = error.format_message().replace(". Did you mean", ", did you mean").rstrip(".?")
+        if isinstance(error, click.exceptions.NoSuchCommand):
+            message += more("commands, such as examine and convert")
         forgotten = "extra argument" in message and "=" in message
         path = getattr(getattr(error, "ctx", None), "command_path", "critflow")
         return fail(f"{message}: {'write --set before KEY=VALUE' if forgotten else f'see {path} --help'}", 2)
@@ -64,6 +65,8 @@ def main(words: Sequence[str] | None = None) -> int:
         return fail(str(error), next((code for kind, code in EXIT_CODES if isinstance(error, kind)), 1))
     except (OSError, MemoryError) as error:
         return fail(f"the operating system refused: {str(error) or 'out of memory'}", 6)
+    except (ImportError, SyntaxError) as error:
+        return fail(f"a module cannot be imported: {error}: install critflow, or what joined it, again", 6)
     except Exception as error:
         return fail(f"unexpected {type(error).__name__}: {error}: set CRITFLOW_TRACEBACK=1 for the traceback", 1)
 
@@ -80,28 +83,22 @@ def warn(sentence: str) -> None:
 
 
 class Subcommands(click.Group):
-    """The subcommands of critflow and of all extras that are installed, in the order of their use."""
-
-    def make_context(self, info_name: str | None, args: list[str], parent: Any = None, **more: Any) -> click.Context:
-        own = {name: command for name, command in self.commands.items() if command.callback}
-        # Those of extras are known by their declarations until they are used.
-        self.of_extras = {name: (extra, one) for extra in extras().values() for name, one in extra.commands.items()}
-        self.commands = own | {name: click.Command(name, help=one["help"]) for name, (_, one) in self.of_extras.items()}
-        return super().make_context(info_name, args, parent, **more)
+    """The subcommands of critflow, and those of the entry points `critflow.commands`, in the order of their use."""
 
     def list_commands(self, ctx: click.Context) -> list[str]:
-        return list(self.commands)
+        """The words of the help: one whose package is broken is left out with a warning."""
+        words = list(self.commands)
+        for name, entry in joined("commands").items():
+            try:
+                loaded(entry)
+                words.append(name)
+            except EnvironmentFailure as error:
+                warn(str(error))
+        return words
 
-    def resolve_command(self, ctx: click.Context, args: list[str]) -> Any:
-        """The subcommand of the first word; `InputError` for one of an extra that is not installed."""
-        if args[0] in self.of_extras:
-            extra, command = self.of_extras[args[0]]
-            return args[0], extra.named(command["place"]), args[1:]
-        if args[0] not in self.commands and (absent := missing(args[0])):
-            raise InputError(
-                f"{args[0]} belongs to the extra {absent!r} of critflow, which is not installed: install critflow again"
-            )
-        return super().resolve_command(ctx, args)
+    def get_command(self, ctx: click.Context, name: str) -> click.Command | None:
+        entry = joined("commands").get(name)
+        return self.commands.get(name) or (loaded(entry) if entry else None)
 
 
 @click.group(cls=Subcommands, no_args_is_help=False, epilog="critflow COMMAND --help prints the options of a command.")
@@ -344,14 +341,16 @@ def figures(folder: Path, format: str) -> None:
 def show(file: Path, settings: Sequence[str], out: Path | None) -> None:
     """Print what a dataset is, or draw one configuration of it.
 
-    The configuration that --set chooses, with its certificate."""
+    The configuration that --set chooses, with its status and moduli."""
     from critflow.engine.dataset import opened_dataset
 
     if file.is_dir():
         raise InputError(f"{file} is a folder: give the dataset NAME.nc in it")
     with opened_dataset(file) as dataset:
         if settings or out:
-            print(provided("draw_case", "drawings of cases")(dataset, settings, out, file.parent))
+            from critflow.command.cases import draw_case
+
+            print(draw_case(dataset, settings, out, file.parent))
         else:
             print(dataset.attrs["summary"])
 

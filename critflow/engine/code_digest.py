@@ -2,8 +2,9 @@
 
 The digest covers
 
-    scene   every module of critflow that can decide numbers, and those of the extras that the study uses
-    study   the case function and the definitions that it reaches, in the files of the study and in this engine
+    scene   every module of critflow that can decide numbers, and those of critflow-extras that the study uses:
+            what its definitions import, and what `Study.extras` and its settings name, with all imports of these
+    study   the case function and the definitions that it reaches, in its files, this engine and `critflow.studies`
 
 Comments, docstrings and layout invalidate no stored case, nor do figures, claims and other definitions that the case
 function does not reach, even in the same file.  No name of a machine, user or folder is stored anywhere.
@@ -13,6 +14,7 @@ from __future__ import annotations
 
 import ast
 import errno
+import importlib
 import importlib.util
 import itertools
 import os
@@ -35,28 +37,14 @@ from typing import Any
 import numpy as np
 
 from critflow.engine.study import Study, nearest
-from critflow.extensions import extras, known_names, with_needs
+from critflow.extensions import EXTRAS, has_extras, more, quantity_entry
 from critflow.result import EnvironmentFailure, InputError, StudyError
 
 _PACKAGE = Path(__file__).parents[1]
 _STUDY_MODULE = "critflow_study_"  # prefix of the modules of loaded study files
-# Why there is no study with a name: benchmarks are not part of the installed package, and others have joined.
-_ABSENT = {
-    name: f"the benchmark {name!r} is not part of the installed package: run it in a source checkout of critflow, "
-    f"where it is workflows/benchmarks/{name}"
-    for name in ("failure_map", "speed")
-} | {
-    name: f"the study {name!r} is a part of {whole!r}: critflow run {whole}"
-    for whole, names in {
-        "stiffening": ("design_curves", "design_isogonal", "design_stiffening"),
-        "reach": ("design_poisson", "design_reach", "onset"),
-        "topology": ("design_pruning", "design_topology"),
-    }.items()
-    for name in names
-}
-_NOT_NUMERIC = ("command", "pictures.py", "engine", "studies", "extras", "__init__.py", "__main__.py")
-_EXTRAS = "critflow.extras"
-_WORD = re.compile(r"(\w+)(\[|$)")  # a text that may be the name of a quantity, or of variables of a design
+_BENCHMARKS = ("failure_map", "speed")  # which are not part of the installed package
+_NOT_NUMERIC = ("command", "pictures.py", "engine", "studies", "__init__.py", "__main__.py")
+_STUDIES = f"{__package__.partition('.')[0]}.studies"
 _ALL = "*"  # all that a module defines
 _LENGTH = 12  # digits of a digest
 _PACKAGES = ("numpy", "scipy", "qdldl", "clarabel", "pypardiso", "pyamg")  # that numbers may depend on
@@ -83,7 +71,10 @@ _numbers = itertools.count()  # every execution has a unique module name, so tha
 def named_studies() -> dict[str, Path]:
     """Every study that can be run by name: in ./workflows, in the installed package, in the source checkout."""
     studies: dict[str, Path] = {}
-    for folder in (Path("workflows"), _PACKAGE / "studies", _PACKAGE.parent / "workflows"):
+    folders = [Path("workflows"), _PACKAGE / "studies", _PACKAGE.parent / "workflows"]
+    if extras := _file(EXTRAS):
+        folders += [folder / "studies" for folder in extras.parents[:2]]
+    for folder in folders:
         for path in sorted([*folder.glob("*/study.py"), *folder.glob("benchmarks/*/study.py")]):
             studies.setdefault(path.parent.name, path)
         for path in sorted(folder.glob("[!_]*.py")):
@@ -102,7 +93,9 @@ def load_study(word: str) -> StudyFile:
         return load_file(Path(word) / "study.py")
     if word not in named:
         hint = nearest(word, list(named), "studies") if named else "there is none in ./workflows"
-        raise StudyError(_ABSENT.get(word) or f"there is no study {word!r}: {hint}")
+        if word in _BENCHMARKS:
+            hint = f"run it in a source checkout of critflow, where it is workflows/benchmarks/{word}"
+        raise StudyError(f"there is no study {word!r}: {hint}{more('studies')}")
     loaded = load_file(named[word])
     if loaded.study.name != word:
         raise StudyError(f"the study in {named[word]} has the name {loaded.study.name!r}: rename it to {word!r}")
@@ -189,34 +182,46 @@ def code_version(study: Study) -> str:
 
 
 def used_extras(study: Study) -> frozenset[str]:
-    """The extras whose code counts for the cases of a study: those that it declares, imports or names."""
+    """The modules of critflow-extras, and of other packages that joined, whose code counts for the cases of a study.
+
+    The definitions of the study import them, or `Study.extras` names what is in them; with all that they import of
+    their package.
+    """
     return _study_code(*_origin(study))[1]
 
 
+def module_of(name: str) -> str | None:
+    """The module of a quantity of a package that joined, or of a public name of critflow-extras."""
+    entry = quantity_entry(name)
+    return entry.module if entry else _public().get(name)
+
+
+@cache
+def _public() -> Mapping[str, str]:
+    """The public names of critflow-extras and their modules, as its stub lists them: nothing is imported."""
+    file = _file(EXTRAS) if has_extras() else None
+    lines = ast.parse(file.with_suffix(".pyi").read_bytes()).body if file else []
+    imports = (one for one in lines if isinstance(one, ast.ImportFrom))
+    return {alias.name: f"{EXTRAS}.{one.module}" for one in imports for alias in one.names}
+
+
 def _origin(study: Study) -> tuple[str, str, tuple[str, ...]]:
-    """Module and name of the case function, and the extras that the study declares."""
+    """Module and name of the case function, and the names of packages that joined which the study declares."""
     module, name = (str(getattr(study.case, attribute, "")) for attribute in ("__module__", "__qualname__"))
     return module, name, tuple(study.extras)
 
 
-def numeric_extras(modules: Iterable[str]) -> set[str]:
-    """The extras that decide numbers, of which there are modules."""
-    names = {name.split(".")[2] for name in modules if name.startswith(f"{_EXTRAS}.")}
-    return {name for name in names if extras()[name].numeric}
-
-
-def numeric_modules(of_extras: Iterable[str]) -> dict[str, Path]:
-    """Files of the scene and of some extras that can decide numbers, by their paths in the package."""
+def numeric_modules() -> dict[str, Path]:
+    """Files of the scene that can decide numbers."""
     files = [path for path in _PACKAGE.rglob("*.py") if path.relative_to(_PACKAGE).parts[0] not in _NOT_NUMERIC]
-    for name in of_extras:
-        files += (_PACKAGE / "extras" / name).rglob("*.py")
     return {path.relative_to(_PACKAGE).as_posix(): path for path in sorted(files)}
 
 
 @cache
 def _scene_digest(used: frozenset[str]) -> str:
-    """Digest of the scene and of some extras."""
-    lines = (f"{name}\0{_file_digest(path)}\n" for name, path in numeric_modules(used).items())
+    """Digest of the scene and of some modules of packages that joined."""
+    files = numeric_modules() | {name: path for name in sorted(used) if (path := _file(name))}
+    lines = (f"{name}\0{_file_digest(path)}\n" for name, path in files.items())
     return _digest("".join(lines).encode())[:_LENGTH]
 
 
@@ -227,37 +232,50 @@ def _file_digest(path: Path) -> str:
 
 @cache
 def _study_code(module: str, name: str, declared: tuple[str, ...]) -> tuple[str, frozenset[str]]:
-    """Digest of the definitions that a function reaches, and the extras whose code counts for it.
-
-    These are the extras that the definitions import or name, such as "design", "onset[D]" or "variables of stress".
-    """
-    texts, names, words, used = list[str](), set[str](), set[str](), set(declared)
+    """Digest of the definitions that a function reaches, and the modules of packages that joined which count for it."""
+    for one in declared:
+        if module_of(one) is None:
+            raise StudyError(
+                f"the study declares {one!r} in extras=, which is no quantity and no public name of critflow-extras"
+                f"{more('names') or ': correct it'}"
+            )
+    texts, used, attributes, whole = list[str](), set(map(module_of, declared)), set[str](), False
     for (where, one), parts in reached_definitions(module, name).items():
         # A study has the same digest in each folder, whose modules have another root.
         texts.append(f"{where.removeprefix(_root(module))} {one} {''.join(map(_text, parts))}\n")
         for node in (node for part in parts for node in ast.walk(part)):
             if isinstance(node, ast.Attribute):
-                names.add(node.attr)
-            elif isinstance(node, ast.Constant) and isinstance(node.value, str) and (word := _WORD.match(node.value)):
-                words.add(word[1])
+                attributes.add(node.attr)
             for source, imported in _imports(where, node):
-                whole = f"{source}.{imported}".lstrip(".")
-                if whole.startswith(f"{_EXTRAS}."):
-                    used.add(whole.split(".")[2])
-                elif whole.startswith("critflow."):
-                    names.add(imported)
-    for extra, known in known_names().items():
-        if any(one in names if one.isidentifier() else one.split("[")[0].split()[-1] in words for one in known):
-            used.add(extra)
-    # Backends are chosen by the size of a matrix, by no name.
-    used |= {name for name, extra in extras().items() if extra.solvers}
-    numeric = {name for name, extra in extras().items() if extra.numeric}
-    return _digest("".join(sorted(texts)).encode())[:_LENGTH], frozenset(with_needs(used) & numeric)
+                whole |= not source and imported.partition(".")[0] == EXTRAS
+                used |= {_public().get(imported)} if source == EXTRAS else set()
+                used |= {one for one in (source, f"{source}.{imported}".lstrip(".")) if one.startswith(f"{EXTRAS}.")}
+    # Of a package that is imported as a whole, every attribute may be a public name.
+    used |= {_public().get(one) for one in attributes if whole}
+    return _digest("".join(sorted(texts)).encode())[:_LENGTH], _with_imports(filter(None, used))
+
+
+def _with_imports(modules: Iterable[str]) -> frozenset[str]:
+    """Modules, the packages that contain them, and all that they import of the same package."""
+    found, waiting = set[str](), set(modules)
+    while waiting:
+        name = waiting.pop()
+        path, top = _file(name), name.split(".")[0]
+        if path is None or name in found or name == EXTRAS:  # whose names are imported at their first use
+            continue
+        found.add(name)
+        waiting.add(name.rpartition(".")[0] or name)
+        for node in ast.walk(_parsed(path)):
+            named = {one for pair in _imports(name, node) for one in (pair[0], ".".join(pair).lstrip("."))}
+            if isinstance(node, ast.Constant) and isinstance(node.value, str):
+                named.add(node.value.partition(":")[0])  # of a table of what is imported later, "package.module:name"
+            waiting |= {one for one in named if one.startswith(f"{top}.")}
+    return frozenset(found)
 
 
 def reached_definitions(module: str, name: str) -> dict[tuple[str, str], list[ast.stmt]]:
-    """The definitions that a function reaches, by module and name, in the files of its study and in this engine."""
-    ours, reached = (_root(module), str(__package__)), dict[tuple[str, str], list[ast.stmt]]()
+    """The definitions that a function reaches, by module and name, in its study, this engine and `critflow.studies`."""
+    ours, reached = (_root(module), str(__package__), _STUDIES), dict[tuple[str, str], list[ast.stmt]]()
     bound, waiting = dict[str, dict[str, list[ast.stmt]]](), [(module, name)]
     while waiting:
         module, name = waiting.pop()
@@ -292,8 +310,14 @@ def _imports(module: str, node: ast.AST) -> Iterator[tuple[str, str]]:
     elif isinstance(node, ast.ImportFrom):
         source = "." * node.level + (node.module or "")
         if node.level:
-            source = importlib.util.resolve_name(source, str(sys.modules[module].__package__))
+            source = importlib.util.resolve_name(source, _package(module))
         yield from ((source, alias.name) for alias in node.names)
+
+
+def _package(module: str) -> str:
+    """The package that relative imports of a module, loaded or not, start from."""
+    known, spec = sys.modules.get(module), None if module in sys.modules else importlib.util.find_spec(module)
+    return str(known.__package__ if known else spec and spec.parent)
 
 
 def _definitions(module: str) -> dict[str, list[ast.stmt]]:
@@ -358,7 +382,9 @@ def _text(node: Any) -> str:
 @cache
 def libraries() -> Mapping[str, str]:
     """Versions that must be equal in every process of a run, with a digest of the files that decide numbers."""
-    files = numeric_modules(name for name, extra in extras().items() if extra.numeric)
+    files = numeric_modules()
+    if extras := _file(EXTRAS):
+        files |= {path.relative_to(extras.parents[1]).as_posix(): path for path in sorted(extras.parent.rglob("*.py"))}
     digest = _digest("".join(f"{name}\0{_digest(path.read_bytes())}" for name, path in files.items()).encode())
     return {"critflow": f"{version('critflow')} {digest[:_LENGTH]}"} | _versions()
 

@@ -38,7 +38,7 @@ from critflow.engine.store import (
     sizes_of,
     verified_checksum,
 )
-from critflow.engine.study import Variable
+from critflow.engine.study import VALID, Variable
 from critflow.result import IntegrityError, Status, StudyError
 
 REWRITE = "run the study again to write it"  # end of a message about a damaged or outdated file
@@ -69,6 +69,7 @@ class Assembly:
         self.failed = {one.case.id for one in states if one.state == FAILED}
         self.codes = sorted({record.code for record in self.records.values()})
         self.first, self.variables = study.axis_names[0], study.variables
+        self.undefined = [variable for variable in study.variables if variable.undefined_at]
         if len(self.codes) > 1:
             self.variables = (*self.variables, _code_variable(selection, self.codes, states))
         self.inner = {c.name: len(selection.parameters[c.parameter]) for c in study.coordinates}  # sizes
@@ -145,8 +146,14 @@ class Assembly:
                 refuse_sizes(case.id, sizes, self.inner)
                 self.inner |= sizes
                 self.environments[stored.environment] += 1
-                status, sound = stored.status, bool(np.all(stored.arrays.get("valid", False)))
-                arrays = {**stored.arrays, "code": np.array(self.codes.index(stored.code), "i2")}
+                status, sound = stored.status, stored.status in study.sound
+                arrays = {
+                    **stored.arrays,
+                    VALID: np.array(sound),
+                    "code": np.array(self.codes.index(stored.code), "i2"),
+                }
+                for variable in (v for v in self.undefined if status in v.undefined_at and v.name in arrays):
+                    arrays[variable.name] = np.full_like(arrays[variable.name], variable.filler)
             word = str([*case.values.values()][-1]) if study.axes[-1].is_words else ""
             self.outcomes[word, status, sound] += 1
             yield case, arrays if status is Status.missing else {**arrays, "status": np.asarray(status)}
@@ -202,6 +209,8 @@ class Assembly:
             attributes["value_if_missing"] = np.array(variable.fill, variable.dtype)[()]
         if comment := "; ".join(filter(None, (variable.comment, "differs from run to run" * variable.volatile))):
             attributes["comment"] = comment
+        if variable.symbol:
+            attributes["symbol"] = variable.symbol
         if (bound := f"{variable.name}_error_bound") in {one.name for one in self.variables}:
             attributes["ancillary_variables"] = bound
         return attributes
@@ -338,13 +347,12 @@ def summary_text(
     ]
     names = {variable.name for variable in study.variables}
     numbers = [v.name for v in study.variables if v.dtype[0] == "f" and set(v.dims) == set(study.axis_names)][:2]
-    good = "ds.valid" if "valid" in names else "ds.status == 0"
     if numbers:
-        lines.append(f"good members: ds[{numbers}].where({good}); the whole dataset is not masked")
+        lines.append(f"good members: ds[{numbers}].where(ds.valid); the whole dataset is not masked")
     if {"edges", "offsets", "cell", "position"} <= names:
         one = {axis.name: selection.axes[axis.name][-1] for axis in study.axes}
         chosen = ", ".join(f"{name}={value!r}" for name, value in one.items())
-        lines.append(f"one network: critflow.network_from(ds.sel({chosen}))")
+        lines.append(f"one network: cf.read_network(ds.sel({chosen}))")
         lines.append(f"its figure: critflow show FILE {' '.join(f'--set {k}={value}' for k, value in one.items())}")
     return "\n".join(lines)
 

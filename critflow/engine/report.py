@@ -8,7 +8,6 @@ import math
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, replace
-from html import escape
 from pathlib import Path
 from typing import Any
 
@@ -131,7 +130,7 @@ def texts(study: Study, name: str, dataset: xr.Dataset) -> list[bytes]:
     sample = axis.counted(dataset.sizes[axis.name])
     claims = [replace(c, sample=c.sample or sample) for c in (study.claims(dataset) if study.claims else ())]
     listed = json.dumps([asdict(claim) for claim in claims], indent=1, ensure_ascii=False) + "\n"
-    # In Markdown a table for each kind; the note on the dataset stands below the title.
+    # In Markdown a list for each kind; the note on the dataset stands below the title.
     note = _code_note(dataset)
     lines = [f"# {study.title}", *(["", f"{note[0].upper()}{note[1:]}."] if note else [])]
     for kind in KINDS:
@@ -139,7 +138,7 @@ def texts(study: Study, name: str, dataset: xr.Dataset) -> list[bytes]:
             lines += ["", f"## {KINDS[kind].capitalize()}", ""]
             if text := verdict_sentence(of_kind, kind, ""):
                 lines += [f"{text} {_MEANING}" if kind == "paper" else text, ""]
-            lines += table(of_kind, places=kind == "paper")
+            lines += entries(of_kind)
     return [listed.encode(), ("\n".join(lines) + "\n").encode()]
 
 
@@ -185,29 +184,17 @@ def verdict_sentence(claims: Iterable[Claim], kind: str, link: str) -> str:
     return f"Of {number} {of} that this study tests, {counted(verdicts)}{link}."
 
 
-def table(claims: Sequence[Claim], places: bool) -> list[str]:
-    """The lines of a table of claims in Markdown; criterion, reason and variants are folded beneath the value."""
-    head = ["statement", *(["place"] if places else []), "verdict", "value", "n", "remark"]
-    if not any(claim.because for claim in claims):
-        head.pop()
-    lines = ["| " + " | ".join(head) + " |", "|---" * len(head) + "|"]
+def entries(claims: Iterable[Claim]) -> list[str]:
+    """A list in Markdown that a terminal shows as well: one entry a claim, its value, criterion and variants below."""
+    lines = []
     for claim in claims:
-        # What is printed, the criterion and the variants, as HTML that a reader details.
-        folded = [line for line in (claim.paper and f"printed: {claim.paper}", claim.criterion) if line]
-        folded += [
-            f"{row['variant']}: {row['value']} ({', '.join(filter(None, (row.get('n', ''), row.get('verdict', ''))))})"
-            for row in claim.rows
-        ]
-        words = ["criterion"] if claim.criterion else []
-        words += [f"{len(claim.rows)} measurement{'s' * (len(claim.rows) > 1)}"] if claim.rows else []
-        text = "<br>".join(escape(line, quote=False) for line in folded)
-        details = f" <details><summary>{', '.join(words) or 'printed'}</summary>{text}</details>" if folded else ""
-        reasons = (DIFFERENCES.get(claim.difference), claim.because)
-        cells = {
-            "statement": escape(claim.statement, quote=False), "place": claim.place, "verdict": claim.verdict,
-            "value": f"{escape(claim.value, quote=False)}{details}", "n": claim.sample,
-            "remark": escape(": ".join(filter(None, reasons)), quote=False),
-        }  # fmt: skip
-        texts = (cells[name].replace("|", "\\|").replace("\n", " ") for name in head)
-        lines.append("| " + " | ".join(texts) + " |")
-    return lines
+        place = f" ({claim.place})" if claim.place else ""
+        named = {"measured": f"{claim.value} ({claim.sample})", "printed": claim.paper, "criterion": claim.criterion}
+        below = [f"{name}: {text}" for name, text in named.items() if text]
+        if claim.because:
+            below.append(": ".join(filter(None, ("remark", DIFFERENCES.get(claim.difference), claim.because))))
+        for row in claim.rows:
+            notes = ", ".join(filter(None, (row.get("n", ""), row.get("verdict", ""))))
+            below.append(f"{row['variant']}: {row['value']} ({notes})")
+        lines += [f"- {claim.statement}{place}: **{claim.verdict}**", *(f"  - {text}" for text in below)]
+    return [line.replace("\n", " ") for line in lines]

@@ -17,6 +17,7 @@ from collections import Counter
 from collections.abc import Iterator, Mapping
 from contextlib import closing, contextmanager, suppress
 from dataclasses import dataclass, replace
+from importlib import import_module
 from itertools import groupby, takewhile
 from pathlib import Path
 from types import FrameType
@@ -41,7 +42,6 @@ from critflow.engine.store import (
 )
 from critflow.engine.study import plural
 from critflow.engine.tasks import Job, compute_network
-from critflow.extensions import named
 from critflow.result import CritflowError, EnvironmentFailure, IntegrityError, Status, StudyError
 
 _RESUME = "run the same command again to resume"
@@ -210,7 +210,7 @@ def _compute(loaded: StudyFile, plan: RunPlan, folder: Folder, workers: Workers)
         if tasks:
             say(f"{study.name}: {study.axes[0].counted(len(tasks))}, {cases}")
         if remote and tasks:  # a run in this process needs no import of dask's scheduler
-            ended = named("critflow.engine.dask_workers:compute_in_workers")(job, tasks, workers, stopped)
+            ended = import_module(f"{__package__}.dask_workers").compute_in_workers(job, tasks, workers, stopped)
         else:
             ended = (compute_network(job, task) for task in takewhile(lambda _: not stopped.is_set(), tasks))
         try:

@@ -37,6 +37,7 @@ SEED_ENTROPY = (
     "in the source; spawn_key is the BLAKE2b-128 of the words of the stream as JSON, in four little-endian words"
 )
 
+_COMMA = re.compile(r",(?![^\[\]]*\])")  # outside brackets, as in local[0-1,2-3]
 _UNREADABLE = re.compile(r"[^A-Za-z0-9_.-]")
 
 
@@ -83,6 +84,13 @@ class Selection:
     parameters: Mapping[str, Any]
     axes: Mapping[str, tuple]
 
+    @classmethod
+    def of(
+        cls, study: Study, variables: Sequence[str], parameters: Mapping[str, Any], axes: Mapping[str, tuple]
+    ) -> Selection:
+        """The cases of a whole study; its code counts the quantities that the settings name."""
+        return cls(study.storing(variables).counting(parameters), parameters, axes)
+
     def case(self, **values: int | str) -> Case:
         return Case(self.study, self.parameters, values)
 
@@ -128,7 +136,7 @@ def select(study: Study, words: Sequence[str] = ()) -> Selection:
         labels = parameters[coordinate.parameter]
         if not isinstance(labels[0], str) and any(later <= earlier for earlier, later in itertools.pairwise(labels)):
             raise StudyError(f"{coordinate.parameter} must increase from each value to the next")
-    selection = Selection(study.storing(_variables(study, given.get("variables", "all"))), parameters, axes)
+    selection = Selection.of(study, _variables(study, given.get("variables", "all")), parameters, axes)
     count = selection.count
     require(count <= LONGEST, f"these settings give {count:,} cases: choose at most {LONGEST:,}")
     if study.check is not None:
@@ -223,7 +231,7 @@ def _numbers(key: str, text: str, kind: type) -> tuple:
 
 
 def _pieces(key: str, text: str) -> tuple[str, ...]:
-    pieces = tuple(piece.strip() for piece in text.split(","))
+    pieces = tuple(piece.strip() for piece in _COMMA.split(text))
     require("" not in pieces, f"{key}={text} has an empty value: write {key}=VALUE or {key}=VALUE,VALUE")
     _refuse_length(key, "...", len(pieces))
     return pieces

@@ -404,7 +404,7 @@ class Folder:
         same = needed <= set(note["parameters"]) <= set(study.parameters) and tuple(note["axes"]) == study.axis_names
         if not same or not set(note["variables"]) <= variables:
             raise StudyError(f"study {study.name!r} has other settings now than {self.path}: run it again there")
-        return loaded, Selection(study.storing(note["variables"]), note["parameters"], note["axes"])
+        return loaded, Selection.of(study, note["variables"], note["parameters"], note["axes"])
 
     def states(self, selection: Selection, read: bool = False) -> list[CaseState]:
         """State of every case: the single decision whether a case is stored.

@@ -26,6 +26,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from critflow.extensions import quantity_entry
 from critflow.result import Status, StudyError
 
 if TYPE_CHECKING:  # a case function needs neither library
@@ -35,7 +36,10 @@ if TYPE_CHECKING:  # a case function needs neither library
 LONGEST = 1_000_000  # values of one setting, and cases of one run: a larger number is a typing error
 
 _NAME, _STUDY_NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*"), re.compile(r"[A-Za-z0-9][A-Za-z0-9_-]*")
-_ALWAYS = ("status", "valid")  # variables that every selection of members needs
+VALID = "valid"  # the variable by which a dataset is masked, which this engine adds to every study
+_ALWAYS = ("status", VALID)  # variables that every selection of members needs
+# Outcomes with sound numbers: edges may be slack, and where an edge shrinks to zero length the limit is near.
+SOUND = (Status.ok, Status.slack_edges, Status.edge_collapse)
 _DTYPES = ("f4", "f8", "i1", "i2", "i4", "i8", "u1", "u2", "u4")
 
 
@@ -138,16 +142,19 @@ class Variable:
     dtype: str  # one of f4 f8 i1 i2 i4 i8 u1 u2 u4
     long_name: str = field(kw_only=True)
     units: str = field(default="1", kw_only=True)
+    symbol: str = field(default="", kw_only=True)  # in TeX, for the axes of figures
     flags: type[IntEnum] | None = field(default=None, kw_only=True)  # the meaning of integer codes
     fill: int | None = field(default=None, kw_only=True)  # stands for a missing integer; an end of the dtype by default
     volatile: bool = field(default=False, kw_only=True)  # differs between runs, for example a time
     comment: str = field(default="", kw_only=True)  # what a reader must know beyond the long name
+    # Statuses of cases where it is not defined, such as a derivative at a limit: the dataset has a missing value there.
+    undefined_at: Sequence[Status] = field(default=(), kw_only=True)
 
     def __post_init__(self) -> None:
         _identifier(self.name, "variable")
         name = f"variable {self.name!r}"
         require(not isinstance(self.dims, str), f"dims of {name} must be a tuple: write ({self.dims!r},)")
-        _set(self, dims=tuple(self.dims))
+        _set(self, dims=tuple(self.dims), undefined_at=tuple(self.undefined_at))
         twice = len(set(self.dims)) < len(self.dims)
         require(not twice, f"{name} names a dimension twice: call the second one {self.dims[-1:]}_")
         require(self.dtype in _DTYPES, f"dtype {self.dtype!r} of {name} must be one of {', '.join(_DTYPES)}")
@@ -179,6 +186,21 @@ class Variable:
                 f"{self.name!r} contains {self.fill}, its value for a missing one: declare another",
             )
         return array
+
+
+class Validity(IntEnum):
+    """Whether the numbers of a case are sound; a case without a result has none."""
+
+    invalid = 0
+    valid = 1
+
+
+def _validity(dims: tuple[str, ...], sound: Sequence[Status]) -> Variable:
+    """The variable `valid`, over the axes of a study."""
+    text = "1 where the numbers of the case are sound, slack edges and limits with an edge of zero length included"
+    if sound != SOUND:
+        text = f"1 where the numbers of the case are sound: the status is {', '.join(one.name for one in sound)}"
+    return Variable(VALID, dims, "i1", long_name=text, flags=Validity, fill=Validity.invalid)
 
 
 # Kinds of claims, verdicts, and why a statement of the paper and the measurement disagree.
@@ -266,16 +288,23 @@ class Study:
     # Variables that a figure, an animation, "claims", "summary" or "verify" reads; all variables without an entry.
     needs: Mapping[str, Sequence[str]] = field(default_factory=dict)
     workers: int | None = None  # largest number of simultaneous cases: 1 if cases measure time
-    extras: Sequence[str] = ()  # of critflow that cases use without an import or a name in the study
+    extras: Sequence[str] = ()  # names of critflow-extras that cases use without an import or a setting
+    sound: Sequence[Status] = SOUND  # statuses of cases with sound numbers, where `valid` is 1
     left_out: Sequence[Variable] = ()  # rows of the table that are not stored; set by `storing`
 
     def __post_init__(self) -> None:
         name = f"study {self.name!r}"
         require(_STUDY_NAME.fullmatch(self.name), f"study name {self.name!r} must be letters, digits, - and _")
-        listed = ("axes", "variables", "coordinates", "extras", "left_out")
+        listed = ("axes", "variables", "coordinates", "extras", "sound", "left_out")
         parameters = {key: _plain_parameter(key, value) for key, value in self.parameters.items()}
         _set(self, parameters=parameters, **{key: tuple(getattr(self, key)) for key in listed})
         require(self.axes, f"{name} needs at least one axis")
+        # After the status, which it follows from.
+        place, dims = next(((n, v.dims) for n, v in enumerate(self.variables, 1) if v.name == "status"), (0, ()))
+        valid, declared = _validity(dims, self.sound), [v for v in self.variables if v.name == VALID]
+        require(declared in ([], [valid]), f"{name} declares {VALID!r}, which the engine adds: leave it out")
+        if place and not declared:
+            _set(self, variables=(*self.variables[:place], valid, *self.variables[place:]))
         require(
             type(self.version) is int and self.version > 0,
             f"version {self.version!r} of {name} must be a whole number above zero",
@@ -317,8 +346,11 @@ class Study:
             require(listed, f"coordinate {c.name!r} needs a parameter {c.parameter!r} with a list")
         axes = set(self.axis_names)
         for v in self.variables:
-            shared = v.volatile and not axes <= set(v.dims)
-            require(not shared, f"variable {v.name!r} is volatile, so cases cannot share it: add every axis")
+            own = "volatile" if v.volatile else "undefined at a status" if v.undefined_at else ""
+            require(
+                not own or axes <= set(v.dims),
+                f"variable {v.name!r} is {own}, so cases cannot share it: add every axis",
+            )
         status = [set(v.dims) for v in self.variables if v.name == "status" and v.flags is Status]
         require(status == [axes], f"{name} needs a variable 'status' over exactly its axes with flags=Status")
 
@@ -341,6 +373,11 @@ class Study:
         return tuple(axis.name for axis in self.axes)
 
     @cached_property
+    def returned(self) -> tuple[Variable, ...]:
+        """The stored variables that the case function returns."""
+        return tuple(variable for variable in self.variables if variable.name != VALID)
+
+    @cached_property
     def inner_dims(self) -> Mapping[str, tuple[str, ...]]:
         """Dimensions of the array of one case, for every variable."""
         return {v.name: tuple(dim for dim in v.dims if dim not in self.axis_names) for v in self.variables}
@@ -348,7 +385,7 @@ class Study:
     @cached_property
     def table_digest(self) -> str:
         """Digest of names, inner dimensions and dtypes: a shard with another one is computed again."""
-        table = [[v.name, self.inner_dims[v.name], v.dtype] for v in self.variables]
+        table = [[v.name, self.inner_dims[v.name], v.dtype] for v in self.returned]
         return sha256(json.dumps(table).encode()).hexdigest()[:16]
 
     @cached_property
@@ -366,6 +403,13 @@ class Study:
         labels = [coordinate for coordinate in self.coordinates if coordinate.name in dims]
         return replace(self, variables=kept, coordinates=labels, left_out=left_out)
 
+    def counting(self, parameters: Mapping[str, Any]) -> Study:
+        """The study whose code counts the quantities, of packages that joined, which the settings name."""
+        settings = [*parameters.values(), *(axis.values for axis in self.axes if axis.is_words)]
+        values = (one for value in settings for one in (value if isinstance(value, tuple) else (value,)))
+        named = {one for one in values if isinstance(one, str) and quantity_entry(one)}.difference(self.extras)
+        return replace(self, extras=(*self.extras, *sorted(named))) if named else self
+
     def computed(self, parameters: Mapping[str, Any], values: Mapping[str, int | str]) -> dict[str, np.ndarray]:
         """Arrays of one case, computed and checked."""
         stored = {"wanted": frozenset(variable.name for variable in self.variables)}
@@ -377,13 +421,11 @@ class Study:
         given = isinstance(returned, Mapping) and "status" in returned
         require(given, "the case function must return a dict with at least 'status'")
         status = Status(int(returned["status"]))
-        names = [variable.name for variable in self.variables]
+        names = [variable.name for variable in self.returned]
         declared = [*names, *(variable.name for variable in self.left_out)]
         for name in set(returned).difference(declared):
-            raise StudyError(
-                f"the case function returned {name!r}, which no variable declares: "
-                f"{nearest(name, declared, 'variables')}"
-            )
+            hint = "the engine adds it: leave it out" if name == VALID else nearest(name, declared, "variables")
+            raise StudyError(f"the case function returned {name!r}, which no variable declares: {hint}")
         if status is Status.ok and (missing := [name for name in names if name not in returned]):
             raise StudyError(f"the case function returned status ok without {', '.join(missing)}")
         sizes = {coordinate.name: len(parameters[coordinate.parameter]) for coordinate in self.coordinates}

@@ -11,7 +11,6 @@ import faulthandler
 import shlex
 import signal
 import socket
-import sys
 import threading
 import time
 import traceback
@@ -24,7 +23,8 @@ from typing import Any, NamedTuple
 
 from threadpoolctl import threadpool_limits
 
-from critflow.engine.code_digest import environment, libraries, load_file, numeric_extras, used_extras
+from critflow import extensions
+from critflow.engine.code_digest import environment, libraries, load_file, module_of, used_extras
 from critflow.engine.settings import Case, Selection, spelled, words_of_case
 from critflow.engine.store import (
     Folder,
@@ -85,7 +85,7 @@ class Job:
         if different := [name for name in {**self.libraries, **here} if self.libraries.get(name) != here.get(name)]:
             words = ", ".join(f"{n} {here.get(n, 'missing')} (not {self.libraries.get(n)})" for n in different)
             raise EnvironmentFailure(f"the worker on {socket.gethostname()} has {words}: install the same versions")
-        return Selection(loaded.study.storing(self.variables), self.parameters, {})
+        return Selection.of(loaded.study, self.variables, self.parameters, {})
 
 
 def compute_network(job: Job, cases: Sequence[Mapping[str, int | str]], careful: bool = False) -> list[Outcome]:
@@ -151,15 +151,16 @@ def _computed(
     job: Job, study: Study, folder: Folder, case: Case, others: Mapping[str, StoredCase]
 ) -> StoredCase | Outcome:
     """The case if it is complete, its outcome if it failed; raises `IntegrityError` if it contradicts the others."""
-    start, modules = time.perf_counter(), set(sys.modules)
+    start = time.perf_counter()
+    extensions.used.clear()
     with _traced(folder, case, job.seconds) if job.seconds else nullcontext():
         try:
             arrays = study.computed(case.parameters, case.values)
             status = Status(int(arrays.pop("status")))
-            if unnamed := sorted(numeric_extras(sys.modules.keys() - modules) - used_extras(study)):
-                words = ", ".join(map(repr, unnamed))
+            if uncounted := sorted(one for one in extensions.used if module_of(one) not in used_extras(study)):
+                words = ", ".join(map(repr, uncounted))
                 raise StudyError(
-                    f"the case used the extra {words} of critflow, whose code must count: declare it with "
+                    f"the case used {words} of critflow-extras, whose code must count: declare it with "
                     f"extras=({words},) in the Study"
                 )
         except BaseException as error:  # one case must not end the others, with any exception
@@ -170,7 +171,7 @@ def _computed(
         refuse_sizes(case.id, sizes_of(study, arrays), sizes_of(study, other.arrays))
         for name in shared_variables(study) & arrays.keys() & other.arrays.keys():
             refuse_values(case, name, arrays[name], other.arrays[name])
-    absent = tuple(name for name in study.inner_dims if name not in arrays and name != "status")
+    absent = tuple(v.name for v in study.returned if v.name not in arrays and v.name != "status")
     return StoredCase(case.values, status, job.code, environment(), absent, arrays)
 
 

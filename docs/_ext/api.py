@@ -1,11 +1,12 @@
 """The API reference: a page for each function and class, and lists of them.
 
-The directive `layer` lists the names of one module of the scene, or of one extra, with a line each; `names` lists all
-public names by the headings of the reference.  `entries.py` writes the page of each name.
+The directive `layer` lists the names of one module of critflow, or of one folder of critflow-extras, with a line each;
+`names` lists all public names of the package by the headings of the reference.  `entries.py` writes their
+pages.
 
 Docstrings are plain text.  Tables of two columns become definition lists, indented lines displayed equations, lines
 after `>>>` code, and `names` links: to a public name, or to the page that explains the equation of the paper with this
-label.  In the pages of the theory `LAYER: NAME` links to its entry; a layer is a module of critflow, or an extra.
+label.  In the pages of the theory `LAYER: NAME` links to its entry, where it is one of the package.
 """
 
 import inspect
@@ -20,47 +21,43 @@ from docutils import nodes
 from docutils.parsers.rst import Directive
 from docutils.statemachine import StringList
 from equations import tex_of
+from place import DOCS, PACKAGE
 from sphinx import addnodes
 from sphinx.transforms import SphinxTransform
 
-import critflow
 from workflows.pages.paper import EQUATIONS, printed
 
 ROW = re.compile(r"([^\s.]+(?:,? [^\s.]+){0,4}) {2,}(\S.*)")  # not two sentences
-THEORY = Path(__file__).parents[1] / "theory"
-REFERENCE = Path(__file__).parents[1] / "reference"
+THEORY, REFERENCE = DOCS / "theory", DOCS / "reference"
 ENTRIES = "entries"  # the folder of the pages of the names, in that of the reference
 BLOCK = re.compile(r"^(#+) (.+)$|^```\{layer\} (\w+)\n(?::first: (.*)\n)?([^`]*)```$", flags=re.M)
-PAGES = {equation.label: equation.page for equation in EQUATIONS}  # those that explain the equations
+# The pages that explain the equations; others are those of the other documents.
+PAGES = {equation.label: equation.page for equation in EQUATIONS if (THEORY / f"{equation.page}.md").exists()}
+PRINTED = {equation.label for equation in EQUATIONS}
 FUNCTION = re.compile(r"(\w+): (\w+(?:\.\w+)*)")  # of a layer, in the tables of the theory
 CLASS = "   :members:\n   :member-order: bysource\n   :exclude-members: __init__, __new__\n"
 
 
-PUBLIC = critflow.__all__
-PACKAGE = Path(critflow.__file__).parent
-
-
-def package_of(layer: str) -> str:
-    """The module of the scene, or the package of the extra."""
-    return f"critflow.extras.{layer}" if (PACKAGE / "extras" / layer).is_dir() else f"critflow.{layer}"
+package = import_module(PACKAGE)
+PUBLIC = package.__all__
+FOLDER = Path(package.__file__).parent
 
 
 def files_of(layer: str) -> list[Path]:
-    """The file of a module of the scene, or those of an extra; none where neither is there."""
-    folder = PACKAGE / "extras" / layer
-    return sorted(folder.glob("*.py")) if folder.is_dir() else sorted(PACKAGE.glob(f"{layer}.py"))
+    """The file of a module of critflow, or those of a folder of critflow-extras; none where neither is there."""
+    return sorted((FOLDER / layer).glob("*.py")) or sorted(FOLDER.glob(f"{layer}.py"))
 
 
 def within(module: str, layer: str) -> bool:
     """Whether a module is of a layer."""
-    return f"{module}.".startswith(f"{package_of(layer)}.")
+    return f"{module}.".startswith(f"{PACKAGE}.{layer}.")
 
 
 def public_names(layer: str) -> list[str]:
-    """The names of `critflow` that are defined in this layer, in the order of their modules and lines."""
+    """The public names that are defined in this layer, in the order of their modules and lines."""
     found = []
     for name in PUBLIC:
-        thing = inspect.unwrap(getattr(critflow, name))
+        thing = inspect.unwrap(getattr(package, name))
         if within(thing.__module__, layer):
             found.append((thing.__module__, inspect.getsourcelines(thing)[1], name))
     return [name for *_, name in sorted(found)]
@@ -70,26 +67,26 @@ def results_of(names: list[str]) -> list[str]:
     """The classes that these functions return and that are not public names themselves."""
     found: dict[str, None] = {}
     for name in names:
-        thing = inspect.unwrap(getattr(critflow, name))
+        thing = inspect.unwrap(getattr(package, name))
         returned = str(getattr(thing, "__annotations__", {}).get("return", ""))
         for word in re.findall(r"[A-Z]\w+", returned):
             kind = getattr(import_module(thing.__module__), word, None)
-            if inspect.isclass(kind) and kind.__module__.startswith("critflow.") and word not in PUBLIC:
+            if inspect.isclass(kind) and kind.__module__.startswith(f"{PACKAGE}.") and word not in PUBLIC:
                 found[f"{kind.__module__}.{word}"] = None
     return list(found)
 
 
 def path_of(layer: str, name: str) -> str:
-    """Where the reference documents a name of a layer: `critflow.NAME` if it is public, else in its module."""
+    """Where the reference documents a name of a layer: `PACKAGE.NAME` if it is public, else in its module."""
     head, _, member = name.partition(".")
     if head in PUBLIC:
-        owner_path = f"critflow.{head}"
+        owner_path = f"{PACKAGE}.{head}"
     else:
         defined = re.compile(rf"^(?:def|class) {head}\b", flags=re.M)
         file = next((file for file in files_of(layer) if defined.search(file.read_text(encoding="utf-8"))), None)
         if file is None:  # MODULE.NAME
-            return f"{package_of(layer)}.{name}"
-        owner_path = ".".join([*file.relative_to(PACKAGE.parent).with_suffix("").parts, head])
+            return f"{PACKAGE}.{layer}.{name}"
+        owner_path = ".".join([*file.relative_to(FOLDER.parent).with_suffix("").parts, head])
     owners = getattr(thing_at(owner_path), "__mro__", ())
     owner = next((kind for kind in owners if member and member in vars(kind)), None)
     if owner is None or owner is owners[0]:
@@ -102,7 +99,7 @@ def in_theory(layer: str) -> list[str]:
     text = "".join(page.read_text(encoding="utf-8") for page in sorted(THEORY.glob("*.md")))
     found = re.findall(rf"`{layer}: (\w+(?:\.[a-z]\w*)*)", text)
     paths = [path_of(layer, name).split(".") for name in found]
-    depth = 5 if package_of(layer).startswith("critflow.extras.") else 3  # of the name in its module
+    depth = 4 if (FOLDER / layer).is_dir() else 3  # of the name in its module
     return [".".join(path[:depth]) for path in paths if within(".".join(path[:-1]), layer) and len(path) >= depth]
 
 
@@ -141,9 +138,9 @@ def paths_of(layer: str, first: list[str], others: list[str]) -> list[str]:
     """The names that the reference documents of a layer: those of `first`, the other public names, the classes that
     they return, those that are listed as MODULE.NAME, and those that the theory names."""
     public = public_names(layer)
-    paths = [f"critflow.{name}" for name in [*first, *public]]
+    paths = [f"{PACKAGE}.{name}" for name in [*first, *public]]
     paths += [path for path in results_of(public) if within(path.rpartition(".")[0], layer)]
-    paths += [f"{package_of(layer)}.{name}" for name in others]
+    paths += [f"{PACKAGE}.{layer}.{name}" for name in others]
     return list(dict.fromkeys([*paths, *in_theory(layer)]))
 
 
@@ -162,16 +159,16 @@ def listed() -> list[Listed]:
 
 
 def entry_of(path: str) -> str:
-    """The name of the page of a function or class: that of `critflow.NAME`, or MODULE.NAME in its package.
+    """The name of the page of a function or class: that of `PACKAGE.NAME`, or MODULE.NAME in it.
 
     Files such as those of `quantity` and `Quantity` would be one on some disks.
     """
-    name = path.removeprefix("critflow.")
+    name = path.removeprefix(f"{PACKAGE}.")
     return f"{name}_class" if name != name.lower() and name.lower() in PUBLIC else name
 
 
 class Layer(Directive):
-    """`layer NAME`: a table of the names of a module or an extra, with a line of each, which lead to their pages."""
+    """`layer NAME`: a table of the names of a module or a folder, with a line of each, which lead to their pages."""
 
     required_arguments = 1
     has_content = True
@@ -202,7 +199,7 @@ def parsed(directive: Directive, text: str) -> list[nodes.Node]:
 
 
 class FunctionLinks(SphinxTransform):
-    """In the theory `LAYER: NAME` links to the entry of the reference."""
+    """In the theory `LAYER: NAME` links to the entry of the reference; one of the other package is its name."""
 
     default_priority = 850
 
@@ -211,7 +208,9 @@ class FunctionLinks(SphinxTransform):
             return
         for literal in list(self.document.findall(nodes.literal)):
             found = FUNCTION.fullmatch(literal.astext())
-            if found and files_of(found[1]):
+            if found and found[1] != "workflows" and not files_of(found[1]):
+                literal.parent.replace(literal, nodes.literal("", found[2]))
+            elif found and files_of(found[1]):
                 target = path_of(*found.groups())
                 link = addnodes.pending_xref("", refdomain="py", reftype="obj", reftarget=target, refwarn=True)
                 link += nodes.literal("", found[2])
@@ -266,6 +265,8 @@ def escaped(line: str) -> str:
 def reference(name: str) -> str:
     if name in PAGES:
         return f":doc:`{printed(name)} </theory/{PAGES[name]}>`"
+    if name in PRINTED:
+        return printed(name)
     head, _, member = name.partition(".")
     path = documented().get(head)
     if path and not member:

@@ -3,30 +3,38 @@
 import re
 from pathlib import Path
 
-ROOT = Path(__file__).parents[2]
-ELSEWHERE = {"results/README.md": "results.md", "README.md": "index.md"}
+from place import DOCS, ROOT
+
+ELSEWHERE = {"results/README.md": "results.md", "README.md": "index.md"} if DOCS == ROOT / "docs" else {}
 
 
 def relocated(text: str, page: Path) -> str:
-    """The text of a page with links to files outside docs/ that have a page in the site."""
+    """The text of a page with links to files outside its site: to their page in it, or as text with the file."""
 
-    up = "../" * (len(page.relative_to(ROOT / "docs").parts) - 1)
+    up = "../" * (len(page.relative_to(DOCS).parts) - 1)
 
     def link(found: re.Match) -> str:
         target = (page.parent / found["path"]).resolve()
         made = next((made for source, made in ELSEWHERE.items() if target == ROOT / source), None)
-        return f"]({up}{made}{found['anchor']})" if made else found[0]
+        if made:
+            return f"[{found['text']}]({up}{made}{found['anchor']})"
+        outside = target.is_relative_to(ROOT) and not target.is_relative_to(DOCS)
+        return f"{found['text']} (`{target.relative_to(ROOT)}`)" if outside else found[0]
 
+    def study(found: re.Match) -> str:  # the target of [STUDY] in a list of claims: its figures in the page of results
+        return f"[{found[1]}]: results.md#{found[1]}" if ELSEWHERE and "extras" not in found[2] else ""
+
+    text = re.sub(r"^\[(\w+)\]: (\.\./\S*/claims\.md)$", study, text, flags=re.M)
     text = re.sub(r"(\]\([./]*notebooks/0\w+)\.ipynb\)", r"\1.md)", text)
-    return re.sub(r"\]\((?P<path>[^)#\s]+\.md)(?P<anchor>#[^)\s]*|)\)", link, text)
+    return re.sub(r"(?<!!)\[(?P<text>[^\]]*)\]\((?P<path>[^)#\s]+\.md)(?P<anchor>#[^)\s]*|)\)", link, text)
 
 
 def with_contents(text: str, folder: Path) -> str:
     """A page `index.md` followed by its contents: the pages that its lists link to, one table for each heading.
 
-    The index of a folder below docs/ contains every page of the folder, those that it links to first.
+    The index of a folder below contains every page of the folder, those that it links to first.
     """
-    if folder != ROOT / "docs":
+    if folder != DOCS:
         links = re.findall(r"\]\((\w+)\.md\)", text)
         present = sorted(page.stem for page in folder.glob("*.md") if page.stem != "index")
         pages = [name for name in dict.fromkeys([*links, *present]) if name in present]
@@ -46,12 +54,11 @@ def all_studies() -> str:
     """results/README.md as the second part of the page of results."""
     text = (ROOT / "results" / "README.md").read_text(encoding="utf-8").split("\n", 1)[1]
     text = re.sub(r"\]\(reference/(\w+)/claims\.md\)", "](claims.md)", text)
-    text = re.sub(r"^(- .*; claims in )\[[^\]]*\]", r"\1[the table](claims.md)", text, flags=re.M)
     text = re.sub(r"\]\(reference/([^)]+)\)", r"](../results/reference/\1)", text)
     return "## Studies\n" + re.sub(r"\]\(\.\./docs/([^)]+)\)", r"](\1)", text)
 
 
-APPENDED = {"results": all_studies}
+APPENDED = {"results": all_studies} if DOCS == ROOT / "docs" else {}
 
 
 def unbroken(text: str) -> str:
@@ -66,7 +73,7 @@ def unbroken(text: str) -> str:
 
 
 def read(app, name, source):
-    page = ROOT / "docs" / f"{name}.md"
+    page = DOCS / f"{name}.md"
     if name in APPENDED:
         source[0] += "\n" + APPENDED[name]()
     source[0] = unbroken(relocated(source[0], page))

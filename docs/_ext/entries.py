@@ -10,18 +10,19 @@ from functools import cache
 from pathlib import Path
 
 from api import ENTRIES, REFERENCE, Listed, autodoc, entry_of, listed
-from programs import DOCS, gallery_scripts, picture_of
+from place import DOCS
+from programs import gallery_scripts, picture_of
 
 FOLDER = REFERENCE / ENTRIES
 PICTURES, LINKS = 2, 6  # at most, in an entry
-TAUGHT_FIRST = ("tutorial", "start")
+TAUGHT_FIRST = ("tutorial",)
 FENCED = re.compile(r"^```python(?: \S+)?\n(.*?)^```", flags=re.M | re.S)
 
 
 @cache
 def used_in(program: str) -> frozenset[str]:
-    """The public names that a program uses, as cf.NAME or by an import."""
-    names = set(re.findall(r"\b(?:cf|critflow)\.(\w+)", program))
+    """The public names that a program uses, as cf.NAME, ce.NAME or by an import."""
+    names = set(re.findall(r"\b(?:cf|ce|critflow|critflow_extras)\.(\w+)", program))
     for imported in re.findall(r"from critflow[\w.]* import (\([^)]*\)|.*)", program):
         names |= set(re.findall(r"\w+", imported))
     return frozenset(names)

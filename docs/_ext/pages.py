@@ -9,7 +9,8 @@ from pathlib import Path
 
 from docutils import nodes
 from docutils.parsers.rst import Directive
-from programs import BUILT, DOCS, ipynb_of, notebooks, picture_of
+from place import DOCS
+from programs import BUILT, picture_of
 from pygments import highlight
 from pygments.formatters import HtmlFormatter
 from pygments.lexers.python import PythonLexer
@@ -44,35 +45,37 @@ class Gallery(Directive):
 
 
 def page_of(notebook: Path) -> str:
-    """The Markdown of an executed notebook."""
-    executed = ipynb_of(notebook)
+    """The Markdown of a notebook with the outputs that it keeps."""
     parts = []
     pictures = 0
-    for number, cell in enumerate(json.loads(executed.read_text(encoding="utf-8"))["cells"]):
+    for number, cell in enumerate(json.loads(notebook.read_text(encoding="utf-8"))["cells"]):
+        source = "".join(cell["source"])
         if cell["cell_type"] == "markdown":
-            parts.append(cell["source"])
+            parts.append(source)
             if number == 0:
-                parts.append(f"Download: [{executed.name}](../_build/programs/notebooks/{executed.name})")
+                parts.append(f"Download: [{notebook.name}]({notebook.name})")
             continue
-        parts.append(f"```python\n{cell['source']}\n```")
+        parts.append(f"```python\n{source}\n```")
         for output in cell["outputs"]:
+            data = output.get("data", {})
             if output["output_type"] == "stream":
-                parts.append(f"```output\n{output['text'].rstrip()}\n```")
-            elif "text/html" in output["data"]:
-                parts.append(f'````{{raw}} html\n<div class="value">{output["data"]["text/html"]}</div>\n````')
-            elif "text/plain" in output["data"]:
-                parts.append(f"```output\n{output['data']['text/plain']}\n```")
+                parts.append(f"```output\n{''.join(output['text']).rstrip()}\n```")
+            elif "text/html" in data:
+                parts.append(f'````{{raw}} html\n<div class="value">{"".join(data["text/html"])}</div>\n````')
+            elif "text/plain" in data and "image/png" not in data:
+                parts.append(f"```output\n{''.join(data['text/plain'])}\n```")
             else:
                 pictures += 1
-                file = executed.with_name(f"{notebook.stem}_{pictures}.png")
-                file.write_bytes(base64.b64decode(output["data"]["image/png"]))
+                file = BUILT / "notebooks" / f"{notebook.stem}_{pictures}.png"
+                file.parent.mkdir(parents=True, exist_ok=True)
+                file.write_bytes(base64.b64decode("".join(data["image/png"])))
                 parts.append(f"![](../_build/programs/notebooks/{file.name})")
     return "\n\n".join(parts) + "\n"
 
 
 def make_notebooks(app):
-    BUILT.mkdir(parents=True, exist_ok=True)
-    for notebook in notebooks():
+    """A page for each notebook on the dataset; those that are made from a page have no number."""
+    for notebook in sorted((DOCS / "notebooks").glob("0*.ipynb")):
         page, text = notebook.with_suffix(".md"), page_of(notebook)
         if not page.exists() or page.read_text(encoding="utf-8") != text:
             page.write_text(text, encoding="utf-8")

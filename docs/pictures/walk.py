@@ -8,8 +8,8 @@ import numpy as np
 from matplotlib.cm import ScalarMappable
 from matplotlib.colors import Normalize
 
-from critflow import CriticalManifold, draw, elasticity, optimize, voronoi_network
-from critflow.pictures import TENSION_MAP
+from critflow import CriticalManifold, elasticity, optimize, voronoi_network
+from critflow.pictures import TENSION_MAP, draw_network
 
 network = voronoi_network(n_vertices=100, seed=3)
 manifold = CriticalManifold(network)
@@ -24,7 +24,9 @@ figure = plt.figure(figsize=(8.4, 4.9), layout="constrained")
 grid = figure.add_gridspec(2, 3, height_ratios=(1.35, 1))
 stops = {"A: random stress": start, "B: stress 1 on every edge": middle, "C: equal lengths": end}
 for at, (title, sigma) in enumerate(stops.items()):
-    axes = draw(manifold.configuration(sigma), figure.add_subplot(grid[0, at]), title=title)
+    critical, axes = manifold.configuration(sigma), figure.add_subplot(grid[0, at])
+    draw_network(axes, network.edges, network.offsets, network.cell, critical.coordinates, critical.tensions)
+    axes.set_title(title, fontsize=10)
 bar = ScalarMappable(Normalize(0, 1), TENSION_MAP)
 figure.colorbar(bar, ax=axes, label="tension over the\nlargest in the panel", shrink=0.85)
 axes = figure.add_subplot(grid[1, :])

@@ -29,16 +29,22 @@ def test_criterion_agrees_with_the_count(name, seed):
     assert only_self_stress(critical) == (count == 1)
 
 
-def test_disjoint_self_stresses_are_two():
+ENDS = {0: [0, 0], 2: [2, 0]}
+
+
+@pytest.mark.parametrize(
+    "edges, pins, sigma, unique",
+    [
+        ([[0, 1], [1, 2], [3, 4], [4, 5]], ENDS | {3: [0, 1], 5: [2, 1]}, [1.0, 1, 1, 1], False),
+        ([[0, 1], [1, 2], [0, 2]], ENDS, [1.0, 1, 1], False),
+        ([[0, 1], [1, 2]], ENDS, [1.0, 2], True),
+    ],
+    ids=["two chains", "an edge between pins", "one chain"],
+)
+def test_disjoint_self_stresses_are_two(edges, pins, sigma, unique):
     """Chains between pins: each is in balance alone, and no free vertex is shared."""
-    pins = {0: [0, 0], 2: [2, 0], 3: [0, 1], 5: [2, 1]}
-    network = Network([[0, 1], [1, 2], [3, 4], [4, 5]], pins=pins)
-    critical = CriticalManifold(network).configuration(np.ones(4))
-    assert not only_self_stress(critical)
-    between = Network([[0, 1], [1, 2], [0, 2]], pins={0: [0, 0], 2: [2, 0]})
-    assert not only_self_stress(CriticalManifold(between).configuration(np.ones(3)))
-    one = Network([[0, 1], [1, 2]], pins={0: [0, 0], 2: [2, 0]})
-    assert only_self_stress(CriticalManifold(one).configuration([1.0, 2.0]))
+    critical = CriticalManifold(Network(edges, pins=pins)).configuration(sigma)
+    assert only_self_stress(critical) == unique
 
 
 def test_directions_within_their_errors_are_parallel():

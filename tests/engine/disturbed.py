@@ -11,6 +11,7 @@ import multiprocessing
 import os
 import signal
 import sys
+import time
 from contextlib import suppress
 from multiprocessing import forkserver
 from pathlib import Path
@@ -104,6 +105,18 @@ def begun(
     )
     process.start()
     return process
+
+
+def wait_until(found, alive, said=str):
+    """What `found` returns as soon as it is true, while the process is `alive`; else `said` is the message."""
+    while not (what := found()):
+        assert alive(), said()
+        time.sleep(0.02)
+    return what
+
+
+def stored_files(folder):
+    return list((folder / "shards").glob("*.nc"))
 
 
 def ended(process, seconds=120.0):

@@ -3,7 +3,6 @@
 import json
 import os
 import subprocess
-import sys
 import tomllib
 from hashlib import sha256
 from pathlib import Path
@@ -12,7 +11,6 @@ import netCDF4
 import pytest
 import xarray as xr
 from disturbed import stamps_of
-from extras_there import skip_without
 from packaging.requirements import Requirement
 from packaging.utils import canonicalize_name
 
@@ -25,11 +23,9 @@ from critflow.engine.code_digest import (
     named_studies,
     reached_definitions,
     source_tree,
-    used_extras,
 )
 from critflow.engine.settings import select
 from critflow.engine.store import read_shard, shard_path
-from critflow.extensions import extras, with_needs
 from critflow.result import StudyError
 
 PLAIN = Path(__file__).with_name("plain_study.py").read_text()
@@ -162,7 +158,7 @@ OTHERS = {"_numbers.py": NUMBERS, "_tools.py": "three = 3\n", "_drawing.py": "de
 def version(tmp_path):
     """`version((file, old, new), ...)`: the code of the study with these changes of its files."""
 
-    def of(*changes, folder="a", look=code_version):
+    def of(*changes, folder="a"):
         (tmp_path / folder).mkdir(exist_ok=True)
         texts = {"numbers.py": STUDY, **OTHERS}
         for name, old, new in changes:
@@ -170,7 +166,7 @@ def version(tmp_path):
             texts[name] = texts[name].replace(old, new)
         for name, text in texts.items():
             (tmp_path / folder / name).write_text(text)
-        return look(load_file(tmp_path / folder / "numbers.py").study)
+        return code_version(load_file(tmp_path / folder / "numbers.py").study)
 
     return of
 
@@ -205,26 +201,14 @@ def test_a_change_of_texts_and_figures_does_not_count(version, change):
     assert version(folder="b") == version()
 
 
-@pytest.mark.parametrize(
-    ("change", "names"),
-    [
-        (("numbers.py", "helper(seed)}", "cf.design}"), {"targets"}),
-        (("numbers.py", "helper(seed)}", 'f"onset[{seed}]"}'), {"cables"}),
-        (("_numbers.py", "return stable_rng(1)", "from critflow import weak_forces\n    return weak_forces"), {"weak"}),
-        (("_tools.py", "three = 3", "from critflow.extras.local.diagonals import face_diagonals as three"), {"local"}),
-        (("numbers.py", "parameters={}", 'parameters={}, extras=("rest",)'), {"rest"}),
-        (("_numbers.py", "def two(): ...", "def two():\n    import critflow.extras.weak"), set()),
-    ],
-)
-def test_the_extras_of_a_case_are_those_that_it_names_and_their_needs(version, change, names):
-    skip_without(names)
-    numeric = {name for name in with_needs(names) if extras()[name].numeric}  # drawings decide no number
-    assert version(change, look=used_extras) - version(look=used_extras) == numeric
+def test_a_name_that_nobody_has_cannot_be_declared(version):
+    with pytest.raises(StudyError, match="'nonsense' in extras="):
+        version(("numbers.py", "parameters={}", 'parameters={}, extras=["nonsense"]'))
 
 
-def test_the_scene_counts_and_the_engine_figures_and_unused_extras_do_not(tmp_path, monkeypatch):
-    names = ("manifold.py", "arguments.py", "extras/weak/state.py")
-    names += ("engine/run.py", "pictures.py", "command/main.py", "extras/local/state.py", "studies/ensemble.py")
+def test_the_scene_counts_and_the_engine_and_figures_do_not(tmp_path, monkeypatch):
+    names = ("manifold.py", "arguments.py")
+    names += ("engine/run.py", "pictures.py", "command/main.py", "studies/ensemble.py")
     for name in names:
         (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
         (tmp_path / name).write_text("x = 1")
@@ -232,7 +216,7 @@ def test_the_scene_counts_and_the_engine_figures_and_unused_extras_do_not(tmp_pa
     monkeypatch.setattr(code_digest, "_file_digest", code_digest._file_digest.__wrapped__)
 
     def digest():
-        return code_digest._scene_digest.__wrapped__(frozenset({"weak"}))
+        return code_digest._scene_digest.__wrapped__(frozenset())
 
     first, changes = digest(), {}
     for name in names:
@@ -242,7 +226,7 @@ def test_the_scene_counts_and_the_engine_figures_and_unused_extras_do_not(tmp_pa
         (tmp_path / name).write_text("x = 2")
         changes[name] = digest() != first
         (tmp_path / name).write_text("x = 1")
-    assert [name for name in names if changes[name]] == list(names[:3])
+    assert [name for name in names if changes[name]] == list(names[:2])
 
 
 def test_the_ensemble_depends_on_its_measurements_and_on_no_figure():
@@ -255,23 +239,19 @@ def test_the_ensemble_depends_on_its_measurements_and_on_no_figure():
 CHANGE = ('"modulus": strains * seed', '"modulus": 2 * strains * seed')
 
 
-def test_a_run_over_cases_of_other_code_stops_before_it_computes(tmp_path, run, source, capsys):
+def test_a_run_over_cases_of_other_code_stops_before_it_computes(tmp_path, run, source, said, told):
     out = tmp_path / "out"
     assert run(out, study=source()) == 0
     before, first = stamps_of(out), code_version(load_file(source()).study)
     path = source(*CHANGE)
     now = code_version(load_file(path).study)
-    capsys.readouterr()
     for more in ((), ("--dry-run",)):
-        assert run(out, "seeds=0:5", study=path, more=more) == 4
-        err = capsys.readouterr().err
+        err = told(out, "seeds=0:5", study=path, more=more, code=4).err
         assert len(err.splitlines()) == 1 and "8 of 8 stored cases" in err and first in err and now in err
         assert all(word in err for word in ("--recompute", "--keep", "--out"))
     assert stamps_of(out) == before
-    assert main(["status", str(out)]) == 0
-    assert "8 other of 8 cases" in capsys.readouterr().out
-    assert main(["verify", str(out)]) == 4
-    assert first in capsys.readouterr().err
+    assert "8 other of 8 cases" in said(["status", str(out)]).out
+    assert first in said(["verify", str(out)], 4).err
     assert run(out, "seeds=0:5", study=path, more=("--recompute",)) == 0
     assert xr.load_dataset(out / "tiny.nc").attrs["cases_code"] == f"{now}: 10 cases"
     assert main(["verify", str(out)]) == 0
@@ -280,14 +260,13 @@ def test_a_run_over_cases_of_other_code_stops_before_it_computes(tmp_path, run, 
 @pytest.mark.parametrize(
     ("more", "dims"), [(("seeds=0:6",), ("seed",)), (("populations=random,floppy",), ("population",))]
 )
-def test_kept_cases_of_other_code_are_told_apart(tmp_path, run, source, capsys, more, dims):
+def test_kept_cases_of_other_code_are_told_apart(tmp_path, run, source, said, told, more, dims):
     out, few = tmp_path / "out", {"seed": "seeds=0:4", "population": "populations=random"}[dims[0]]
     assert run(out, few, study=source()) == 0
     first = load_file(source()).study
     path = source(*CHANGE)
     codes = sorted({code_version(first), code_version(load_file(path).study)})
-    assert run(out, *more, study=path, more=("--keep",)) == 0
-    assert "other code" in capsys.readouterr().err
+    assert "other code" in told(out, *more, study=path, more=("--keep",)).err
     with xr.open_dataset(out / "tiny.nc") as ds:
         assert ds.code.dims == dims
         meanings = ds.code.attrs["flag_meanings"].split()
@@ -297,32 +276,8 @@ def test_kept_cases_of_other_code_are_told_apart(tmp_path, run, source, capsys, 
         old = ds.code.values == codes.index(code_version(first))
         assert old.tolist() == ([True] * 4 + [False] * 2 if dims == ("seed",) else [True, False])
     assert "2 versions of the code" in (out / "claims.md").read_text()
-    capsys.readouterr()
-    assert main(["verify", str(out)]) == 4
-    assert "other code" in capsys.readouterr().err
+    assert "other code" in said(["verify", str(out)], 4).err
     assert run(out, *more, study=path) == 4
-
-
-def test_an_extra_that_a_case_uses_without_a_name_must_be_declared(tmp_path, run, source, monkeypatch):
-    skip_without(["tensegrity"])
-    # As in a process that has not imported it for another test.
-    for module in [name for name in sys.modules if name.startswith("critflow.extras.tensegrity")]:
-        monkeypatch.delitem(sys.modules, module)
-    hidden = "import_module('critflow.extras.' + 'tens' + 'egrity')"
-    change = ("import numpy as np", "from importlib import import_module\nimport numpy as np")
-    change += ("    sleep(parameters", f"    {hidden}\n    sleep(parameters")
-    assert Path(code_digest.__file__).parents[1].joinpath("extras", "tensegrity").is_dir()
-    assert run(tmp_path / "out", "seeds=0", study=source(*change)) == 3
-    texts = " ".join(path.read_text() for path in (tmp_path / "out" / "failed").iterdir())
-    assert "extras=('tensegrity',)" in texts
-    assert (
-        run(
-            tmp_path / "two",
-            "seeds=0",
-            study=source(*change, "    case=case,", "    case=case, extras=('tensegrity',),"),
-        )
-        == 0
-    )
 
 
 ROOT = Path(__file__).parents[2]
@@ -381,19 +336,16 @@ def test_the_commit_is_that_of_the_source_tree(tmp_path, monkeypatch):
     assert look(tmp_path) == {}
 
 
-def test_a_changed_version_or_table_computes_all_cases_again(tmp_path, run, source, capsys):
+def test_a_changed_version_or_table_computes_all_cases_again(tmp_path, run, source, said, told):
     out = tmp_path / "out"
     table = ('"residual", ("population", "seed"), "f8"', '"residual", ("population", "seed"), "f4"')
     assert run(out, study=source()) == 0
     for number, change in enumerate((table, (*table, "    check=check,", "    check=check, version=2,"))):
         before, path = stamps_of(out), source(*change)
-        capsys.readouterr()
-        assert run(out, more=("--dry-run",), study=path) == 0
-        assert "8 of 8 cases to compute" in capsys.readouterr().out
+        assert "8 of 8 cases to compute" in told(out, more=("--dry-run",), study=path).out
         if number == 0:
             assert main(["verify", str(out)]) == 4
-            assert main(["status", str(out)]) == 0
-            assert "and 7 more: stored with another table" in capsys.readouterr().out
+            assert "and 7 more: stored with another table" in said(["status", str(out)]).out
         assert run(out, study=path) == 0
         assert len(set(stamps_of(out).values()) - set(before.values())) == 4
         assert main(["verify", str(out)]) == 0

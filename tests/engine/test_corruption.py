@@ -116,21 +116,17 @@ KINDS = {
 
 
 @pytest.mark.parametrize(("kind", "damage"), [(kind, damage) for kind, table in KINDS.items() for damage in table])
-def test_a_damaged_file_is_named_and_made_again(out, finished, tally, capsys, kind, damage):
+def test_a_damaged_file_is_named_and_made_again(out, finished, tally, said, kind, damage):
     path = {"shard": shard_path(out / "shards", CASES[1]), "dataset": out / "plain.nc"}.get(kind, out / kind)
     KINDS[kind][damage](path)
     before = stamps_of(out)
     tally()
-    capsys.readouterr()
-    assert main(["verify", str(out), "--sample=0"]) == 4
-    err = capsys.readouterr().err
-    assert path.name in err
-    assert "Traceback" not in err
+    err = said(["verify", str(out), "--sample=0"], 4).err
+    assert path.name in err and "Traceback" not in err
     undamaged = [case.id for case in CASES if case.id != path.stem]
     assert damage == "another case" or not any(name in err for name in undamaged)
     assert stamps_of(out) == before  # verify changes nothing
-    assert main(words_of(out)) == 0
-    assert "Traceback" not in capsys.readouterr().err
+    assert "Traceback" not in said(words_of(out)).err
     assert tally() == ([1] if kind == "shard" else [])
     assert {name for name, stamp in stamps_of(out).items() if stamp != before.get(name)} == (
         {path.name} if kind == "shard" else set()
@@ -155,26 +151,24 @@ def test_a_damaged_record_of_a_failed_case_changes_no_result(tmp_path, tally, da
     tally()
     lost = damage in ("folder", "deleted")
     assert main(["verify", str(tmp_path / "out"), "--sample=0"]) == (4 if lost else 0)
-    assert main(words) == 3
-    assert tally() == [2] * lost
-    assert main([*words, "--retry-failed"]) == 3
-    assert tally() == [2]
+    assert (main(words), tally()) == (3, [2] * lost)
+    assert (main([*words, "--retry-failed"]), tally()) == (3, [2])
     assert path.read_text() == whole
     assert contents_of(tmp_path / "out" / "plain.nc") == before
 
 
 @pytest.mark.parametrize("words", [["figures"], ["show", "--set", "seed=0"]])
-def test_nothing_is_drawn_from_a_dataset_with_a_flipped_bit(out, capsys, words):
+def test_nothing_is_drawn_from_a_dataset_with_a_flipped_bit(out, said, words):
     flip_number(out / "plain.nc")
-    assert main([words[0], str(out if words == ["figures"] else out / "plain.nc"), *words[1:]]) == 4
-    assert "plain.nc" in capsys.readouterr().err
+    place = str(out if words == ["figures"] else out / "plain.nc")
+    assert "plain.nc" in said([words[0], place, *words[1:]], 4).err
 
 
 @pytest.mark.parametrize(
     ("elsewhere", "change", "code"), [(False, 0.0, 0), (False, 1e-15, 4), (True, 0.9e-6, 0), (True, 1e-5, 4)]
 )
 def test_a_case_computed_again_is_the_same_to_the_bit_and_elsewhere_to_a_part_of_its_largest_number(
-    out, capsys, monkeypatch, elsewhere, change, code
+    out, said, monkeypatch, elsewhere, change, code
 ):
     computed = Study.computed
 
@@ -187,6 +181,4 @@ def test_a_case_computed_again_is_the_same_to_the_bit_and_elsewhere_to_a_part_of
     monkeypatch.setattr(Study, "computed", perturbed)
     if elsewhere:
         monkeypatch.setattr("critflow.engine.verify.environment", lambda: "another machine")
-    capsys.readouterr()
-    assert main(["verify", str(out), "--sample=4"]) == code
-    assert ("values is another one" in capsys.readouterr().err) == (code == 4)
+    assert ("values is another one" in said(["verify", str(out), "--sample=4"], code).err) == (code == 4)

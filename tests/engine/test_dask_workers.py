@@ -25,7 +25,7 @@ import pytest
 import xarray as xr
 from distributed import LocalCluster
 from distributed.security import Security
-from disturbed import begun, ended, messages, numbers_of, stored_whole
+from disturbed import begun, ended, messages, numbers_of, stored_files, stored_whole, wait_until
 from problems import forbidden
 
 from critflow.command.main import main
@@ -67,9 +67,8 @@ def assert_only_the_bad_cases_failed(folder, kinds):
     assert len(list((folder / "shards").iterdir())) == len(kinds)  # one for each value of the first axis
 
 
-def test_whatever_a_case_raises_or_returns_the_others_are_computed(tmp_path, run, capsys):
-    assert run(tmp_path, f"kinds={','.join(RAISING)}", study="poisoned") == 3
-    err = capsys.readouterr().err
+def test_whatever_a_case_raises_or_returns_the_others_are_computed(tmp_path, told):
+    err = told(tmp_path, f"kinds={','.join(RAISING)}", study="poisoned", code=3).err
     assert f"{len(RAISING)} cases failed" in err
     assert max(map(len, err.splitlines())) < 400
     assert_only_the_bad_cases_failed(tmp_path, RAISING)
@@ -81,12 +80,12 @@ def test_whatever_a_case_raises_or_returns_the_others_are_computed(tmp_path, run
 DEADLY = {"kills_itself": "SIGKILL|died|ended", "leaks": "memory", "hangs_in_compiled_code": "time limit"}
 
 
-def test_whatever_a_case_does_to_its_worker_the_others_are_computed(tmp_path, run, capsys, monkeypatch, forked):
+def test_whatever_a_case_does_to_its_worker_the_others_are_computed(tmp_path, told, monkeypatch, forked):
     """Also of tasks that are submitted when others have ended."""
     monkeypatch.setattr(dask_workers, "_SUBMITTED", 2)
     limits = ("--time-limit=2", "--memory-limit=0.6")
-    assert run(tmp_path, f"kinds={','.join(DEADLY)}", workers=2, more=limits, study="poisoned") == 3
-    assert "Traceback" not in capsys.readouterr().err
+    kinds = f"kinds={','.join(DEADLY)}"
+    assert "Traceback" not in told(tmp_path, kinds, workers=2, more=limits, study="poisoned", code=3).err
     assert_only_the_bad_cases_failed(tmp_path, DEADLY)
     for kind, words in DEADLY.items():
         assert any(word in record(tmp_path, kind) for word in words.split("|")), record(tmp_path, kind)
@@ -119,13 +118,9 @@ def fatal():
 def test_a_worker_that_is_killed_while_the_run_stops_fails_no_case(tmp_path):
     out = tmp_path / "out"
     run = begun(out, ["seeds=0:3"], workers=1, environment={"CRITFLOW_TEST_PAUSE": "20"}, prepare=fatal)
-    while not (traces := list((out / "failed").glob(".*.trace"))):
-        assert run.is_alive(), messages(out)
-        time.sleep(0.05)
+    traces = wait_until(lambda: list((out / "failed").glob(".*.trace")), run.is_alive, lambda: messages(out))
     os.kill(run.pid, signal.SIGINT)
-    while not (out / ".stop").exists():
-        assert run.is_alive(), messages(out)
-        time.sleep(0.05)
+    wait_until((out / ".stop").exists, run.is_alive, lambda: messages(out))
     time.sleep(0.5)
     children = psutil.Process(run.pid).children(recursive=True)
     (worker,) = [one for one in children if str(traces[0]) in {file.path for file in one.open_files()}]
@@ -147,14 +142,12 @@ def test_the_record_of_a_failed_case_contains_its_parameters_and_the_command_tha
     assert main([*(word for word in words if not word.startswith("--workers")), "--workers=0"]) == 3
 
 
-def test_a_report_that_fails_with_a_failed_case_does_not_hide_it(tmp_path, run, source, capsys):
+def test_a_report_that_fails_with_a_failed_case_does_not_hide_it(tmp_path, told, source):
     claims = "return [Claim"
     broken = "broken: set[int] = set()"
     path = source(broken, "broken = {1}", claims, f"assert ds.total.notnull().all(); {claims}", study="plain")
-    assert run(tmp_path / "out", study=path) == 3
-    err = capsys.readouterr().err
-    assert "claims" in err
-    assert "1 case failed" in err
+    err = told(tmp_path / "out", study=path, code=3).err
+    assert "claims" in err and "1 case failed" in err
 
 
 NO_DASHBOARD = {"dashboard": False, "dashboard_address": "127.0.0.1:0"}
@@ -199,26 +192,24 @@ code_digest.libraries.cache_clear()
 """
 
 
-def test_a_plain_scheduler_needs_a_flag_and_equal_libraries(tmp_path, run, capsys, forked):
+def test_a_plain_scheduler_needs_a_flag_and_equal_libraries(tmp_path, told, forked):
     options = {"n_workers": 1, "threads_per_worker": 1, "preload": OTHER_LIBRARY}
     with LocalCluster(scheduler_kwargs=NO_DASHBOARD, **options) as cluster:
         address = cluster.scheduler_address
         for word in (address, address.removeprefix("tcp://")):
-            assert run(tmp_path / "out", workers=None, more=("--scheduler", word), study="algebra") == 2
-            assert "--insecure" in capsys.readouterr().err
+            more = ("--scheduler", word)
+            assert "--insecure" in told(tmp_path / "out", workers=None, more=more, study="algebra", code=2).err
         assert not (tmp_path / "out").exists()
         more = ("--scheduler", address, "--insecure")
-        assert run(tmp_path / "out", workers=None, more=more, study="algebra") == 6
-        assert "scipy 0.1" in capsys.readouterr().err
+        assert "scipy 0.1" in told(tmp_path / "out", workers=None, more=more, study="algebra", code=6).err
     assert not list((tmp_path / "out" / "shards").glob("*.nc"))
 
 
-def test_a_scheduler_without_workers_is_reported(tmp_path, run, capsys, monkeypatch):
+def test_a_scheduler_without_workers_is_reported(tmp_path, told, monkeypatch):
     monkeypatch.setattr("critflow.engine.dask_workers._WORKERS_START", 1.0)
     with LocalCluster(n_workers=0, scheduler_kwargs=NO_DASHBOARD) as cluster:
         more = ("--scheduler", cluster.scheduler_address, "--insecure")
-        assert run(tmp_path / "out", workers=None, more=more, study="algebra") == 6
-    assert "no worker" in capsys.readouterr().err
+        assert "no worker" in told(tmp_path / "out", workers=None, more=more, study="algebra", code=6).err
 
 
 PAGE = Path(__file__).parents[2] / "docs" / "command.md"
@@ -273,13 +264,11 @@ def accepts_a_stranger(port):
             return False
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGKILL])
+@pytest.mark.parametrize("number", [signal.SIGINT, pytest.param(signal.SIGKILL, marks=pytest.mark.sweep)])
 def test_a_local_run_listens_on_loopback_and_answers_nobody_without_its_key(tmp_path, start, number):
     """Another user of the machine reaches the ports, and gets neither a connection nor a page."""
     process = start(tmp_path, "seeds=0:60", workers=1, study="plain", environment={"CRITFLOW_TEST_PAUSE": "2"})
-    while not list((tmp_path / "shards").glob("*.nc")):
-        assert process.poll() is None, process.communicate()
-        time.sleep(0.05)
+    wait_until(lambda: stored_files(tmp_path), lambda: process.poll() is None, process.communicate)
     command = psutil.Process(process.pid)
     found = listening([command, *command.children(recursive=True)])
     assert len(found) >= 2  # the scheduler and a worker at least
@@ -305,9 +294,7 @@ def remote(tmp_path):
     file, options = tmp_path / "scheduler.json", {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
     words = ("--host=127.0.0.1", "--port=0", "--no-dashboard", "--no-show", f"--scheduler-file={file}")
     processes = {"scheduler": subprocess.Popen([*DASK, "scheduler", *words], **options)}
-    while not file.exists():
-        assert processes["scheduler"].poll() is None
-        time.sleep(0.05)
+    wait_until(file.exists, lambda: processes["scheduler"].poll() is None)
     words = (f"--scheduler-file={file}", "--nthreads=1", "--no-nanny", "--no-dashboard")
     environment = os.environ | {"PYTHONPATH": os.pathsep.join(path for path in sys.path if path)}
     environment["CRITFLOW_TEST_PAUSE"] = "0.1"
@@ -323,9 +310,7 @@ def test_a_scheduler_or_its_last_worker_that_dies_ends_the_run_in_one_sentence(t
     address, processes = remote
     more = ("seeds=0:200",)
     run = begun(tmp_path / "out", more, workers=None, options=("--scheduler", address, "--insecure"), prepare=impatient)
-    while not list((tmp_path / "out" / "shards").glob("*.nc")):
-        assert run.is_alive(), messages(tmp_path / "out")
-        time.sleep(0.05)
+    wait_until(lambda: stored_files(tmp_path / "out"), run.is_alive, lambda: messages(tmp_path / "out"))
     processes[dead].kill()
     assert ended(run, 60.0) == 6, messages(tmp_path / "out")
     first, last = messages(tmp_path / "out").strip().splitlines()

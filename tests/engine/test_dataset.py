@@ -63,9 +63,8 @@ def test_values_are_those_of_the_case_function(tmp_path, run, tiny):
         (("trouble=0-random", "how=longer", "populations=random"), ("seed1-random", "edge")),
     ],
 )
-def test_cases_that_disagree_about_shared_arrays_or_sizes_are_an_error(tmp_path, run, capsys, settings, names):
-    assert run(tmp_path, *settings) == 4
-    err = capsys.readouterr().err
+def test_cases_that_disagree_about_shared_arrays_or_sizes_are_an_error(tmp_path, told, settings, names):
+    err = told(tmp_path, *settings, code=4).err
     assert all(name in err for name in names), err
     assert not (tmp_path / "tiny.nc").exists()
 
@@ -93,7 +92,7 @@ def test_fewer_variables_equal_those_of_the_whole(tmp_path, run):
     whole, before = contents_of(tmp_path / "tiny.nc"), stamps_of(tmp_path)
     assert run(tmp_path, "variables=residual,sigma") == 0
     few = contents_of(tmp_path / "tiny.nc")
-    assert set(few[2]) == {"residual", "sigma", "status", "seed", "population"}
+    assert set(few[2]) == {"residual", "sigma", "status", "valid", "seed", "population"}
     assert "strain" not in few[0]
     assert all(few[2][name] == whole[2][name] for name in few[2])
     with_few = stamps_of(tmp_path)
@@ -170,12 +169,11 @@ def test_a_dataset_in_pieces_has_the_contents_of_one_in_memory(tmp_path, run, so
         assert ds.chunks["seed"] == (1, 1, 1, 1)
 
 
-def test_values_that_differ_between_pieces_are_an_error(tmp_path, run, source, monkeypatch, capsys):
+def test_values_that_differ_between_pieces_are_an_error(tmp_path, told, source, monkeypatch):
     monkeypatch.setattr(dataset_module, "_CHUNK", 1)
     shared = ('Variable("status"', 'Variable("shared", (), "f8", long_name="shared"), Variable("status"')
     path = source(*shared, '"status":', '"shared": float(seed), "status":')
-    assert run(tmp_path, study=path) == 4
-    assert "shared" in capsys.readouterr().err
+    assert "shared" in told(tmp_path, study=path, code=4).err
 
 
 def test_the_largest_variables_have_chunks_along_the_first_axis_and_integers_are_compressed(
@@ -193,23 +191,22 @@ def test_the_largest_variables_have_chunks_along_the_first_axis_and_integers_are
 
 
 @pytest.mark.parametrize(("more", "stored"), [("seed", 2), ("5 * (population == 'floppy')", 1)])
-def test_other_sizes_end_the_run_at_once(tmp_path, run, source, capsys, more, stored):
+def test_other_sizes_end_the_run_at_once(tmp_path, told, source, more, stored):
     """Between networks at the second one, within a network at its second case."""
     path = source("    sleep(parameters", f"    n_edges += {more}\n    sleep(parameters")
-    assert run(tmp_path / "out", "seeds=0:50", study=path) == 4
-    err = capsys.readouterr().err
+    err = told(tmp_path / "out", "seeds=0:50", study=path, code=4).err
     assert "each size into a folder of its own and join them" in err and "'edge'" in err
     assert len(list((tmp_path / "out" / "shards").iterdir())) == stored
 
 
-def test_cases_of_other_sizes_that_are_kept_are_not_joined(tmp_path, run, source, capsys):
+def test_cases_of_other_sizes_that_are_kept_are_not_joined(tmp_path, run, source, told):
     assert run(tmp_path / "out", "seeds=0", study=source()) == 0
     path = source('n_edges = parameters["n_edges"]', 'n_edges = parameters["n_edges"] + 2')
-    assert run(tmp_path / "out", "seeds=0:2", study=path, more=("--keep",)) == 4
-    assert "length 8 in 'edge', cases before it 6" in capsys.readouterr().err
+    err = told(tmp_path / "out", "seeds=0:2", study=path, more=("--keep",), code=4).err
+    assert "length 8 in 'edge', cases before it 6" in err
 
 
-def test_a_dataset_that_does_not_read_back_is_not_put_in_place(tmp_path, run, capsys, monkeypatch):
+def test_a_dataset_that_does_not_read_back_is_not_put_in_place(tmp_path, run, told, monkeypatch):
     """A library or a disk that alters the data is detected before the file is put in place."""
     assert run(tmp_path, "seeds=0") == 0
     before, real = contents_of(tmp_path / "tiny.nc"), netCDF4.Dataset
@@ -221,17 +218,14 @@ def test_a_dataset_that_does_not_read_back_is_not_put_in_place(tmp_path, run, ca
         return real(path, mode)
 
     monkeypatch.setattr(dataset_module, "netCDF4", SimpleNamespace(**vars(netCDF4) | {"Dataset": altered}))
-    assert run(tmp_path, "seeds=0") == 6
-    assert "back" in capsys.readouterr().err
+    assert "back" in told(tmp_path, "seeds=0", code=6).err
     monkeypatch.undo()
     assert contents_of(tmp_path / "tiny.nc") == before
 
 
-def test_show_prints_what_a_dataset_is(tmp_path, run, tiny, capsys):
+def test_show_prints_what_a_dataset_is(tmp_path, run, tiny, said):
     assert run(tmp_path, "trouble=1-random", "seeds=1:3", "spread=0.2") == 3
-    capsys.readouterr()
-    assert main(["show", str(tmp_path / "tiny.nc")]) == 0
-    text = capsys.readouterr().out
+    text = said(["show", str(tmp_path / "tiny.nc")]).out
     assert text.strip() == xr.load_dataset(tmp_path / "tiny.nc").attrs["summary"]
     assert len(text.splitlines()) <= 20 and max(map(len, text.splitlines())) <= 120
     for words in (
@@ -241,22 +235,63 @@ def test_show_prints_what_a_dataset_is(tmp_path, run, tiny, capsys):
         f"code: {code_version(tiny.study)}: 3 cases",
         "random: 1 good, 1 failed",
         "floppy: 2 floppy",
-        "ds[['residual']].where(ds.status == 0)",
+        "ds[['residual']].where(ds.valid)",
     ):
         assert words in text, text
 
 
-def test_a_folder_or_a_dataset_of_another_schema_is_refused_and_kept(tmp_path, run, capsys, monkeypatch):
+# A study whose random cases have slack edges, sound members of its population, and whose residual is undefined there.
+SLACK = ('"status": Status.ok,', '"status": Status.slack_edges,')
+UNDEFINED = (
+    'Variable("residual", ("population", "seed"), "f8", long_name="residual")',
+    'Variable("residual", ("population", "seed"), "f8", long_name="residual", undefined_at=[Status.slack_edges])',
+)
+
+
+def test_every_study_has_valid_by_which_its_population_is_selected_as_show_advises(tmp_path, run, source, said):
+    """A study of a user declares nothing for it."""
+    assert run(tmp_path / "out", study=source(*SLACK)) == 0
+    with xr.open_dataset(tmp_path / "out" / "tiny.nc") as ds:
+        assert ds.valid.dims == ds.status.dims
+        assert ds.valid.sel(population="random").values.tolist() == [1] * 4
+        assert ds.valid.sel(population="floppy").values.tolist() == [0] * 4
+        shown = said(["show", str(tmp_path / "out" / "tiny.nc")]).out.splitlines()
+        (line,) = [line for line in shown if line.startswith("good members: ")]
+        members = eval(line.removeprefix("good members: ").partition(";")[0], {"ds": ds})
+        assert members.residual.count() == 4
+    assert main(["verify", str(tmp_path / "out")]) == 0
+
+
+def test_a_study_declares_which_statuses_are_sound(tmp_path, run, source):
+    change = ("    check=check,", "    check=check, sound=[Status.floppy],")
+    assert run(tmp_path, "seeds=0", "trouble=0-random", study=source(*change)) == 3
+    with xr.open_dataset(tmp_path / "tiny.nc") as ds:
+        assert ds.valid.sel(population="floppy").item() == 1
+        assert ds.valid.sel(population="random").item() == 0  # failed
+        assert "floppy" in ds.valid.attrs["long_name"]
+
+
+def test_a_variable_is_missing_where_it_is_declared_undefined(tmp_path, run, source):
+    """What the case function returned stays stored, so that the declaration can change."""
+    slack = (SLACK[0], '"status": Status.slack_edges if seed else Status.ok,')
+    for name, change in (("all", slack), ("some", (*slack, *UNDEFINED))):
+        assert run(tmp_path / name, study=source(*change)) == 0
+    with xr.open_dataset(tmp_path / "all" / "tiny.nc") as ds, xr.open_dataset(tmp_path / "some" / "tiny.nc") as other:
+        assert ds.residual.count() == 4
+        assert other.residual.sel(population="random").isnull().values.tolist() == [False, True, True, True]
+        assert other.drop_vars("residual").identical(ds.drop_vars("residual").assign_attrs(other.attrs))
+    assert main(["verify", str(tmp_path / "some")]) == 0
+    assert run(tmp_path / "some", more=("--dry-run",), study=source(*slack)) == 0
+
+
+def test_a_folder_or_a_dataset_of_another_schema_is_refused_and_kept(tmp_path, run, said, monkeypatch):
     for name in ("dataset", "store"):
         monkeypatch.setattr(f"critflow.engine.{name}.SCHEMA_VERSION", 3)
     assert run(tmp_path, "seeds=0") == 0
     monkeypatch.undo()
     before = {path: path.read_bytes() for path in tmp_path.rglob("*") if path.is_file()}
-    capsys.readouterr()
     for command in (["status"], ["verify"], ["figures"], ["run", "tests/engine/tiny_study.py", "--out"]):
-        assert main([*command, str(tmp_path)]) == 2
-        (line,) = capsys.readouterr().err.splitlines()
+        (line,) = said([*command, str(tmp_path)], 2).err.splitlines()
         assert "schema 3, not 4" in line and "--out" in line
-    assert main(["show", str(tmp_path / "tiny.nc")]) == 2
-    assert "schema 3, not 4" in capsys.readouterr().err
+    assert "schema 3, not 4" in said(["show", str(tmp_path / "tiny.nc")], 2).err
     assert {path: path.read_bytes() for path in tmp_path.rglob("*") if path.is_file()} == before

@@ -8,7 +8,7 @@ from pathlib import Path
 import psutil
 import pytest
 import xarray as xr
-from disturbed import begun, contents_of, ended, messages, numbers_of, stored_whole, words_of
+from disturbed import begun, contents_of, ended, messages, numbers_of, stored_files, stored_whole, wait_until, words_of
 from threadpoolctl import threadpool_info, threadpool_limits
 
 from critflow.command.main import main
@@ -87,19 +87,11 @@ def hurry():
 SLOW = {"CRITFLOW_TEST_PAUSE": "0.4"}
 
 
-def wait_for_a_case(folder, alive):
-    while not list((folder / "shards").glob("*.nc")):
-        assert alive(), "the run ended before its first case"
-        time.sleep(0.01)
-
-
 def test_an_interrupted_task_begins_no_further_case_and_stores_the_others(tmp_path):
     """The cases of one seed are one task, and one shard."""
     folder, path = tmp_path / "out", Path(__file__).with_name("algebra_study.py")
     process = begun(folder, ["seeds=0"], study=path, environment=SLOW)
-    while "one process" not in messages(folder):
-        assert process.is_alive()
-        time.sleep(0.01)
+    wait_until(lambda: "one process" in messages(folder), process.is_alive)
     time.sleep(0.6)  # in the second case
     os.kill(process.pid, signal.SIGINT)
     assert ended(process) == 130, messages(folder)
@@ -123,7 +115,7 @@ def test_a_long_task_is_stored_while_it_lasts(tmp_path, run):
     process = begun(
         folder, ["seeds=0"], study=Path(__file__).with_name("algebra_study.py"), environment=SLOW, prepare=hurry
     )
-    wait_for_a_case(folder, process.is_alive)
+    wait_until(lambda: stored_files(folder), process.is_alive)
     os.kill(process.pid, signal.SIGKILL)
     assert ended(process) == -9
     assert run(folder, "seeds=0", study="algebra") == 0
@@ -131,12 +123,13 @@ def test_a_long_task_is_stored_while_it_lasts(tmp_path, run):
     assert 1 <= len(lines) <= 2  # of three cases, those that were not stored
 
 
+@pytest.mark.sweep
 @pytest.mark.timeout(300)
 def test_an_interrupted_run_with_workers_stores_the_running_cases(tmp_path, start, tally):
     """The Ctrl-C of a terminal reaches the workers too; the number of stored cases in the message is true."""
     settings = ("seeds=0:20",)
     process = start(tmp_path, *settings, workers=2, study="plain", environment=SLOW)
-    wait_for_a_case(tmp_path, lambda: process.poll() is None)
+    wait_until(lambda: stored_files(tmp_path), lambda: process.poll() is None)
     os.killpg(process.pid, signal.SIGINT)
     out, err = process.communicate()
     assert (process.returncode, out) == (130, "") and "Traceback" not in err
@@ -152,10 +145,7 @@ def test_a_second_interrupt_stops_at_once(tmp_path):
     folder = tmp_path / "out"
     process = begun(folder, environment={"CRITFLOW_TEST_PAUSE": "200"})
     for words in ("one process", "stopping"):
-        for _ in range(1000):
-            if words in messages(folder):
-                break
-            time.sleep(0.02)
+        wait_until(lambda: words in messages(folder), process.is_alive)  # noqa: B023
         time.sleep(0.1)
         os.kill(process.pid, signal.SIGINT)
     assert ended(process, 30.0) == 130

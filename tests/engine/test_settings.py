@@ -1,5 +1,6 @@
 """From `--set` words to cases, their identifiers and their random generators."""
 
+from dataclasses import replace
 from decimal import Decimal
 
 import pytest
@@ -10,7 +11,7 @@ from critflow.engine import decimals, stable_rng
 from critflow.engine.settings import select
 from critflow.result import StudyError
 
-ALL = ("edges", "sigma", "modulus", "steps", "residual", "status")
+ALL = ("edges", "sigma", "modulus", "steps", "residual", "status", "valid")
 
 
 @pytest.mark.parametrize(
@@ -111,11 +112,11 @@ def test_any_text_is_a_value_or_an_error(tiny, key, text):
 @pytest.mark.parametrize(
     ("text", "names"),
     [
-        ("residual", ("residual", "status")),
-        ("status", ("status",)),
-        ("residual, sigma", ("sigma", "residual", "status")),
-        ("scalars", ("residual", "status")),
-        ("sigma,scalars,residual", ("sigma", "residual", "status")),
+        ("residual", ("residual", "status", "valid")),
+        ("status", ("status", "valid")),
+        ("residual, sigma", ("sigma", "residual", "status", "valid")),
+        ("scalars", ("residual", "status", "valid")),
+        ("sigma,scalars,residual", ("sigma", "residual", "status", "valid")),
         ("all", ALL),
         ("steps,modulus,edges,residual,sigma", ALL),
     ],
@@ -169,3 +170,11 @@ words = st.lists(st.text(max_size=8), max_size=3)
 def test_different_names_give_different_generators(one, other):
     draws = [stable_rng(entropy, *names).integers(0, 2**63, 2).tolist() for entropy, names in (one, other)]
     assert (draws[0] == draws[1]) == (one == other)
+
+
+def test_a_comma_in_brackets_belongs_to_a_name(tiny):
+    study = replace(tiny.study, parameters={**tiny.study.parameters, "quantity": "B_0", "quantities": ("B_0", "G_0")})
+    words = ["quantity=local[0-1,2-3]", "quantities=G_0,local[0-1,2-3]"]
+    parameters = select(study, words).parameters
+    assert parameters["quantity"] == "local[0-1,2-3]"
+    assert parameters["quantities"] == ("G_0", "local[0-1,2-3]")

@@ -10,7 +10,7 @@ from dataclasses import replace
 import netCDF4
 import numpy as np
 import pytest
-from disturbed import STUDY, begun, ended, stamps_of, words_of
+from disturbed import STUDY, begun, ended, stamps_of, wait_until, words_of
 
 from critflow.command.main import main
 from critflow.engine import store
@@ -122,20 +122,17 @@ SLOW = {"CRITFLOW_TEST_PAUSE": "100"}
 def holder(tmp_path):
     """A run in the middle of its first case."""
     process = begun(tmp_path / "out", environment=SLOW)
-    while not (tmp_path / "out" / "study.json").exists():
-        assert process.is_alive()
-        time.sleep(0.01)
+    wait_until((tmp_path / "out" / "study.json").exists, process.is_alive)
     yield process
     process.kill()
     process.join()
 
 
-def test_a_second_run_is_refused_until_the_first_has_died(tmp_path, holder, capsys):
+def test_a_second_run_is_refused_until_the_first_has_died(tmp_path, holder, said):
     out = tmp_path / "out"
     start = time.monotonic()
-    assert main(words_of(out)) == 5
+    (line,) = said(words_of(out), 5).err.splitlines()
     assert time.monotonic() - start < 5
-    (line,) = capsys.readouterr().err.splitlines()
     assert str(holder.pid) in line and platform.node() in line  # the holder is named
     assert not stamps_of(out) and not (out / "plain.nc").exists()
     for reading in (["status", str(out)], [*words_of(out), "--dry-run"]):
@@ -170,7 +167,7 @@ def mixed(tmp_path, source):
     return tmp_path / "out", words
 
 
-def test_status_dry_run_and_run_agree_on_what_is_stored(mixed, capsys, tally):
+def test_status_dry_run_and_run_agree_on_what_is_stored(mixed, said, tally):
     """`status` lists files; `run` and `verify` read them, and find the damage too; to look changes nothing."""
     out, words = mixed
 
@@ -179,30 +176,24 @@ def test_status_dry_run_and_run_agree_on_what_is_stored(mixed, capsys, tally):
         return [(p, p.stat().st_mtime_ns, p.read_bytes() if p.is_file() else "") for p in paths]
 
     before = state()
-    capsys.readouterr()
-    assert main(["status", str(out), "--json"]) == 0
-    found = json.loads(capsys.readouterr().out)
+    found = json.loads(said(["status", str(out), "--json"]).out)
     assert found["total"] == {"done": 3, "failed": 1, "missing": 1}
     assert [(case["seed"], case["state"]) for case in found["to_compute"]] == [(1, "missing"), (2, "failed")]
-    assert main(["status", str(out)]) == 0
-    text = capsys.readouterr().out
-    assert "3 done, 1 failed, 1 missing of 5 cases" in text
-    assert "broken on demand" in text
     assert main(["verify", str(out), "--sample=0"]) == 4
-    assert main([*words, "--dry-run"]) == 0
-    text = capsys.readouterr().out
-    assert "2 of 5 cases to compute" in text and "damaged: seed 4" in text
-    assert main([*words, "--dry-run", "--retry-failed"]) == 0
-    assert "3 of 5 cases to compute" in capsys.readouterr().out
-    assert main([*words, "--dry-run", "--set=scale=2"]) == 0
-    assert "replaces the dataset of scale=1.0" in capsys.readouterr().out
-    assert main(["run", words[1], "--out", str(out.parent / "new"), "--dry-run"]) == 0
+    dry = [*words, "--dry-run"]
+    for looking, parts in (
+        (["status", str(out)], ("3 done, 1 failed, 1 missing of 5 cases", "broken on demand")),
+        (dry, ("2 of 5 cases to compute", "damaged: seed 4")),
+        ([*dry, "--retry-failed"], ("3 of 5 cases to compute",)),
+        ([*dry, "--set=scale=2"], ("replaces the dataset of scale=1.0",)),
+        (["run", words[1], "--out", str(out.parent / "new"), "--dry-run"], ()),
+    ):
+        text = said(looking).out
+        assert [part for part in parts if part not in text] == [], text
     assert state() == before
     tally()
-    assert main(words) == 3
-    assert sorted(tally()) == [1, 4]
-    assert main([*words, "--retry-failed"]) == 3
-    assert tally() == [2]
+    assert (main(words), sorted(tally())) == (3, [1, 4])
+    assert (main([*words, "--retry-failed"]), tally()) == (3, [2])
 
 
 def test_the_note_restores_the_study_and_the_settings(tmp_path, run, tiny):
@@ -213,7 +204,7 @@ def test_the_note_restores_the_study_and_the_settings(tmp_path, run, tiny):
     assert [case.id for case in selection.cases] == [case.id for case in select(tiny.study, settings).cases]
 
 
-def test_a_folder_can_be_moved(tmp_path, source, capsys):
+def test_a_folder_can_be_moved(tmp_path, source):
     """The note names the study file relative to the folder."""
     study = source(study="plain")
     (tmp_path / "a").mkdir()

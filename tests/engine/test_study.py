@@ -50,6 +50,8 @@ def small_study(**changes):
         (lambda: small_study(axes=[]), "axis"),
         (lambda: small_study(variables=[]), "status"),
         (lambda: small_study(variables=[STATUS, replace(STATUS, name="seed")]), "seed"),
+        (lambda: small_study(variables=[STATUS, replace(STATUS, name="valid")]), "engine"),
+        (lambda: small_study(variables=[STATUS, Variable("x", (), "f8", long_name="x", undefined_at=[1])]), "share"),
         (lambda: small_study(parameters={"seeds": 3}), "seeds"),
         (lambda: small_study(parameters={"variables": 1}), "variables"),
         (lambda: small_study(parameters={"n": None}), "default"),
@@ -60,6 +62,7 @@ def small_study(**changes):
         (lambda: small_study(coordinates=[Coordinate("strain", "strain", "s")]), "parameter"),
         (lambda: small_study(coordinates=[Coordinate("strain", "n", "s")]), "parameter"),
         (lambda: small_study(workers=0), "one"),
+        (lambda: small_study(workers=1).worker_count(2, available=8), "workers 2"),
         (lambda: small_study(variables=[STATUS, Variable("s", (), "f8", long_name="s", volatile=True)]), "axis"),
     ],
 )
@@ -74,11 +77,6 @@ def test_an_inconsistent_declaration_is_refused(declare, word):
 )
 def test_the_number_of_workers_respects_the_limit_of_the_study(allowed, requested, count):
     assert small_study(workers=allowed).worker_count(requested, available=8) == count
-
-
-def test_more_workers_than_the_study_allows_are_refused():
-    with pytest.raises(StudyError, match="workers 2"):
-        small_study(workers=1).worker_count(2, available=8)
 
 
 def test_numbers_stand_with_their_nouns():

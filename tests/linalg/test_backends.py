@@ -133,8 +133,8 @@ def test_configurations_do_not_depend_on_the_solver(backend, sign):
 
 @pytest.fixture
 def alone(monkeypatch):
-    """Without the solvers of any extra."""
-    monkeypatch.setattr(backends, "extras", dict)
+    """Without the solvers of critflow-extras."""
+    monkeypatch.setattr(backends, "has_extras", bool)
 
 
 @pytest.mark.parametrize("in_space", [False, True])
@@ -149,5 +149,5 @@ def test_the_choice_by_size(alone, in_space):
 
 def test_what_is_missing_is_said(alone):
     for name in ("pardiso", "pyamg", "umfpack"):
-        with pytest.raises(InputError, match=rf"'{name}' is installed.*'auto' or one of qdldl.*critflow\[fast,"):
+        with pytest.raises(InputError, match=rf"'{name}' is installed.*'auto' or one of qdldl.*critflow-extras\[fast,"):
             CriticalManifold(voronoi_network(20, seed=1), name)

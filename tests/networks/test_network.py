@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from problems import NETWORKS, PERIODIC, dense_incidence, face_areas, oblique, pinned_grid, random_stress
+from refusals import refused
 from units import same_in_units
 
 from critflow import CriticalManifold, Network, lattice, three_bar_linkage, voronoi_network
@@ -88,20 +89,22 @@ def test_faces_are_closed_left_handed_and_fill_the_cell(network, sizes):
         np.testing.assert_array_equal(np.sort(faces.edges[faces.signs == sign]), np.arange(network.n_edges))
 
 
-def test_positions_that_contradict_the_offsets_are_refused():
-    network = voronoi_network(100, seed=4)
-    crossing = np.flatnonzero(network.offsets.any(axis=1))
-    flipped = network.offsets.copy()
-    flipped[crossing[::2]] *= -1
-    with pytest.raises(NetworkError, match=r"contradict.*positions out"):
-        Network(network.edges, flipped, network.cell, positions=network.positions)
-    with pytest.raises(NetworkError, match="contradict"):
-        Network(network.edges[:, ::-1], network.offsets, network.cell, positions=network.positions)
-    # Without positions the same graph is a network; one long edge is no contradiction.
-    Network(network.edges, flipped, network.cell)
-    one = network.offsets.copy()
-    one[crossing[0]] *= -1
-    Network(network.edges, one, network.cell, positions=network.positions)
+CROSSING = voronoi_network(100, seed=4)
+
+
+def turned(edges):
+    """The offsets of CROSSING, of which those of these edges have another sign."""
+    offsets = CROSSING.offsets.copy()
+    offsets[edges] *= -1
+    return offsets
+
+
+ACROSS = np.flatnonzero(CROSSING.offsets.any(axis=1))
+
+
+def test_a_graph_without_positions_and_one_long_edge_contradict_nothing():
+    Network(CROSSING.edges, turned(ACROSS[::2]), CROSSING.cell)
+    Network(CROSSING.edges, turned(ACROSS[:1]), CROSSING.cell, positions=CROSSING.positions)
 
 
 @pytest.mark.parametrize("name", PERIODIC)
@@ -114,13 +117,6 @@ def test_positions_in_other_images_or_sheared_cells_are_accepted(name):
         tail, head = network.edges.T
         offsets = network.offsets - moved[head] + moved[tail]
         Network(network.edges, offsets, deformed.cell, positions=x @ F.T + moved @ deformed.cell)
-
-
-def test_a_mistyped_number_of_vertices_allocates_nothing():
-    with pytest.raises(NetworkError, match="vertex 3"):
-        Network([[0, 1], [1, 2], [2, 0]], [[1, 0], [0, 1], [0, 0]], np.eye(2), n_vertices=10**15)
-    with pytest.raises(NetworkError, match="vertex 2"):
-        Network([[0, 1], [1, 10**15]], pins={0: [0.0, 0.0], 10**15: [1.0, 0.0]})
 
 
 def patch(n_pins):
@@ -142,20 +138,6 @@ def test_the_outside_of_a_patch_is_no_face():
     assert planar_faces(both, np.tile(x[edges[:, 1]] - x[edges[:, 0]], (2, 1)), 2 * len(x)).n_faces == 14
 
 
-@pytest.mark.parametrize("seed", range(5))
-def test_crossing_edges_are_refused(seed):
-    network, rng = voronoi_network(40, seed=seed), np.random.default_rng(seed)
-    i, j = rng.choice(40, 2, replace=False)
-    x = network.positions.copy()
-    x[[i, j]] = x[[j, i]]
-    with pytest.raises(NetworkError, match="cross"):
-        planar_faces(network.edges, network.bond_vectors(x), 40)
-    edges, x = patch(2)
-    x[int(rng.integers(6))] *= 2.9
-    with pytest.raises(NetworkError, match="cross"):
-        planar_faces(edges, x[edges[:, 1]] - x[edges[:, 0]], len(x))
-
-
 @pytest.mark.parametrize("depth, crosses", [(1e-3, True), (1e-8, True), (1e-14, False), (-1e-8, False)])
 def test_a_spike_through_the_opposite_side_crosses_it_beyond_rounding(units, depth, crosses):
     x = units.length * np.array([[0, 0], [1, 0], [1, 1], [0.55, 1], [0.5, -depth], [0.45, 1], [0, 1]])
@@ -168,19 +150,9 @@ def test_a_spike_through_the_opposite_side_crosses_it_beyond_rounding(units, dep
         assert planar_faces(edges, sides, 7).n_faces == 1
 
 
-def test_a_face_around_the_cell_is_refused():
-    strip = Network([[0, 1], [1, 0], [1, 2], [2, 1]], [[0, 0], [1, 0], [0, 0], [-1, 0]], np.eye(2))
-    with pytest.raises(NetworkError, match="winds"):
-        planar_faces(strip.edges, [[0.5, 0.1], [0.5, -0.1], [-0.5, 0.2], [-0.5, -0.2]], 3)
-    with pytest.raises(NetworkError, match="direction"):
-        planar_faces(strip.edges, np.zeros((4, 2)), 3)
-
-
 def test_a_network_without_a_cell_has_the_volume_that_is_named():
-    free = Network([[0, 1], [1, 2]], pins={0: [0.0, 0.0], 2: [1.0, 0.0]}, positions=[[0, 0], [0.5, 0.2], [1, 0]])
+    free = HUNG
     assert not free.has_volume
-    with pytest.raises(NetworkError, match="with_volume"):
-        _ = free.volume
     named = free.with_volume(3.0)
     assert named.has_volume and named.volume == 3.0
     assert named.with_stiffness(2.0).volume == 3.0 and named.part(np.ones(2, bool))[0].volume == 3.0
@@ -201,10 +173,58 @@ def test_edges_are_removed_and_added():
     assert linkage.volume == 2 and not linkage.offsets.any()
 
 
-def test_a_cell_whose_volume_is_beyond_the_range_of_doubles_is_refused():
-    for size in (1e-170, 1e160):
-        with pytest.raises(NetworkError, match="finite volume"):
-            Network([[0, 1], [1, 0]], [[0, 0], [1, 0]], size * np.eye(2))
+HUNG = Network([[0, 1], [1, 2]], pins={0: [0.0, 0.0], 2: [1.0, 0.0]}, positions=[[0, 0], [0.5, 0.2], [1, 0]])
+STRIP = Network([[0, 1], [1, 0], [1, 2], [2, 1]], [[0, 0], [1, 0], [0, 0], [-1, 0]], np.eye(2))
+AROUND = [[0.5, 0.1], [0.5, -0.1], [-0.5, 0.2], [-0.5, -0.2]]
+
+
+def exchanged(seed):
+    """The faces of a network with two vertices at each other's places."""
+    network, (i, j) = voronoi_network(40, seed=seed), np.random.default_rng(seed).choice(40, 2, replace=False)
+    x = network.positions.copy()
+    x[[i, j]] = x[[j, i]]
+    return planar_faces(network.edges, network.bond_vectors(x), 40)
+
+
+def pulled_out(vertex):
+    """The faces of a patch with a vertex of its inner hexagon beyond the others."""
+    edges, x = patch(2)
+    x[vertex] *= 2.9
+    return planar_faces(edges, x[edges[:, 1]] - x[edges[:, 0]], len(x))
+
+
+def with_positions(edges, offsets):
+    return Network(edges, offsets, CROSSING.cell, positions=CROSSING.positions)
+
+
+test_graphs_in_contradiction_are_refused = refused(
+    {
+        "offsets": (lambda: with_positions(CROSSING.edges, turned(ACROSS[::2])), r"contradict.*positions out"),
+        "directions": (lambda: with_positions(CROSSING.edges[:, ::-1], CROSSING.offsets), "contradict"),
+        # Nothing is allocated.
+        "a mistyped number of vertices": (
+            lambda: Network([[0, 1], [1, 2], [2, 0]], [[1, 0], [0, 1], [0, 0]], np.eye(2), n_vertices=10**15),
+            "vertex 3",
+        ),
+        "a mistyped vertex": (
+            lambda: Network([[0, 1], [1, 10**15]], pins={0: [0.0, 0.0], 10**15: [1.0, 0.0]}),
+            "vertex 2",
+        ),
+        "a face around the cell": (lambda: planar_faces(STRIP.edges, AROUND, 3), "winds"),
+        "no length": (lambda: planar_faces(STRIP.edges, np.zeros((4, 2)), 3), "direction"),
+        "no volume": (lambda: HUNG.volume, "with_volume"),
+        **{
+            f"cell of size {size}": (
+                lambda size=size: Network([[0, 1], [1, 0]], [[0, 0], [1, 0]], size * np.eye(2)),
+                "finite volume",
+            )
+            for size in (1e-170, 1e160)
+        },
+        **{f"vertices exchanged {seed}": (lambda seed=seed: exchanged(seed), "cross") for seed in range(5)},
+        **{f"vertex pulled out {n}": (lambda n=n: pulled_out(n), "cross") for n in range(6)},
+    },
+    NetworkError,
+)
 
 
 def shape(network, units):
@@ -243,9 +263,9 @@ test_shapes_in_other_units = same_in_units(
 def test_pins_far_from_the_origin_are_refused_in_any_unit(units):
     """Their coordinates take the digits of the lengths: an onset in geographic coordinates was called floppy."""
     pins = np.array([[0.0, 0.0], [1.0, 0.5]])
-    for distance, refused in ((1e3, False), (1e5, True)):
+    for distance, far in ((1e3, False), (1e5, True)):
         named = dict(zip((0, 2), units.length * (pins + distance), strict=True))
-        if refused:
+        if far:
             with pytest.raises(NetworkError, match="subtract their mean"):
                 Network([[0, 1], [1, 2]], pins=named)
         else:

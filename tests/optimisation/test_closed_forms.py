@@ -14,7 +14,6 @@ from scipy.optimize import linprog, minimize_scalar
 
 from critflow import (
     CriticalManifold,
-    InputError,
     SolveError,
     Status,
     lattice,
@@ -168,8 +167,6 @@ def test_no_attaining_configuration_has_less_compression(name):
 
 def test_a_dilation_needs_no_compression():
     assert least_compressed_length(voronoi_network(60, seed=1), dilation(2)) == pytest.approx(0, abs=1e-9)
-    with pytest.raises(InputError, match="two dimensions"):
-        least_compressed_length(voronoi_3d(), dilation(3))
 
 
 def test_stresses_of_both_signs_keep_their_digits():
@@ -184,8 +181,6 @@ def test_stresses_of_both_signs_keep_their_digits():
 def test_three_dimensions_have_the_bound_but_for_dilations_no_configuration():
     network = with_random_stiffness(voronoi_3d(), 1)
     assert bound_of(network, pure_shear(3)) > 0
-    with pytest.raises(InputError, match="three dimensions"):
-        largest_modulus(network, pure_shear(3))
     assert largest_modulus(network, dilation(3)).gap == pytest.approx(0, abs=1e-13)
 
 
@@ -200,12 +195,6 @@ def test_optimize_returns_it_when_compression_is_allowed():
         assert solution.stats.method == "closed_form"
         assert solution.objective == pytest.approx(bound, rel=1e-12)
         assert (solution.value.sigma < 0).any()
-    with pytest.raises(InputError, match=r"compresses \d+ edges: allow it with signs='any'"):
-        optimize(network, transition_modulus(network, pure_shear(2)), "closed_form")
-    with pytest.raises(InputError, match="without a penalty"):
-        optimize(network, "shear_modulus", "closed_form")
-    with pytest.raises(InputError, match="'positive' or 'any'"):
-        optimize(network, "bulk_modulus", signs="both")
 
 
 @pytest.mark.parametrize("n_vertices", [20, 60, 1000])

@@ -48,7 +48,7 @@ def test_vertices_that_coincide_at_equal_stresses_part():
     assert solution.objective == pytest.approx(best, abs=1e-9)
 
 
-@pytest.mark.parametrize("method", ["auto", "newton"])
+@pytest.mark.parametrize("method", ["auto", pytest.param("newton", marks=pytest.mark.sweep)])
 def test_all_edges_that_fall_slack_are_listed(method):
     # Two edges of this foam fall slack, the second far more slowly.
     network = foam_network(60, seed=0)

@@ -64,16 +64,15 @@ def test_minima_with_known_answers(method, problem):
 
 @pytest.mark.parametrize("method", METHODS)
 def test_the_driver_owns_limit_and_tolerance(method):
-    function, start, minimum = quadratic()
-    limited = minimise(function, BY_NAME[method], start, tolerance=0.0, max_steps=3)
-    assert (limited.status, limited.steps) == (Status.step_limit, 3)
-    there = minimise(function, BY_NAME[method], minimum, tolerance=1e-10, max_steps=3)
-    assert (there.status, there.steps) == (Status.ok, 0)
-    none = minimise(function, BY_NAME[method], start, tolerance=1e-10, max_steps=0)
-    assert (none.status, none.steps) == (Status.step_limit, 0)
-    function, start, _ = barrier()
-    outside = minimise(function, BY_NAME[method], -start, tolerance=1e-10, max_steps=5)
-    assert (outside.status, outside.steps) == (Status.singular, 0)
+    (parabola, start, minimum), (walled, inside, _) = quadratic(), barrier()
+    for function, begin, tolerance, most, status, steps in (
+        (parabola, start, 0.0, 3, Status.step_limit, 3),
+        (parabola, minimum, 1e-10, 3, Status.ok, 0),
+        (parabola, start, 1e-10, 0, Status.step_limit, 0),
+        (walled, -inside, 1e-10, 5, Status.singular, 0),
+    ):
+        end = minimise(function, BY_NAME[method], begin, tolerance=tolerance, max_steps=most)
+        assert (end.status, end.steps) == (status, steps)
 
 
 @pytest.mark.parametrize("method", METHODS)

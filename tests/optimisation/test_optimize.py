@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from problems import NETWORKS, at, dense_bond_vectors, modulus_by_formula, random_start, random_stress, voronoi_3d
+from refusals import refused
 
 from critflow import (
     CriticalManifold,
@@ -15,8 +16,9 @@ from critflow import (
     upper_bound,
     voronoi_network,
 )
-from critflow.optima import objective_of
-from critflow.quantities import evaluate, pure_shear
+from critflow.optima import largest_modulus, objective_of
+from critflow.quantities import dilation, evaluate, pure_shear, transition_modulus
+from workflows.shear.compression import least_compressed_length
 
 NETWORK = voronoi_network(100, seed=1)
 
@@ -125,15 +127,21 @@ def test_many_starts_return_the_best():
     assert least.objective == np.min(least.starts)
 
 
-def test_bad_arguments_are_refused():
-    with pytest.raises(InputError, match="random generator"):
-        optimize(NETWORK, "shear_modulus", starts=3)
-    with pytest.raises(InputError, match="without a penalty"):
-        optimize(NETWORK, "G_0", "closed_form")
-    with pytest.raises(InputError, match="threshold"):
-        optimize(NETWORK, "G_0", threshold=np.inf)
-    with pytest.raises(InputError, match="'any'"):
-        optimize(NETWORK, "B_0", signs="negative")
+test_bad_arguments_are_refused = refused(
+    {
+        "starts without a generator": (lambda: optimize(NETWORK, "shear_modulus", starts=3), "random generator"),
+        "a closed form of G_0": (lambda: optimize(NETWORK, "G_0", "closed_form"), "without a penalty"),
+        "infinite threshold": (lambda: optimize(NETWORK, "G_0", threshold=np.inf), "threshold"),
+        "unknown signs": (lambda: optimize(NETWORK, "B_0", signs="negative"), "'positive' or 'any'"),
+        "compression": (
+            lambda: optimize(NETWORK, transition_modulus(NETWORK, pure_shear(2)), "closed_form"),
+            r"compresses \d+ edges: allow it with signs='any'",
+        ),
+        "no closed form in space": (lambda: largest_modulus(voronoi_3d(), pure_shear(3)), "three dimensions"),
+        "compression in space": (lambda: least_compressed_length(voronoi_3d(), dilation(3)), "two dimensions"),
+    },
+    InputError,
+)
 
 
 def test_a_rough_tolerance_ends_the_iteration_to_equal_lengths():

@@ -10,10 +10,13 @@ from pathlib import Path
 import pytest
 
 from critflow.engine.code_digest import load_study, named_studies
+from workflows.pages.packages import CRITFLOW
 from workflows.pages.paper import EQUATIONS, FIGURES, printed
-from workflows.pages.results import PAGE, REFERENCE, rendered, studies
+from workflows.pages.results import rendered, studies
 
 ROOT = Path(__file__).parents[2]
+PAGE = ROOT / "results" / "README.md"
+OF_THE_SCENE = [equation for equation in EQUATIONS if not equation.function.startswith("critflow_extras.")]
 
 
 def test_every_label_stands_once():
@@ -21,14 +24,15 @@ def test_every_label_stands_once():
     assert len(set(labels)) == len(labels)
     # The source has 53 labelled equations and 8 labelled figures.
     assert len(labels) == 53
-    assert len({figure.label for figure in FIGURES if figure.label}) == 8
+    assert len({figure.label for figure in FIGURES["critflow"] if figure.label}) == 8
 
 
 def test_equations_and_figures_have_the_numbers_of_the_paper():
     """Counted in the source: 48 equations of the text, then the supplement; 8 figures."""
     numbers = [int(equation.number) for equation in EQUATIONS]
     assert len(set(numbers)) == len(numbers) and max(numbers) <= 92
-    assert {printed(figure.label) for figure in FIGURES if figure.label} == {f"Fig. {n}" for n in range(1, 9)}
+    labels = {figure.label for figure in FIGURES["critflow"] if figure.label}
+    assert {printed(label) for label in labels} == {f"Fig. {n}" for n in range(1, 9)}
     known = {"Maxwell-Calladine": 7, "FDM1": 15, "BulkModulus": 38, "ModulusStrainScaling": 48, "2FF2": 66}
     for label, number in known.items():
         assert printed(label) == f"Eq. ({number})"
@@ -38,7 +42,7 @@ def test_equations_and_figures_have_the_numbers_of_the_paper():
 
 def test_every_figure_of_the_paper_has_a_picture_and_a_caption():
     text = PAGE.read_text(encoding="utf-8")
-    for figure in FIGURES:
+    for figure in FIGURES["critflow"]:
         assert figure.seen and figure.pictures, figure.meaning
         if figure.label:
             assert re.search(
@@ -46,13 +50,12 @@ def test_every_figure_of_the_paper_has_a_picture_and_a_caption():
             )
 
 
-@pytest.mark.parametrize("function", sorted({equation.function for equation in EQUATIONS}))
+@pytest.mark.parametrize("function", sorted({equation.function for equation in OF_THE_SCENE}))
 def test_every_function_exists(function):
     words = function.split(".")
-    depth = 3 if words[0] in ("extras", "workflows") else 1
-    package = [] if words[0] == "workflows" else ["critflow"]
-    thing = importlib.import_module(".".join([*package, *words[:depth]]))
-    for name in words[depth:]:
+    module, names = (words[:3], words[3:]) if words[0] == "workflows" else (["critflow", words[0]], words[1:])
+    thing = importlib.import_module(".".join(module))
+    for name in names:
         thing = getattr(thing, name)
     assert thing.__doc__, f"{function} has no docstring"
 
@@ -61,13 +64,13 @@ def test_every_equation_is_named_where_it_is_computed():
     """Its label stands in a docstring, or in the supplement's case that of the equation it derives."""
     files = [*(ROOT / "critflow").rglob("*.py"), *(ROOT / "workflows").rglob("*.py")]
     text = "".join(path.read_text(encoding="utf-8") for path in files)
-    named = {equation.function for equation in EQUATIONS if f"`{equation.label}`" in text}
-    unnamed = [e.label for e in EQUATIONS if f"`{e.label}`" not in text]
+    named = {equation.function for equation in OF_THE_SCENE if f"`{equation.label}`" in text}
+    unnamed = [e.label for e in OF_THE_SCENE if f"`{e.label}`" not in text]
     assert set(unnamed) <= {"BondVectorFDM", "BondVectorDerivativeFDM", "BondVectorDerivativeFDM2", "tangents", "2FF2"}
-    assert {equation.function for equation in EQUATIONS if equation.label in unnamed} <= named
+    assert {equation.function for equation in OF_THE_SCENE if equation.label in unnamed} <= named
 
 
-@pytest.mark.parametrize("test", sorted({equation.test for equation in EQUATIONS}))
+@pytest.mark.parametrize("test", sorted({e.test for e in OF_THE_SCENE if not e.test.startswith("extras/")}))
 def test_every_test_exists(test):
     file, name = test.split(".")
     tree = ast.parse((ROOT / "tests" / f"{file}.py").read_text(encoding="utf-8"))
@@ -81,20 +84,20 @@ def test_every_verdict_is_known():
 
 def test_every_listed_study_has_its_results():
     """A study that is not listed needs no committed results."""
-    runs = json.loads((REFERENCE / "runs.json").read_text(encoding="utf-8"))
-    for figure in FIGURES:
+    runs = json.loads((CRITFLOW.reference / "runs.json").read_text(encoding="utf-8"))
+    assert set(runs) <= set(studies(CRITFLOW))
+    for figure in FIGURES["critflow"]:
         assert runs.get(figure.study, {}).get("seconds", 1) > 0
         for picture in figure.pictures:
-            files = [REFERENCE / figure.study / "figures" / f"{picture}.{kind}" for kind in ("png", "gif")]
+            files = [CRITFLOW.reference / figure.study / "figures" / f"{picture}.{kind}" for kind in ("png", "gif")]
             assert any(file.is_file() for file in files), picture
 
 
-def test_every_folder_of_reference_results_is_listed():
-    assert {path.name for path in REFERENCE.iterdir() if path.is_dir()} == set(studies())
-
-
 def test_the_page_is_up_to_date():
-    assert PAGE.read_text(encoding="utf-8") == rendered(), "write it again: python -m workflows.pages.results"
+    text = PAGE.read_text(encoding="utf-8")
+    assert text == rendered(CRITFLOW), "write it again: python -m workflows.pages.results"
+    for picture in re.findall(r"\]\(([^)\s]*\.(?:png|gif))\)", text):
+        assert (PAGE.parent / picture).is_file(), picture
 
 
 def git(*words, code=0):

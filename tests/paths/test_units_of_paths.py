@@ -4,27 +4,14 @@ from dataclasses import replace
 from functools import partial
 
 import numpy as np
-from extras_there import skip_without
+from path_units import of_path, of_springs
 from problems import NETWORKS, critical_of, partly_compressed, slack_lattice, stiff_lattice, voronoi_3d
 from units import same_in_units
 
-from critflow import Cable, CriticalManifold, WormLike, equilibrium, lattice, spring_state, strain_path
+from critflow import CriticalManifold, WormLike, lattice, spring_state, strain_path
 from critflow.deformation import deformation_of
 from critflow.manifold import critical_configuration
 from critflow.paths import balanced, keeps_lengths, loosened, relaxation, weakly_stressed
-
-
-def of_path(solution, units):
-    path, d = solution.value, solution.value.deformation.dimension
-    moduli = (path.bulk_modulus, path.shear_modulus, path.shear_modulus_stress_corrected, path.modulus, path.stress)
-    errors = (path.bulk_modulus_error, path.shear_modulus_error, path.modulus_error)
-    return {
-        "number": (solution.status, solution.note, path.status, path.steps, path.inserted, path.free_components),
-        "length": (path.coordinate_error, path.states[-1].bond_vectors if path.states else ()),
-        "force": (path.max_force,),
-        "energy": (path.energy,),
-        "stiffness" if d == 2 else "pressure": (*moduli, *errors),
-    }
 
 
 def from_transition(network, units, strains=(1e-6, 1e-3, 0.1), **options):
@@ -34,17 +21,6 @@ def from_transition(network, units, strains=(1e-6, 1e-3, 0.1), **options):
 def of_a_branch(network, units, strains, **options):
     sigma = partly_compressed(20, 12).sigma
     return of_path(strain_path(CriticalManifold(network).configuration(sigma), strains, throw=False, **options), units)
-
-
-def of_springs(network, units, **options):
-    state = stiff_lattice()
-    springs = spring_state(network, units.length * state.rest_lengths, units.length * state.coordinates)
-    return of_path(strain_path(springs, [0.0, 1e-9, 1e-3], throw=False, **options), units)
-
-
-def of_free_springs(network, units):
-    skip_without(["rest"])
-    return of_springs(network, units, deformation="uniaxial_free")
 
 
 def of_a_taut_part(network, units):
@@ -80,15 +56,6 @@ def judged(network, units):
     return {"number": (loosens, weak, at_rest, relaxes)}
 
 
-def floppy(network, units, **options):
-    """Slack cables next to taut ones."""
-    skip_without(["cables"])
-    critical = slack_lattice()[2]
-    start = critical_configuration(network, critical.sigma, units.length * critical.coordinates)
-    start = replace(start, rest_lengths=units.length * critical.rest_lengths)
-    return of_path(strain_path(start, [1e-4, 1e-3], law=Cable(), throw=False, **options), units)
-
-
 NETWORK, BRANCH = NETWORKS["voronoi, random stiffness"], lambda: partly_compressed(20, 12).network
 SHEAR = {"deformation": "pure_shear"}
 test_paths_in_other_units = same_in_units(
@@ -104,25 +71,9 @@ test_paths_in_other_units = same_in_units(
         "branch": (partial(of_a_branch, strains=[0.1, 0.5]), BRANCH),
         "shear of a branch": (partial(of_a_branch, strains=[1e-7, 1e-4, 1e-2], **SHEAR), BRANCH),
         "springs": (of_springs, lambda: stiff_lattice().network),
-        "free springs": (of_free_springs, lambda: stiff_lattice().network),
         "judgements": (judged, lambda: lattice("honeycomb", 3, 4)),
-        "cables": (floppy, lambda: slack_lattice()[0]),
         "no work": (partial(from_transition, deformation="simple_shear"), lambda: lattice("honeycomb", 3, 3)),
         "taut part": (of_a_taut_part, lambda: slack_lattice()[0]),
         "space": (from_transition, voronoi_3d),
     }
-)
-
-
-def modulus_next_to_slack_cables(network, units):
-    skip_without(["cables"])
-    critical = slack_lattice()[2]
-    rest, x = 0.999 * units.length * critical.rest_lengths, units.length * critical.coordinates
-    state = equilibrium(spring_state(network, rest, x, Cable())).value
-    path = strain_path(state, [0.0], measure="energy").value
-    return {"stiffness": (path.modulus, path.modulus_error)}
-
-
-test_moduli_of_cables_in_other_units = same_in_units(
-    {"slack cables": (modulus_next_to_slack_cables, lambda: slack_lattice()[0])}
 )

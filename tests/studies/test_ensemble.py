@@ -1,7 +1,6 @@
 """The ensemble study end to end, small: what it stores, whether the stored arrays bear out the stored numbers."""
 
 import numpy as np
-from extras_there import skip_without
 
 from critflow import CriticalManifold, Status, voronoi_network
 from critflow.command.main import main
@@ -26,6 +25,21 @@ def test_every_population_was_found(dataset):
         else:
             assert (statuses == (Status.slack_edges if population == SLACK else Status.ok)).all(), population
     assert (dataset.valid == 1).all()
+
+
+def test_coefficients_are_undefined_where_an_edge_collapses(run_study, tmp_path):
+    """The moduli of the limit are sound."""
+    small = ("n_vertices=12", "seeds=18:19", "populations=min_V_tau,max_B_0", "strains=0.001,0.002,0.003,0.004")
+    collapsed, other = (
+        run_study(STUDY, tmp_path, *small).isel(seed=0).sel(population=p) for p in ("min_V_tau", "max_B_0")
+    )
+    assert (collapsed.status, collapsed.valid) == (Status.edge_collapse, 1)
+    for coefficient in ("C_B", "C_G", "C_G_stress_corrected"):
+        for name in (
+            f"{coefficient}{end}" for end in ("", "_error_bound", "_fit", "_fit_standard_error", "_fit_deviation")
+        ):
+            assert np.isnan(collapsed[name]) and np.isfinite(other[name]), name
+    assert np.isfinite(collapsed.B_0) and np.isfinite(collapsed.B).all()
 
 
 def test_populations_have_labels_symbols_and_colours(dataset):
@@ -99,15 +113,13 @@ def test_what_is_not_unique_says_so(dataset):
     assert "comment" not in dataset.B_0.attrs
 
 
-def test_show_prints_a_certificate(folder, tmp_path, capsys, assert_picture):
-    skip_without(["files"])
+def test_show_draws_a_case_and_prints_its_status_and_moduli(dataset, folder, tmp_path, capsys, assert_picture):
     picture = tmp_path / "one.png"
     words = ["--set", "seed=1", "--set", "population=max_B_0", "--out", str(picture)]
     assert main(["show", str(folder / "ensemble.nc"), *words]) == 0
     text = capsys.readouterr().out
-    assert "self-stresses           1 " in text
-    assert "rigid to second order" in text
-    assert "100.000000 % of its bound" in text
+    stiffest = dataset.B_0.sel(seed=1, population="max_B_0").item()
+    assert "population max_B_0: ok, converged" in text and f"B_0 = {stiffest:.6g} k" in text
     assert_picture(picture)
 
 

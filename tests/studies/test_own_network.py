@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from critflow import lattice, upper_bound, voronoi_network, write_network
+from critflow import elasticity, extensions, lattice, read_critical, upper_bound, voronoi_network, write_network
 from critflow.command.main import main
 from critflow.engine.code_digest import load_study
 from critflow.engine.settings import select
@@ -20,7 +20,12 @@ SMALL = ["--set", "variables=B_0,iterations,status", "--workers", "0", "--out", 
 @pytest.fixture(autouse=True)
 def folder(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
+    # Tables are read without critflow-extras, whether it is installed or not.
+    monkeypatch.setattr(extensions, "find_spec", lambda name: None)
+    extensions.has_extras.cache_clear()
     write_network(NETWORK, "mine.csv")
+    yield
+    extensions.has_extras.cache_clear()
 
 
 def run(study, *settings):
@@ -47,6 +52,17 @@ def test_the_ensemble_of_a_file_is_resumed_while_its_network_is_the_same(capsys)
     write_network(NETWORK.with_stiffness(np.linspace(1, 2, 36)), "mine.csv")
     assert run("ensemble", *settings) == 0
     assert "0 of 6 requested cases were stored before" in capsys.readouterr().out
+
+
+def test_the_stiffnesses_of_a_file_are_stored():
+    """The physics is recomputed, and a case is read, with them."""
+    write_network(NETWORK.with_stiffness(np.linspace(1, 2, 36)), "soft.csv")
+    settings = ("network=soft.csv", "populations=max_B_0", "seeds=0", "strains=0.001:0.003:0.001")
+    words = ["--workers", "0", "--out", "whole", *(f"--set={word}" for word in settings)]
+    assert main(["run", "ensemble", *words]) == 0 and main(["verify", "whole"]) == 0
+    with xr.open_dataset("whole/ensemble.nc") as dataset:
+        one = dataset.sel(seed=0, population="max_B_0")
+        assert elasticity(read_critical(one)).value.bulk == pytest.approx(float(one.B_0), rel=1e-12)
 
 
 def test_the_gallery_of_a_file():
@@ -76,10 +92,10 @@ def test_the_failure_map_of_a_file(monkeypatch, tmp_path):
         ("missing.csv", "no file"),
         ("mine", "ending"),
         ("mine.csv@0123456789abcdef", "another network"),
-        ("mine.png", "pictures.md"),
+        ("mine.png", "pip install critflow-extras"),
         ("stiff.csv", "self-stress"),
         ("patch.csv", "periodic"),
-        ("loop.csv", "convert"),
+        ("loop.csv", "itself"),
     ],
 )
 def test_a_network_that_does_not_fit_is_one_sentence(network, word, capsys):

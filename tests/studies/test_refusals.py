@@ -7,7 +7,6 @@ from critflow.command.main import main
 from critflow.engine.code_digest import load_study
 
 SETTINGS = {
-    "allostery": {"sizes=20": "at least 24", "loads=2.0": "between 0 and 1", "starts=0": "must be positive"},
     "boundary": {"n_vertices=7": "n_vertices"},
     "ensemble": {
         **{"n_vertices=61": "even", "n_vertices=2": "even", "n_vertices=1000000000": "vertices"},
@@ -23,10 +22,6 @@ SETTINGS = {
         **{"thresholds=0.1,0.03": "three positive numbers", "fraction=1.0": "between 0 and 1"},
         **{"shortest=0.0": "must be positive", "n_vertices=7": "vertices"},
     },
-    "reach": {
-        **{"ratios=1": "between -1 and 1", "directions=2": "at least 3", "excess=0": "excess"},
-        **{"surface_vertices=7": "n_vertices", "n_vertices=7": "n_vertices"},
-    },
     "percolation": {"n_vertices=7": "n_vertices"},
     "shear": {
         **{"method=steepest": "fire", "algorithms=steepest": "fire", "n_vertices=7": "n_vertices"},
@@ -38,14 +33,7 @@ SETTINGS = {
         **{"patience=0": "must be positive", "budget=-1": "must", "least_time=0": "must be positive"},
         **{"n_vertices=7": "n_vertices", "n_vertices=20": "at least 40"},
     },
-    "stiffening": {"n_vertices=7": "n_vertices", "sources=colour": "colour", "isogonal_vertices=7": "n_vertices"},
-    "tension_inference": {"n_vertices=7": "n_vertices"},
     "three_bar": {"span=-1": "span", "reach=1": "reach", "s=0:1:0.5": "s needs"},
-    "three_dimensions": {
-        **{"n_vertices=40": "", "hard_core=1.2": "", "strains=0": "", "threshold=0.0": "threshold"},
-        **{"spread=-0.1": "spread", "strains=0.1,0.2,0.3": "contains 0 of the strains"},
-    },
-    "topology": {"cuts=0": "positive", "cuts=24000": "smaller", "pruned_edges=300": "smaller"},
 }
 
 

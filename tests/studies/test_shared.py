@@ -2,6 +2,7 @@
 
 import ast
 import re
+from importlib import import_module
 from pathlib import Path
 
 import numpy as np
@@ -10,10 +11,9 @@ import xarray as xr
 
 from critflow import CriticalManifold, Status, voronoi_network
 from critflow.engine.code_digest import load_study, named_studies
-from workflows.shared.populations import LABELS, NAMES, PAPER_POPULATIONS, POPULATIONS
+from workflows.shared.populations import LABELS, NAMES, POPULATIONS
 from workflows.shared.reports import finite, spread, status_counts
 from workflows.shared.verification import balance_error, bond_vectors, contradictions, forces
-from workflows.topology import fracture
 
 WORKFLOWS = Path(__file__).parents[2] / "workflows"
 
@@ -27,7 +27,19 @@ def test_populations_are_listed_by_name():
     for one in (LABELS, NAMES):
         assert len(set(one.values())) == len(POPULATIONS)
     assert load_study("ensemble").study.axes[1].values == tuple(POPULATIONS)
-    assert load_study("three_dimensions").study.axes[1].values == PAPER_POPULATIONS
+
+
+def test_own_studies_import_the_populations_by_the_package():
+    installed = import_module("critflow.studies.shared.populations")
+    assert installed.POPULATIONS.keys() == POPULATIONS.keys() and installed.configuration.__name__ == "configuration"
+
+
+def test_no_study_needs_the_extras():
+    for path in WORKFLOWS.rglob("*.py"):
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.Import | ast.ImportFrom):
+                imported = [getattr(node, "module", None) or "", *(alias.name for alias in node.names)]
+                assert not any(name.startswith("critflow_extras") for name in imported), path
 
 
 def test_the_hard_core_of_no_study_is_typed():
@@ -79,14 +91,6 @@ def test_moduli_coefficients_and_coordinates_have_a_bound_on_their_errors(name):
         one for one in names if STORED.fullmatch(one) and not {f"{one}_error_bound", f"{one}_standard_error"} & names
     }
     assert bare == ({"G_0_ascent", "position"} if name == "shear" else set())
-
-
-@pytest.mark.parametrize("law, cut", [("largest", 1), ("smallest", 4)])
-def test_of_edges_in_series_the_first_is_cut(law, cut):
-    """They have one tension, so that rounding, which depends on the processor, must not choose."""
-    for rounding in (-1e-15, 0.0, 1e-15):
-        tensions = np.array([1.0, 2.0, 0.0, 2.0 + rounding, 0.5, 0.5 - rounding])
-        assert fracture.chosen(tensions, law, None) == cut
 
 
 @pytest.mark.parametrize("ratio", [1.0, 1e3, 1e6])

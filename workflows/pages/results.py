@@ -1,8 +1,8 @@
-"""Write results/README.md from the committed results: `python -m workflows.pages.results`.
+"""Write results/README.md of both packages from the committed results: `python -m workflows.pages.results`.
 
-`python -m workflows.pages.results --run [STUDY ...]` first runs studies at their full size with two workers (one for
-those that allow no more), each in a temporary folder, copies figures, claims and summary to results/reference, and
-records seconds, version and commit in results/reference/runs.json.
+`python -m workflows.pages.results --run STUDY ...` first runs studies at their full size with two workers (one for
+those that allow no more), each in a temporary folder, copies figures, claims and summary to results/reference of their
+package, and records seconds, version and commit in its runs.json.
 """
 
 import json
@@ -17,108 +17,96 @@ import numpy as np
 import xarray as xr
 from PIL import Image, ImageSequence
 
-from critflow.engine.code_digest import load_study
-from critflow.engine.study import Claim
+from critflow.engine.code_digest import load_study, named_studies
 
 from ..paper.statements import STATEMENTS
+from .packages import CRITFLOW, PACKAGES, ROOT, Package, package_of
 from .paper import EQUATIONS, FIGURES, printed
 from .tables import head, row
 from .verdicts import committed, counts, statement_counts
 
-ROOT = Path(__file__).parents[2]
-PAGE = ROOT / "results" / "README.md"
-REFERENCE = ROOT / "results" / "reference"
 KEPT = ("figures", "claims.json", "claims.md", "summary.json")
 # Visible difference of a colour component, and the part of a picture that may have it.
 _VISIBLE, _VISIBLE_PART = 6, 0.03
-HEAD = """# Results
+HEAD = """# Results of {package.name}
 
-`critflow run NAME` writes to `results/NAME/`, which git ignores. `results/reference/NAME/` contains the results of the
-paper that git keeps: figures, claims and summaries, with the lock files of the versions that made them. The netCDF
-files are made by the commands. Figures and claims are made from the dataset of a run, sometimes by later code than the
-run itself. Times are seconds with one or two processes, on two cores that other programs shared. This page is written
-by `python -m workflows.pages.results`.
+`critflow run NAME` writes to `results/NAME/`, which git ignores. `reference/NAME/` has what git keeps of a run:
+figures, claims and summary. They are made from the dataset of a run, sometimes by later code than the run itself.
+Times are seconds with one or two processes, on two cores that other programs shared. This page is written by
+`python -m workflows.pages.results`.
 """
 
 
-def studies() -> list[str]:
-    """The studies with committed results: those of the statements and the figures of the paper, then all others."""
-    first = [figure.study for figure in FIGURES if figure.label]
-    of_statements = [known.study for known in STATEMENTS.values()]
-    return list(dict.fromkeys([*first, *of_statements, *(figure.study for figure in FIGURES)]))
+def studies(package: Package) -> list[str]:
+    """The studies with committed results: those of the figures of the paper and of its statements, then all others."""
+    figures = FIGURES[package.name]
+    first = [figure.study for figure in figures if figure.label] + [known.study for known in STATEMENTS.values()]
+    present = sorted(folder.name for folder in package.reference.iterdir() if folder.is_dir())
+    known = dict.fromkeys([*first, *(figure.study for figure in figures), *present])
+    return [study for study in known if study in present]
 
 
-def rendered(reference: Path = REFERENCE) -> str:
+def rendered(package: Package) -> str:
     """The text of results/README.md."""
-    runs = json.loads((reference / "runs.json").read_text(encoding="utf-8"))
-    runs_of = committed(reference)
-    claims = {study: runs_of.get(study, []) for study in studies()}
-    overview = _overview(claims, runs, reference)
-    parts = [HEAD, overview, *(_study(study, reference) for study in studies()), _table(claims)]
-    return "\n".join(parts)
+    sections = [_study(study, package) for study in studies(package)]
+    equations = [_equations()] if package == CRITFLOW else []
+    return "\n".join([HEAD.format(package=package), _overview(package), *sections, *equations])
 
 
-def _overview(claims: dict[str, list[Claim]], runs: dict[str, dict], reference: Path) -> str:
-    """One row a study, with the verdicts of the statements of the paper that it tests, and those of all studies."""
-    lines = head("study", "command", "seconds", "statements of the paper", "made by")
-    for study, its_claims in claims.items():
-        run = runs.get(study, {})
-        seconds = f"{run['seconds']:.0f}" if run.get("seconds") else ""
-        made_by = f"{run.get('source', '')} {run.get('commit', '')[:7]}".strip()
-        verdicts = f"[{counts(its_claims) or 'none'}](reference/{study}/claims.md)"
-        lines.append(row(f"[{study}](#{study})", f"`critflow run {study}`", seconds, verdicts, made_by))
-    return "\n".join([*lines, "", statement_counts(reference), ""])
+def _overview(package: Package) -> str:
+    """One row a study, with its verdicts on statements of the paper, then those of all studies."""
+    runs = json.loads((package.reference / "runs.json").read_text(encoding="utf-8"))
+    claims = committed(package)
+    lines = head("study", "what it computes", "seconds", "claims", "made by")
+    for study in studies(package):
+        page = f"reference/{study}/claims.md"
+        title = (package.folder / "results" / page).read_text(encoding="utf-8").split("\n", 1)[0].removeprefix("# ")
+        run = runs[study]
+        verdicts = f"[{counts(claims[study]) or 'measurements'}]({page})"
+        made_by = f"{run['source']} {run['commit'][:7]}"
+        lines.append(row(f"[{study}](#{study})", title, f"{run['seconds']:.0f}", verdicts, made_by))
+    return "\n".join([*lines, "", *([statement_counts(package), ""] if package == CRITFLOW else [])])
 
 
-def _study(study: str, reference: Path) -> str:
+def _study(study: str, package: Package) -> str:
     """Its pictures in the order of the paper, each with its number and content, and links to those not listed."""
-    claims, folder = f"reference/{study}/claims.md", reference / study / "figures"
-    lines = [f"## {study}", "", f"- `critflow run {study}`; claims in [{claims}]({claims})"]
-    shown: list[str] = []
-    for figure in (figure for figure in FIGURES if figure.study == study):
-        caption = f"{printed(figure.label) or 'Beyond the paper'}: {figure.meaning}"
-        files = [
-            f"{name}.{kind}"
-            for name in figure.pictures
-            for kind in ("png", "gif")
-            if (folder / f"{name}.{kind}").is_file()
-        ]
-        lines += [
-            "",
-            *(f"![{caption}](reference/{study}/figures/{file})" for file in files),
-            "",
-            f"*{caption}. {figure.seen}".rstrip() + "*",
-        ]
-        shown += files
-    others = sorted({file.name for kind in ("png", "gif") for file in folder.glob(f"*.{kind}")} - set(shown))
-    if others:
-        links = (f"[{Path(file).stem}](reference/{study}/figures/{file})" for file in others)
-        lines += ["", f"More pictures: {', '.join(links)}."]
+    folder = package.reference / study / "figures"
+    present = sorted(file for kind in ("png", "gif") for file in folder.glob(f"*.{kind}"))
+    lines, shown = [f"## {study}"], set[Path]()
+    for figure in (figure for figure in FIGURES[package.name] if figure.study == study):
+        label = printed(figure.label) or "Beyond the paper"
+        files = [file for name in figure.pictures for file in present if file.stem == name]
+        pictures = [f"![{label}](reference/{study}/figures/{file.name})" for file in files]
+        lines += ["", *pictures, "", f"*{label}: {figure.meaning}. {figure.seen}".rstrip() + "*"]
+        shown |= {*files}
+    if others := [file for file in present if file not in shown]:
+        names = (f"[{file.stem}](reference/{study}/figures/{file.name})" for file in others)
+        lines += ["", f"More pictures: {', '.join(names)}."]
+    if len(lines) == 1:
+        lines += ["", f"It has no figures: [its claims](reference/{study}/claims.md)."]
     return "\n".join([*lines, ""])
 
 
-def _table(claims: dict[str, list[Claim]]) -> str:
+def _equations() -> str:
+    """One row for each equation of the paper: its function, its test and its verdict."""
     lines = [
         "## The paper, number by number",
         "",
-        "Functions are in `critflow` unless their folder is named, tests in `tests/`. Equations and figures have the",
-        "numbers that the paper prints; its claims stand in the tables of the studies.",
+        "Equations have the numbers that the paper prints. Functions are in `critflow`, tests in `tests/`, unless the",
+        "folder is named.",
         "",
-        *head("paper", "meaning", "where", "checked by", "verdict"),
+        *head("paper", "meaning", "function", "test", "verdict"),
     ]
     lines += [row(printed(e.label), e.meaning, f"`{e.function}`", f"`{e.test}`", e.verdict) for e in EQUATIONS]
-    for figure in FIGURES:
-        command, table = f"`critflow run {figure.study}`", f"[claims](reference/{figure.study}/claims.md)"
-        label = printed(figure.label) if figure.label else "(beyond the paper)"
-        lines.append(row(label, figure.meaning, command, table, counts(claims[figure.study])))
     return "\n".join([*lines, ""])
 
 
 def run_again(names: list[str]) -> None:
     """Run studies at their full size and keep their figures, claims and summaries with the record of the run."""
-    file = REFERENCE / "runs.json"
-    runs = json.loads(file.read_text(encoding="utf-8")) if file.exists() else {}
     for study in names:
+        reference = package_of(named_studies()[study]).reference
+        file = reference / "runs.json"
+        runs = json.loads(file.read_text(encoding="utf-8")) if file.exists() else {}
         with tempfile.TemporaryDirectory() as folder:
             made = Path(folder) / study
             workers = str(load_study(study).study.worker_count(None, available=2))
@@ -127,11 +115,9 @@ def run_again(names: list[str]) -> None:
             subprocess.run(command, cwd=ROOT, check=True)
             seconds = round(time.perf_counter() - begin, 1)
             with xr.open_dataset(made / f"{study}.nc") as dataset:
-                runs[study] = {
-                    "seconds": seconds,
-                    **{name: dataset.attrs.get(name, "") for name in ("source", "commit")},
-                }
-            keep(made, REFERENCE / study)
+                versions = {name: dataset.attrs.get(name, "") for name in ("source", "commit")}
+            runs[study] = {"seconds": seconds, **versions}
+            keep(made, reference / study)
         file.write_text(json.dumps(runs, indent=1, sort_keys=True) + "\n", encoding="utf-8")
 
 
@@ -169,5 +155,6 @@ def reduce(picture: Path) -> None:
 
 if __name__ == "__main__":
     if sys.argv[1:2] == ["--run"]:
-        run_again(sys.argv[2:] or studies())
-    PAGE.write_text(rendered(), encoding="utf-8")
+        run_again(sys.argv[2:] or [study for package in PACKAGES for study in studies(package)])
+    for package in PACKAGES:
+        (package.folder / "results" / "README.md").write_text(rendered(package), encoding="utf-8")

@@ -1,7 +1,7 @@
 """Fill the tables of Markdown pages from results/reference: `python -m workflows.pages.tables [FILE.md ...]`.
 
 A table stands between `<!-- NAME: any text -->` and `<!-- /NAME -->`, with a NAME of `TABLES`.  Without a file,
-README.md and the pages of docs/ are filled.
+README.md and the pages of docs/ are filled, at the root and in extras/.
 """
 
 import json
@@ -12,19 +12,20 @@ from pathlib import Path
 
 from ..paper.verdicts import COMMITTED
 from ..shared.populations import NAMES
+from .packages import CRITFLOW, PACKAGES, Package, package_of
 from .paper import EQUATIONS, named
 from .verdicts import (
+    committed,
     differences,
-    ensemble_statements,
     found,
+    holding,
+    links,
     of_committed_run,
+    plain,
     statement_counts,
-    statements,
     what_we_found,
 )
 
-ROOT = Path(__file__).parents[2]
-REFERENCE = ROOT / "results" / "reference"
 # Both conventions of C_G: the sign that the paper states of max G_0 is that of the stress-corrected one.
 MODULI = {
     "B_0": "B_0",
@@ -54,20 +55,20 @@ REASONS = {
 }
 
 
-def filled(page: str, reference: Path = REFERENCE) -> str:
+def filled(page: str, package: Package = CRITFLOW) -> str:
     """The text of a page with its tables made from the results of the studies."""
 
     def table(match: re.Match[str]) -> str:
         if match["name"] not in TABLES:
             raise ValueError(f"there is no table {match['name']!r}: the tables are {', '.join(TABLES)}")
-        return f"{match['head']}{TABLES[match['name']](reference)}\n{match['tail']}"
+        return f"{match['head']}{TABLES[match['name']](package)}\n{match['tail']}"
 
     marked = r"(?P<head><!-- (?P<name>\w+):[^>]*-->\n).*?(?P<tail><!-- /(?P=name) -->)"
     return re.sub(marked, table, page, flags=re.S)
 
 
-def _read(reference: Path, study: str, name: str) -> dict:
-    return json.loads((reference / study / f"{name}.json").read_text(encoding="utf-8"))
+def _read(package: Package, study: str, name: str) -> dict:
+    return json.loads((package.reference / study / f"{name}.json").read_text(encoding="utf-8"))
 
 
 def row(*cells: str) -> str:
@@ -83,23 +84,16 @@ def head(*cells: str) -> list[str]:
 # The ensemble
 
 
-def populations(reference: Path) -> str:
-    """One row a population: moduli at the transition and their change with strain."""
-    return _populations(_read(reference, "ensemble", "summary"), MODULI)
-
-
-def measures(reference: Path) -> str:
+def measures(package: Package) -> str:
     """One row a population in each of two tables: the response; the structure and the outcomes of the solves."""
-    summary = _read(reference, "ensemble", "summary")
-    return _populations(summary, MODULI) + "\n\n" + "\n".join(_rows(summary, STRUCTURE, outcomes=True))
-
-
-def _populations(summary: dict, columns: dict[str, str]) -> str:
+    summary = _read(package, "ensemble", "summary")
     lines = [
         f"Median and range of 90 % of {summary['networks']} networks of {summary['parameters']['n_vertices']} "
         "vertices, in units of k. n is the number of networks; a second number is that of C_B and C_G:",
         "",
-        *_rows(summary, columns),
+        *_rows(summary, MODULI),
+        "",
+        *_rows(summary, STRUCTURE, outcomes=True),
     ]
     return "\n".join(lines)
 
@@ -124,29 +118,27 @@ def _spread(row: dict) -> str:
 # Speed, size and failure
 
 
-def speed(reference: Path) -> str:
-    """One row a task and size: the default method, its time and error, the nearest others, the reason."""
-    lines = head("task", "N_v", "default", "time", "once", "error", "nearest of critflow", "nearest package", "reason")
-    for word, task in _read(reference, "speed", "summary")["tasks"].items():
+def speed(package: Package) -> str:
+    """One row a task and size: time and error of the default method, the nearest package, the reason."""
+    lines = head("task", "N_v", "time", "once", "error", "nearest package", "reason")
+    for word, task in _read(package, "speed", "summary")["tasks"].items():
         for n, (size, cells) in enumerate(task["sizes"].items()):
-            times = {False: {}, True: {}}
-            for name, ratios in _finest(cells).items():
-                times[name in cells["packages"]][name] = ratios
-            nearest = [min(kind.items(), key=lambda one: one[1][0], default=None) for kind in times.values()]
-            cells = [task["default"], *_best(cells), *(_multiple(*one) if one else "none" for one in nearest)]
-            title, reason = ("", "") if n else (_plain(task["title"]), REASONS[word])
-            lines.append(row(title, f"{int(size):,}", *cells, reason))
+            others = [one for one in _finest(cells).items() if one[0] in cells["packages"]]
+            nearest = min(others, key=lambda one: one[1][0], default=None)
+            title, reason = ("", "") if n else (plain(task["title"]), REASONS[word])
+            shown = _multiple(*nearest) if nearest else "none"
+            lines.append(row(title, f"{int(size):,}", *_best(cells), shown, reason))
     return "\n".join(lines)
 
 
-def programs(reference: Path) -> str:
+def programs(_: Package) -> str:
     """One row a task and size that other programs solve as well: time of critflow, and theirs as multiples of it."""
     lines = head("task", "N_v", "critflow", "once", "error", "other programs at the same error, prepared / in all")
-    for task in _read(reference, "speed", "summary")["tasks"].values():
+    for task in _read(CRITFLOW, "speed", "summary")["tasks"].values():
         for size, cells in task["sizes"].items():
             others = [_multiple(*one) for one in _finest(cells).items() if one[0].startswith(PROGRAMS)]
             if others:
-                lines.append(row(_plain(task["title"]), f"{int(size):,}", *_best(cells), ", ".join(others)))
+                lines.append(row(plain(task["title"]), f"{int(size):,}", *_best(cells), ", ".join(others)))
     return "\n".join(lines)
 
 
@@ -168,11 +160,6 @@ def _multiple(name: str, ratios: list[float]) -> str:
     return f"{name}: {' / '.join(map(_number, ratios))} ×"
 
 
-def _plain(title: str) -> str:
-    """A title without the dollars of its mathematics."""
-    return re.sub(r"\$(.*?)\$", lambda m: m[1].replace("\\tau", "τ").replace("{", "").replace("}", ""), title)
-
-
 def _time(seconds: float) -> str:
     return f"{_number(1e3 * seconds)} ms" if seconds < 1 else f"{_number(seconds)} s"
 
@@ -182,9 +169,9 @@ def _number(value: float) -> str:
     return f"{value:,.0f}" if value >= 99.5 else f"{value:.2g}"
 
 
-def sizes(reference: Path) -> str:
+def sizes(package: Package) -> str:
     """One row a stage: seconds at every size, and the exponent of the large sizes."""
-    summary = _read(reference, "speed", "summary")["stages"]
+    summary = _read(package, "speed", "summary")["stages"]
     powers = summary["exponents_from_10000"]
     lines = head("seconds at N_v = ", *(f"{n:,}" for n in summary["n_vertices"]), "exponent from 10⁴")
     for stage, seconds in summary["seconds"].items():
@@ -193,23 +180,19 @@ def sizes(reference: Path) -> str:
     return "\n".join(lines)
 
 
-def failures(reference: Path) -> str:
-    """The number of silent wrong answers in a sentence, and the claims about bounds."""
-    summary = _read(reference, "failure_map", "summary")
+def failures(package: Package) -> str:
+    """The number of silent wrong answers in a sentence."""
+    summary = _read(package, "failure_map", "summary")
     counts = summary["outcomes"].values()
     points = sum(sum(kinds.values()) for kinds in counts)
     correct = sum(kinds.get(kind, 0) for kinds in counts for kind in ("exact", "bounded", "tolerated"))
     refused = sum(kinds.get(kind, 0) for kinds in counts for kind in ("reported", "refused"))
-    lines = [
+    lines = (
         f"Of {points:,} points (all quantities at all strengths of all difficulties) {correct:,} are correct within",
         f"the claimed bound or tolerance; {refused:,} return a status or an error message with the reason.",
         f"Silent wrong answers: {summary['violations']}.",
-        "",
-        *head("claim", "criterion", "measured", "sample", "verdict"),
-    ]
-    columns = ("statement", "criterion", "value", "sample", "verdict")
-    claims = _read(reference, "failure_map", "claims")
-    return "\n".join([*lines, *(row(*(claim[name] for name in columns)) for claim in claims)])
+    )
+    return "\n".join(lines)
 
 
 # The equations of the paper
@@ -221,27 +204,27 @@ def equations(page: str) -> str:
     return "\n".join([*head("paper", "meaning", "function"), *(row(f"({n})", *cells) for n, *cells in rows)])
 
 
-_OF_VERDICTS = (statement_counts, differences, statements, ensemble_statements, found, what_we_found)
-TABLES: dict[str, Callable[[Path], str]] = {
-    table.__name__: table for table in (populations, measures, *_OF_VERDICTS, speed, programs, sizes, failures)
+_OF_VERDICTS = (statement_counts, differences, holding, found, links, what_we_found)
+TABLES: dict[str, Callable[[Package], str]] = {
+    table.__name__: table for table in (measures, *_OF_VERDICTS, speed, programs, sizes, failures)
 } | {f"equations_{page}": lambda _, page=page: equations(page) for page in {e.page: None for e in EQUATIONS}}
 
 
-def pages() -> list[Path]:
-    """The pages that are filled by default, without those that the site makes."""
-    docs = ROOT / "docs"
+def pages(package: Package) -> list[Path]:
+    """The pages of a package that are filled by default, without those that the site makes."""
+    docs = package.folder / "docs"
     made = {*(docs / "_build").rglob("*.md"), *(docs / "notebooks").glob("0*.md")}
-    return [ROOT / "README.md", *sorted(set(docs.rglob("*.md")) - made)]
+    return [package.folder / "README.md", *sorted(set(docs.rglob("*.md")) - made)]
 
 
-def write_committed() -> None:
-    """Write the verdicts of the committed runs where the studies read them."""
-    runs = {file.parent.name: of_committed_run(REFERENCE, file.parent.name) for file in REFERENCE.glob("*/claims.json")}
-    kept = json.dumps({name: text for name, text in sorted(runs.items()) if text}, indent=1, ensure_ascii=False)
-    COMMITTED.write_text(kept + "\n", encoding="utf-8")
+def committed_runs() -> str:
+    """The verdicts of the committed runs of all studies, as the studies read them."""
+    runs = {study: of_committed_run(package, study) for package in PACKAGES for study in committed(package)}
+    kept = {study: text for study, text in sorted(runs.items()) if text}
+    return json.dumps(kept, indent=1, ensure_ascii=False) + "\n"
 
 
 if __name__ == "__main__":
-    write_committed()
-    for path in map(Path, sys.argv[1:]) if sys.argv[1:] else pages():
-        path.write_text(filled(path.read_text(encoding="utf-8")), encoding="utf-8")
+    COMMITTED.write_text(committed_runs(), encoding="utf-8")
+    for path in map(Path, sys.argv[1:]) if sys.argv[1:] else [page for one in PACKAGES for page in pages(one)]:
+        path.write_text(filled(path.read_text(encoding="utf-8"), package_of(path)), encoding="utf-8")

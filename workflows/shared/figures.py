@@ -1,12 +1,10 @@
-"""Parts of figures that several studies share: panels at the width of a page, legends, violins, edges of a network."""
+"""Parts of figures that several studies share: panels at the width of a page, legends, violins."""
 
 from collections.abc import Sequence
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
-from matplotlib.patches import Polygon
 
 from critflow.engine.study import plural
 from critflow.networks import Array
@@ -64,34 +62,6 @@ def legend_below(figure, panels, ncols):
 def counted(ds):
     """The number of networks of a run, as text."""
     return plural(ds.sizes["seed"], "network")
-
-
-def signed(value):
-    """A number with the sign of typography."""
-    return f"{value:g}".replace("-", "−")
-
-
-def segments(critical):
-    """Ends of the edges (N_b, 2, 2) of a planar configuration, with the tails inside the cell."""
-    network = critical.network
-    tail = critical.coordinates[network.edges[:, 0]]
-    tail = (tail @ np.linalg.inv(network.cell) % 1.0) @ network.cell
-    return np.stack([tail, tail + critical.bond_vectors], axis=1)
-
-
-def draw_in_cell(axes, lines, widths, n_vertices, shear=0.0, **style):
-    """Draw the edges of a planar network with all their images in the cell, a sheared square with V = N_v, once."""
-    cell = np.sqrt(n_vertices) * np.array([[1, 0], [shear, 1]])
-    outline = Polygon([[0, 0], cell[0], cell[0] + cell[1], cell[1]], facecolor="none", edgecolor="0.7", linewidth=0.8)
-    axes.add_patch(outline)
-    images = [lines + (np.array(shift) - 1) @ cell for shift in np.ndindex(3, 3)]
-    drawn = LineCollection(np.concatenate(images), linewidths=np.tile(widths, len(images)), **style)
-    axes.add_collection(drawn, autolim=False)
-    drawn.set_clip_path(outline)
-    axes.autoscale_view()
-    axes.set_aspect("equal")
-    axes.set_anchor("N")
-    axes.set_axis_off()
 
 
 def size_axis(axes, sizes):

@@ -15,7 +15,7 @@ from critflow.taut_part import backbone
 
 from .reports import parameters as parameters_of
 from .structure import relative_variance
-from .tables import NETWORK, numbers, of_network, outcomes, validity
+from .tables import NETWORK, numbers, of_network, outcomes
 from .verification import balance_error, bond_vectors, contradictions, forces
 from .verification import configuration as configuration_checks
 
@@ -35,18 +35,14 @@ _AT_TRANSITION, _OF_PATH = ("B_0", "G_0"), _ALONG[:3]
 BOUNDED = ("position", *_AT_TRANSITION, *_EXACT, *_OF_PATH)
 
 
-# Outcomes with sound numbers: edges may be slack, and where an edge shrinks to zero length the limit is near.
-SOUND = (Status.ok, Status.slack_edges, Status.edge_collapse)
-
-
 def bounds(names):
     """The names of the error bounds of variables."""
     return tuple(f"{name}_error_bound" for name in names)
 
 
 def identified(network, found):
-    """The network, the status and whether it is a sound one: all that is stored where no configuration was found."""
-    return {**of_network(network), "status": found.status, "valid": int(found.status in SOUND)}
+    """The network and the status: all that is stored where no configuration was found."""
+    return {**of_network(network), "status": found.status}
 
 
 def of_configuration(critical):
@@ -63,11 +59,10 @@ def of_configuration(critical):
     }
 
 
-def measured(manifold, found, parameters, wanted, undefined=1.0):
+def measured(manifold, found, parameters, wanted):
     """Arrays of a configuration: network, variances, moduli at the transition and along the strain path.
 
-    wanted     names of the requested variables; of the others only sums over the edges are computed
-    undefined  NaN where the coefficients C_B and C_G are not defined, else 1
+    wanted  names of the requested variables; of the others only sums over the edges are computed
     """
     critical = found.value
     parts = rigid_parts(critical)
@@ -91,9 +86,9 @@ def measured(manifold, found, parameters, wanted, undefined=1.0):
         exact, errors = known_stiffening(manifold, critical, deformation)
         for names, of_all, sign in ((_EXACT, exact, side), (bounds(_EXACT), errors, 1)):
             values = (of_all.C_B, of_all.C_G, of_all.C_G_stress_corrected)
-            result |= {name: sign * value * undefined for name, value in zip(names, values, strict=True)}
+            result |= {name: sign * value for name, value in zip(names, values, strict=True)}
     if not wanted.isdisjoint((*_ALONG, *bounds(_OF_PATH))):
-        result |= _along_path(critical, parameters, undefined, deformation, side)
+        result |= _along_path(critical, parameters, deformation, side)
         result |= {f"{name}_fit_deviation": result[f"{name}_fit"] - result[name] for name in _EXACT if name in result}
     return result
 
@@ -139,9 +134,8 @@ def known_stiffening(manifold, critical, deformation):
 
 def coefficients(critical):
     """B_0, G_0, C_B and C_G of one configuration and the bounds on their errors, (4,) each; NaN where not defined."""
-    found = stiffening(critical, throw=False)
-    errors = NO_STIFFENING if isinstance(found.stats.error_bound, float) else found.stats.error_bound
-    return [np.array([each.bulk_0, each.shear_0, each.C_B, each.C_G]) for each in (found.value, errors)]
+    both = known_stiffening(None, critical, "dilation")
+    return [np.array([each.bulk_0, each.shear_0, each.C_B, each.C_G]) for each in both]
 
 
 def stressed_fraction(sigma):
@@ -155,7 +149,7 @@ def tightening(critical, deformation):
     return -1.0 if np.vdot(sigma[:, None] * L, L @ deformation.velocity(0.0).T) < 0 else 1.0
 
 
-def _along_path(critical, parameters, undefined, deformation, side):
+def _along_path(critical, parameters, deformation, side):
     """Moduli at strains of the tightening sign, and their growth with the distance |γ| from the transition."""
     strains = np.array(parameters["strains"])
     # The taut part alone, of which the coefficients are.
@@ -181,7 +175,7 @@ def _along_path(critical, parameters, undefined, deformation, side):
     result |= dict(zip(bounds(_OF_PATH), errors, strict=True))
     for name, modulus in _FITTED.items():
         slope, error = fitted(strains, result[modulus], parameters["fit_window"], parameters.get("fit_degree", 1))
-        result[f"{name}_fit"], result[f"{name}_fit_standard_error"] = slope * undefined, error * undefined
+        result[f"{name}_fit"], result[f"{name}_fit_standard_error"] = slope, error
     return result
 
 
@@ -240,6 +234,12 @@ COMMENTS = {
 }
 
 
+def _error_bound(name, dims):
+    """The variable of the bound on the rounding error of another one."""
+    state = ", before the stress is scaled to its sum of squares" if name == "position" else ""
+    return Variable(f"{name}_error_bound", dims, "f8", long_name=f"bound on the rounding error of {name}{state}")
+
+
 def table(planar):
     """The stored variables with their comments; shapes of faces in the plane only."""
     member, each = ("population", "seed"), ("population", "seed", "strain")
@@ -250,7 +250,6 @@ def table(planar):
         "kappa_phys": "mean shape anisotropy of the faces, λ the eigenvalues of the gyration tensor",
         "kappa_force": "mean shape anisotropy of the force triangles, λ likewise",
     }
-    scaled = {"position": ", before the stress is scaled to its sum of squares"}
     rows = (
         *NETWORK,
         *numbers(
@@ -283,22 +282,24 @@ def table(planar):
             stressed_fraction="part of the edges under tension",
         ),
         *outcomes(member, status="outcome of finding the configuration"),
-        *validity(member),
         *numbers(
             member,
             residual="largest unbalanced force over the mean tension",
             optimality="residual of the method: projected gradient, or force",
         ),
         *numbers(member, "i4", iterations="iterations of the method that found the configuration"),
-        *(
-            Variable(
-                f"{name}_error_bound", each if name in _OF_PATH else member, "f8",
-                long_name=f"bound on the rounding error of {name}{scaled.get(name, '')}",
-            )
-            for name in BOUNDED
-        ),
+        *(_error_bound(name, each if name in _OF_PATH else member) for name in BOUNDED),
     )  # fmt: skip
-    return tuple(replace(variable, comment=COMMENTS.get(variable.name, "")) for variable in rows)
+    # Where an edge collapses the infimum is not attained, and its coefficients are not defined.
+    growths = {*_growths(""), *bounds(_EXACT)}
+    return tuple(
+        replace(
+            variable,
+            comment=COMMENTS.get(variable.name, ""),
+            undefined_at=(Status.edge_collapse,) if variable.name in growths else (),
+        )
+        for variable in rows
+    )
 
 
 def verify(ds):

@@ -1,23 +1,22 @@
 """A network of the user in place of generated ones: `--set network=FILE`.
 
 The identity of a case contains the file with a digest of its network, FILE@DIGEST, so that other contents are other
-cases.  A file that needs a repair is refused: `critflow convert` repairs it and reports how.
+cases.  A file that needs a repair is refused: `critflow convert` of critflow-extras repairs it and reports how.
 """
 
 import re
-from dataclasses import replace
 from functools import lru_cache
 from hashlib import sha256
 from pathlib import Path
 
 import numpy as np
 
-from critflow import CritflowError, CriticalManifold, Network
-from critflow.extensions import provided
-from critflow.faces import planar_faces
+import critflow as cf
+from critflow import CritflowError, CriticalManifold, InputError, Network
+from critflow.extensions import from_extras, has_extras
 from critflow.manifold import require_one_stress_by_count
 from critflow.points import check_voronoi
-from critflow.result import NetworkError, StudyError
+from critflow.result import StudyError
 
 from .checks import check_network
 
@@ -82,21 +81,23 @@ def _read(text):
 
 
 def _network_of(file) -> Network:
-    """The network of a file that needs no repair, with its faces if no edges cross."""
+    """The network of a file that needs no repair, with its faces if no edges cross.
+
+    Tables are read without critflow-extras, which reads the other formats, and tables of other columns.
+    """
     if not Path(file).suffix:
         raise StudyError(f"network={file} must be a file whose ending names its format, such as tissue.csv")
     try:
-        read = provided("network_from", "networks of files")(file, strict=True)
-    except CritflowError as error:
-        raise StudyError(f"network={file}: {error}; critflow convert reads and repairs it") from error
-    network = read.network
-    if network.cell is None or network.dimension != 2:
-        return network
+        return cf.read_network(file)
+    except InputError as error:
+        refused = error
     try:
-        faces = planar_faces(network.edges, network.bond_vectors(read.positions), network.n_vertices)
-    except NetworkError:
-        return network
-    return replace(network, faces=faces)
+        return from_extras("network_from", "networks of files")(file, strict=True).network
+    except CritflowError as error:
+        # Of tables the first sentence says which edge it is; other formats are those of the extras.
+        if has_extras() and Path(file).suffix not in (".csv", ".tsv", ".txt"):
+            raise StudyError(f"network={file}: {error}; critflow convert reads and repairs it") from error
+        raise StudyError(f"network={refused}") from refused
 
 
 def _digest(network):

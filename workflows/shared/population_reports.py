@@ -24,7 +24,8 @@ READINGS = {
     "random_lengths": "box of side √N_b, as the protocol records it",
     "random_lengths_transition": "V = N_v, exactly at the transition",
 }
-PRINTED_SPREAD = 0.3  # of random rest lengths; others do not test the statements on them
+# Spread of random rest lengths that the paper prints as the largest with every edge stressed; others do not test it.
+PRINTED_SPREAD = 0.3
 
 
 def of(ds, name, population):

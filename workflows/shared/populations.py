@@ -18,8 +18,6 @@ from .strain_protocol import critical_in_printed_box
 
 # Settings of the populations in the paper: threshold r of max G_0, spread s of random rest lengths.
 SETTINGS = {"threshold": 0.1, "spread": 0.3}
-# A spread at which every edge of a planar network carries tension, and few edges are slack in space.
-NARROW = SETTINGS | {"spread": 0.1}
 
 
 def random_lengths(rng, n_edges, spread):

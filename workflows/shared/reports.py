@@ -15,7 +15,6 @@ PAPER = (
 MARKERS = "osD^v<>"
 # Resampled ensembles behind a confidence interval.
 _RESAMPLED = 1000
-MISSED = (Status.infeasible, Status.not_reached)  # outcomes of designs without their targets
 
 
 def series(n):

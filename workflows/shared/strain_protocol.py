@@ -19,7 +19,7 @@ ENERGY_THRESHOLD = 1e-4  # energy above which the paper calls a network rigid, k
 STRAIN_STEPS = 2000  # steps after which the protocol stops: a strain of 20 in the default steps
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
+@dataclass(frozen=True, eq=False, kw_only=True, repr=False)
 class FromStrain(FromLengths):
     """The critical configuration of rest lengths ℓ by the strain protocol.
 

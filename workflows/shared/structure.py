@@ -60,10 +60,3 @@ def polygon_anisotropy(sides: Array, starts: NDArray[np.intp]) -> Array:
         # q = (λ_1 − λ_2)²/(λ_1 + λ_2)² needs no eigenvalues, and κ = (λ_1² − λ_2²)²/(λ_1² + λ_2²)² = 4q/(1 + q)².
         q = ((xx - yy) ** 2 + 4 * xy**2) / (xx + yy) ** 2
         return 4 * q / (1 + q) ** 2
-
-
-def scaled_stress(critical: CriticalConfiguration) -> Array:
-    """S_xx, S_yy, S_xy over √D of a planar configuration, all that its linear elasticity is; NaN without one."""
-    S = np.einsum("a,ai,aj->ij", critical.sigma, critical.bond_vectors, critical.bond_vectors)
-    S /= np.sqrt(np.sum(critical.sigma**2 * critical.lengths**2 / critical.network.stiffness))
-    return np.array([S[0, 0], S[1, 1], S[0, 1]])

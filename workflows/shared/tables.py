@@ -1,14 +1,21 @@
 """Tables of variables by their dimensions, and the arrays of a case from the numbers of its parts."""
 
-import time
-from enum import IntEnum
-
 import numpy as np
 
 from critflow import Status
 from critflow.engine import Axis, Study, Variable
 
 from .reports import PAPER
+
+# Symbols of variables in TeX, which datasets hold for the axes of figures.
+SYMBOLS = {
+    **{name: f"${name}$" for name in ("B_0", "G_0", "C_B", "C_G", "V_L", "B", "G")},
+    "V_tau": "$V_\\tau$",
+    "kappa_phys": "$\\langle\\kappa_{phys}\\rangle$",
+    "kappa_force": "$\\langle\\kappa_{force}\\rangle$",
+    "C_G_stress_corrected": "$C_G$, stress-corrected",
+    "G_stress_corrected": "$G$, stress-corrected",
+}
 
 
 def networks(n):
@@ -18,7 +25,9 @@ def networks(n):
 
 def numbers(dims, dtype="f8", /, **long_names):
     """Variables of one type with the same dimensions, by name and meaning."""
-    return [Variable(name, dims, dtype, long_name=text) for name, text in long_names.items()]
+    return [
+        Variable(name, dims, dtype, long_name=text, symbol=SYMBOLS.get(name, "")) for name, text in long_names.items()
+    ]
 
 
 def bounded(dims, /, **long_names):
@@ -35,41 +44,25 @@ def outcomes(dims, /, **long_names):
     return [Variable(name, dims, "i1", long_name=text, flags=Status) for name, text in long_names.items()]
 
 
-class Validity(IntEnum):
-    """Whether the stored numbers of a case are those of its population; a case without a result has none."""
-
-    invalid = 0
-    valid = 1
-
-
-def validity(dims):
-    """The variable `valid`, by which a dataset is masked."""
-    text = "1 where the numbers of the case are sound, slack edges and limits with an edge of zero length included"
-    return [Variable("valid", dims, "i1", long_name=text, flags=Validity, fill=Validity.invalid)]
-
-
-def seconds(dims, /, **long_names):
-    """Variables with times, which differ from run to run."""
-    return [Variable(name, dims, "f8", long_name=text, volatile=True) for name, text in long_names.items()]
-
-
 def network_study(*, variables, n=10, references=PAPER, **more):
     """A study whose cases are n generated networks, each with the status of the whole case as its last variable."""
     status = outcomes(("seed",), status="outcome of the case")
     return Study(axes=(networks(n),), references=references, variables=(*variables, *status), **more)
 
 
-# The generated network of each seed.
+# The network of each seed.
 NETWORK = (
     *numbers(("seed", "edge", "end"), "i4", edges="vertices at tail and head of each edge"),
     *numbers(("seed", "edge", "axis"), "i2", offsets="cell image in which the head of each edge lies"),
     *numbers(("seed", "cell_vector", "axis"), cell="cell vectors as rows"),
+    *numbers(("seed", "edge"), stiffness="stiffness k of each edge; 1 but for a network of a file"),
 )
 
 
 def of_network(network):
     """The arrays of `NETWORK`."""
-    return {"edges": network.edges, "offsets": network.offsets, "cell": network.cell}
+    names = ("edges", "offsets", "cell", "stiffness")
+    return {name: getattr(network, name) for name in names}
 
 
 def stacked(rows):
@@ -83,10 +76,3 @@ def padded(values, n, fill=np.nan):
     result = np.full((n, *values.shape[1:]), fill)
     result[: len(values)] = values
     return result
-
-
-def timed(function, *arguments, **options):
-    """The result of a call, and its processor time in seconds."""
-    start = time.process_time()
-    result = function(*arguments, **options)
-    return result, time.process_time() - start

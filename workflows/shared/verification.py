@@ -60,7 +60,7 @@ def configuration(one):
     L, sigma, cell = bond_vectors(one), one.sigma.values, one.cell.values
     length, volume = np.linalg.norm(L, axis=1), abs(np.linalg.det(cell))
     tension = sigma * length
-    cost = volume * np.sum(tension**2)
+    cost = volume * np.sum(tension**2 / one.stiffness.values)
     yield "force balance", np.abs(forces(one, L)).max() <= balance_error(one, tension)
     yield "length", np.allclose(length, one.length, rtol=1e-10, atol=1e-13)
     bulk = np.sum(sigma * length**2) ** 2 / (len(cell) ** 2 * cost)

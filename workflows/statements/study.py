@@ -36,6 +36,7 @@ MEASURES = {
     "stiffness-rule": (parameterization.stiffness_rule, "force"),
     "hessian-split": (parameterization.hessian_split, "difference over the largest entry"),
     "vertex-model-coupling": (parameterization.vertex_model_coupling, "exceptions among the pairs"),
+    "soft-modes": (response.soft_modes, "ratio of deviations at strains ten times apart"),
     "same-zero-modes": (parameterization.same_zero_modes, "difference"),
     "boundary-term": (parameterization.boundary_term, "difference"),
     "stress-is-normal": (parameterization.stress_is_normal, "component along the manifold"),

@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 
 from critflow.pictures import COLOURS
 
-from .figures import CURVE, chart_lines, frame, span_of, title
+from .figures import CURVE, chart_lines, of_chart, span_of, title
 
 
 def _closed_curvatures(r, normal, span):
@@ -54,9 +54,7 @@ def _draw_curvature(part, ds):
 
 def _closed_on_chart(ds, s):
     """Gaussian and mean curvature in closed form at points s (..., 2) of the chart."""
-    span, (pole, basis) = span_of(ds), frame(ds)
-    quarter = np.sum(s**2, axis=-1, keepdims=True) / 4
-    sigma = (s @ basis.T + (1 - quarter) * pole) / (1 + quarter)
+    span, sigma = span_of(ds), of_chart(ds, s)
     with np.errstate(divide="ignore", invalid="ignore"):
         return _closed_curvatures(span / sigma / np.sum(1 / sigma, axis=-1, keepdims=True), sigma, span)
 

@@ -40,9 +40,8 @@ def manifold_figure(ds):
     _draw_sphere(middle.add_subplot(projection="3d"), ds)
     _draw_chart(right.add_subplot(), ds)
     whole, rigid = bottom.subfigures(1, 2)
-    _draw_manifold(whole.add_subplot(projection="3d"), ds, ("stretched", "folded", "branch"))
-    axes = rigid.add_subplot(projection="3d")
-    _draw_manifold(axes, ds, ("stretched", "folded"))
+    _draw_manifold(whole.add_subplot(projection="3d"), ds, FAMILIES)
+    _draw_manifold(rigid.add_subplot(projection="3d"), ds, ("stretched", "folded"))
     title(middle, "D", "all stresses, of any magnitude")
     title(right, "E", "the same in the chart about equal stresses")
     title(whole, "F", "critical manifold: all its sheets")
@@ -130,6 +129,13 @@ def to_chart(ds, sigma):
     return 2 * (unit @ basis) / (1 + unit @ pole)[..., None]
 
 
+def of_chart(ds, s):
+    """Unit stresses (..., 3) of chart coordinates (..., 2)."""
+    pole, basis = frame(ds)
+    quarter = np.sum(s**2, axis=-1, keepdims=True) / 4
+    return (s @ basis.T + (1 - quarter) * pole) / (1 + quarter)
+
+
 def singular_circle(ds):
     """Unit stresses (361, 3) where the prestress matrix is singular: at 1/√3 of the pole."""
     pole, basis = frame(ds)
@@ -160,11 +166,10 @@ def _draw_sphere(axes, ds):
         _seen(axes, circle, view, color=CURVE, linewidth=2.2)
     for circle in sign_changes():
         _seen(axes, circle, view, color="k", linewidth=0.7)
-    for k in range(3):
-        end = np.eye(3)[k]
+    for k, end in enumerate(np.eye(3), 1):
         axes.plot(*np.stack([1.02 * end, 1.35 * end], axis=1), color="k", linewidth=1.0, zorder=20)
-        axes.text(*(1.5 * end), f"$\\sigma_{k + 1}$", ha="center", va="center", fontsize=11, zorder=21)
-    for name, letter in zip(("stretched", "folded", "branch"), "ABC", strict=True):
+        axes.text(*(1.5 * end), f"$\\sigma_{k}$", ha="center", va="center", fontsize=11, zorder=21)
+    for name, letter in zip(FAMILIES, "ABC", strict=True):
         unit = _example(ds, name)
         unit = unit if unit @ view > 0 else -unit
         axes.text(*(1.04 * unit), letter, fontsize=10, fontweight="bold", ha="center", va="center", zorder=30)
@@ -183,13 +188,13 @@ def _seen(axes, curve, view, **style):
 
 def _example(ds, name):
     """Unit stress of an example, on the side of positive sums."""
-    sigma = ds.example_sigma.values[("stretched", "folded", "branch").index(name)]
+    sigma = ds.example_sigma.values[list(FAMILIES).index(name)]
     return sigma / np.linalg.norm(sigma) * np.sign(sigma.sum())
 
 
 def _draw_chart(axes, ds):
     _paint_chart(axes, ds)
-    for name, letter in zip(("stretched", "folded", "branch"), "ABC", strict=True):
+    for name, letter in zip(FAMILIES, "ABC", strict=True):
         axes.text(*to_chart(ds, _example(ds, name)), letter, fontsize=10, fontweight="bold", ha="center", va="center")
     for k in range(3):
         at = to_chart(ds, np.eye(3)[k])
@@ -231,9 +236,15 @@ def _paint_chart(axes, ds, alpha=1.0):
     chart_lines(axes, ds)
     turn = np.linspace(0, 2 * np.pi, 361)
     axes.plot(2 * np.cos(turn), 2 * np.sin(turn), color="0.4", linewidth=0.8, linestyle=(0, (4, 2)))
-    axes.set(xlim=(-2.06, 2.06), ylim=(-2.06, 2.06), aspect="equal", xlabel="$s_1$", ylabel="$s_2$")
-    axes.set_xticks(range(-2, 3))
-    axes.set_yticks(range(-2, 3))
+    axes.set(
+        xlim=(-2.06, 2.06),
+        ylim=(-2.06, 2.06),
+        aspect="equal",
+        xlabel="$s_1$",
+        ylabel="$s_2$",
+        xticks=range(-2, 3),
+        yticks=range(-2, 3),
+    )
     axes.spines[["top", "right"]].set_visible(False)
 
 
@@ -248,9 +259,9 @@ def _sheets(ds, families, box=BOX):
 def _draw_manifold(axes, ds, families):
     opacity = {"stretched": 1.0, "folded": 1.0, "branch": 0.38}
     draw_surfaces(axes, [(polygons, FAMILIES[kind], opacity[kind]) for kind, polygons in _sheets(ds, families)])
-    for name, letter in zip(("stretched", "folded", "branch"), "ABC", strict=True):
+    for name, letter in zip(FAMILIES, "ABC", strict=True):
         if name in families:
-            x = ds.example_position.values[("stretched", "folded", "branch").index(name), :, 0]
+            x = ds.example_position.values[list(FAMILIES).index(name), :, 0]
             at = (np.diff(x) / span_of(ds)) ** 2
             axes.plot(*at[:, None], "o", color="k", markersize=4, zorder=30)
             axes.text(*(at + 0.12), letter, fontsize=10, fontweight="bold", zorder=31)
@@ -275,9 +286,8 @@ def _box(axes, box=BOX):
     for axis in (axes.xaxis, axes.yaxis, axes.zaxis):
         axis.set_ticks([tick for tick in (0, 0.5, 1, 2) if tick < box and (box < 2 or tick != 0.5)])
         axis.set_pane_color((0.97, 0.97, 0.97, 1.0))
-    axes.set(xlim=(0, box), ylim=(0, box), zlim=(0, box), aspect="equal")
-    for set_label, k in ((axes.set_xlabel, 1), (axes.set_ylabel, 2), (axes.set_zlabel, 3)):
-        set_label(f"$L_{k}^2/D^2$", fontsize=10)
+    labels = {f"{axis}label": f"$L_{k}^2/D^2$" for k, axis in enumerate("xyz", 1)}
+    axes.set(xlim=(0, box), ylim=(0, box), zlim=(0, box), aspect="equal", **labels)
     axes.zaxis.set_rotate_label(False)
     axes.zaxis.label.set_rotation(90)
     axes.tick_params(labelsize=8, pad=0)
@@ -289,12 +299,9 @@ def stretched(ds, s):
 
     The force is the same in all bars, r_α ∝ 1/σ_α, and their lengths add up to the span; NaN where one is compressed.
     """
-    pole, basis = frame(ds)
-    square = np.sum(s**2, axis=-1, keepdims=True) / 4
-    sigma = (pole * (1 - square) + s @ basis.T) / (1 + square)
+    sigma = of_chart(ds, s)
     sigma = np.where(sigma.min(axis=-1, keepdims=True) > 0, sigma, np.nan)
-    r = 1 / sigma
-    return sigma, (r / r.sum(axis=-1, keepdims=True)) ** 2
+    return sigma, (1 / sigma / np.sum(1 / sigma, axis=-1, keepdims=True)) ** 2
 
 
 def grid_lines(across):
@@ -310,9 +317,7 @@ def geometry_figure(ds):
     left, right, middle = figure.subfigures(1, 3, width_ratios=(1.1, 0.85, 1.35))
     chart, axes = left.add_subplot(), middle.add_subplot(projection="3d", computed_zorder=False)
     _paint_chart(chart, ds, alpha=0.35)
-    chart.set(xlim=(-1.2, 1.2), ylim=(-1.2, 1.2))
-    for set_ticks in (chart.set_xticks, chart.set_yticks):
-        set_ticks([-1, 0, 1])
+    chart.set(xlim=(-1.2, 1.2), ylim=(-1.2, 1.2), xticks=(-1, 0, 1), yticks=(-1, 0, 1))
     pale = tuple(0.45 * np.array(to_rgb(ORANGE)) + 0.55)
     draw_surfaces(axes, [(polygons, pale, 1.0) for _, polygons in _sheets(ds, ("stretched",), 1.1)]).set_zorder(1)
     _box(axes, 1.1)

@@ -13,6 +13,7 @@ from critflow.result import StudyError
 from critflow.self_stress import Spectrum, stabilises
 
 from ..paper.verdicts import committed_run
+from ..shared.checks import check_positive
 from ..shared.reports import PAPER
 from ..shared.tables import numbers, outcomes, stacked
 from .chart import StereographicChart, surface_geometry
@@ -196,8 +197,7 @@ def case(parameters, *, grid):
 
 def check(parameters, axes):
     """Refuse settings that could only fail, before anything runs."""
-    if not parameters["span"] > 0:
-        raise StudyError(f"span={parameters['span']} must be positive")
+    check_positive(parameters, "span")
     if not parameters["reach"] > 1:
         raise StudyError(f"reach={parameters['reach']} must be more than 1: lengths are followed up to that many spans")
     if len(parameters["s"]) < 2 * STRIDE:

@@ -39,7 +39,6 @@ class Violation(IntEnum):
     not_finite = 3  # status ok, and an answer that is not a number
     warning = 4
     exception = 5  # an exception that is not a CritflowError
-    status = 6  # a status that contradicts the network, such as ok for a floppy one
 
 
 class Unavailable(Exception):
@@ -52,15 +51,11 @@ class Unavailable(Exception):
 
 @dataclass(frozen=True)
 class Answer:
-    """Status, numbers and bounds on their errors returned by the library; NaN without a bound.
-
-    proper  statuses that are correct for this network; statuses other than ok require no numbers
-    """
+    """Status, numbers and bounds on their errors returned by the library; NaN without a bound."""
 
     status: Status
     values: Any
     bounds: Any = np.nan
-    proper: tuple[Status, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -91,9 +86,7 @@ def assessed(compute, compare):
             return _violation(Violation.exception)
     if caught:
         return _violation(Violation.warning, answer.status)
-    if answer.proper and answer.status not in answer.proper:
-        return _violation(Violation.status, answer.status)
-    if answer.status is not Status.ok and answer.status not in answer.proper:
+    if answer.status is not Status.ok:
         return Finding(Outcome.reported, status=answer.status)
     values = np.asarray(answer.values, dtype=float)
     if not np.isfinite(values).all():

@@ -6,8 +6,12 @@ from itertools import pairwise
 import numpy as np
 
 import critflow as cf
+from critflow.linear_response import linear_response
+from critflow.networks import validated_coordinates
 from critflow.optima import objective_of
 from critflow.quantities import evaluate, pure_shear, stress_hessian, transition_modulus
+from critflow.self_stress import Spectrum, count_self_stresses, edge_without_length
+from critflow.taut_part import backbone
 
 from ...shared.populations import OPTIMA
 from ...shared.strain_protocol import critical_by_strain
@@ -58,10 +62,13 @@ def _configuration_error(problem, answer):
 
 
 def _transition_moduli(problem):
+    counts = [count_self_stresses(part) for part in backbone(problem.critical).components]
+    if None in counts:  # rounding hides them
+        raise Unavailable(cf.Status.singular)
+    if counts != [1] * len(counts):
+        raise cf.InputError("the reference requires one self-stress")
     solution = cf.elasticity(problem.critical)
     value = solution.value
-    if solution.ok and solution.stats.method == "self-stress":
-        raise cf.InputError("the reference requires one self-stress")
     return Answer(solution.status, (value.bulk, value.shear), (value.errors.bulk, value.errors.shear))
 
 
@@ -93,9 +100,15 @@ def _moduli(numbers):
 
 
 def _rigidity(problem):
-    coordinates = np.asarray(problem.critical.coordinates, dtype=problem.dtype)
-    solution = cf.rigidity(problem.network, coordinates)
-    return Answer(solution.status, (solution.value.n_self_stresses, solution.value.n_zero_modes), 0.0)
+    network = problem.network
+    x = validated_coordinates(network, np.asarray(problem.critical.coordinates, dtype=problem.dtype))
+    if edge_without_length(np.linalg.norm(network.bond_vectors(x), axis=1)):
+        return Answer(cf.Status.singular, np.nan)
+    spectrum = Spectrum(network, x)
+    # Translations are no motions of the spectrum.
+    counts = spectrum.n_self_stresses, spectrum.n_motions + network.dimension
+    status = cf.Status.ok if spectrum.n_self_stresses else cf.Status.floppy
+    return Answer(cf.Status.singular if spectrum.doubt(*spectrum.gap) else status, counts, 0.0)
 
 
 def _rigidity_error(problem, answer):
@@ -104,30 +117,11 @@ def _rigidity_error(problem, answer):
     return np.abs(np.subtract(answer.values, truth)), 1.0
 
 
-def _elastic_moduli(problem):
-    solution = cf.elasticity(problem.network, problem.generic)
-    # A network without more edges than motions has no self-stress where it was drawn.
-    floppy = problem.network.n_edges <= 2 * (problem.network.n_vertices - 1)
-    proper = (cf.Status.floppy,) if floppy else (cf.Status.ok, cf.Status.singular)
-    return Answer(solution.status, _moduli(solution.value), _moduli(solution.value.errors), proper)
-
-
-def _elastic_error(problem, answer):
-    if answer.status is cf.Status.floppy:
-        return np.abs(answer.values), 1.0
-    digits = reference.digits_for_contrast(problem.network.stiffness)
-    bulk, shear = reference.moduli_at_rest(problem.network, problem.generic, digits=digits)
-    return _each(answer, (bulk, shear, shear))
-
-
 # Past the transition
 
 
-def _equilibrium(method, limit):
-    def compute(problem):
-        return _coordinates(cf.equilibrium(problem.strained, method, max_steps=limit, throw=False))
-
-    return compute
+def _equilibrium(problem, method, limit):
+    return _coordinates(cf.equilibrium(problem.strained, method, max_steps=limit, throw=False))
 
 
 def _equilibrium_error(problem, answer):
@@ -164,7 +158,7 @@ def _linear_response(problem):
     if not reached.ok:
         raise Unavailable(reached.status)
     problem.reached = reached.value
-    solution = cf.elasticity(reached.value)
+    solution = linear_response(reached.value, reached.value.network.volume)
     return Answer(solution.status, _moduli(solution.value), _moduli(solution.value.errors))
 
 
@@ -178,12 +172,9 @@ def _linear_error(problem, answer):
 # From rest lengths
 
 
-def _lengths(method):
-    def compute(problem):
-        problem.found = method(problem.manifold, problem.rest_lengths)
-        return _coordinates(problem.found)
-
-    return compute
+def _lengths(problem, method):
+    problem.found = method(problem.manifold, problem.rest_lengths)
+    return _coordinates(problem.found)
 
 
 def _conic_error(problem, answer):
@@ -201,14 +192,11 @@ def _strain_error(problem, answer):
 # Optima
 
 
-def _optimum(name, method):
-    def compute(problem):
-        limit = _FIRE_STEPS if method == "fire" else None
-        solution = cf.optimize(problem.manifold, _goal(problem, name), method, max_steps=limit, throw=False)
-        problem.found = solution
-        return Answer(solution.status, solution.objective, solution.objective_error)
-
-    return compute
+def _optimum(problem, name, method):
+    limit = _FIRE_STEPS if method == "fire" else None
+    solution = cf.optimize(problem.manifold, _goal(problem, name), method, max_steps=limit, throw=False)
+    problem.found = solution
+    return Answer(solution.status, solution.objective, solution.objective_error)
 
 
 def _goal(problem, name):
@@ -217,24 +205,21 @@ def _goal(problem, name):
     return objective_of(problem.network, name, problem.threshold or 0.1)
 
 
-def _optimum_error(name):
-    def compare(problem, answer):
-        """Against the best value where it is known, else against the gain left by Newton's method."""
-        sigma = problem.found.value.sigma
-        exact = reference.configuration(problem.network, sigma, digits=reference.digits_for(sigma))
-        there = reference.objective(problem.network, name, exact, problem.threshold)
-        scale = 1.0 if name.startswith("V_") else abs(float(there))
-        best = None
-        if name == "B_0":
-            best = reference.largest_bulk_modulus(problem.network)
-        elif name == "V_L" and _equal_lengths(problem):
-            best = reference.numbers(0.0)
-        if best is not None and np.isfinite(answer.bounds):
-            return reference.largest_error(answer.values, best), scale
-        short = _remaining_gain(problem, name) if best is None else reference.largest_error(float(there), best)
-        return max(reference.largest_error(answer.values, there), short), scale
-
-    return compare
+def _optimum_error(problem, answer, name):
+    """Against the best value where it is known, else against the gain left by Newton's method."""
+    sigma = problem.found.value.sigma
+    exact = reference.configuration(problem.network, sigma, digits=reference.digits_for(sigma))
+    there = reference.objective(problem.network, name, exact, problem.threshold)
+    scale = 1.0 if name.startswith("V_") else abs(float(there))
+    best = None
+    if name == "B_0":
+        best = reference.largest_bulk_modulus(problem.network)
+    elif name == "V_L" and _equal_lengths(problem):
+        best = reference.numbers(0.0)
+    if best is not None and np.isfinite(answer.bounds):
+        return reference.largest_error(answer.values, best), scale
+    short = _remaining_gain(problem, name) if best is None else reference.largest_error(float(there), best)
+    return max(reference.largest_error(answer.values, there), short), scale
 
 
 def _equal_lengths(problem):
@@ -267,15 +252,14 @@ QUANTITIES = {
     "transition_moduli": (_transition_moduli, _transition_error),
     "stiffening": (_stiffening, _stiffening_error),
     "rigidity": (_rigidity, _rigidity_error),
-    "elastic_moduli": (_elastic_moduli, _elastic_error),
-    "equilibrium_newton": (_equilibrium("newton", None), _equilibrium_error),
-    "equilibrium_fire": (_equilibrium("fire", _FIRE_STEPS), _equilibrium_error),
+    "equilibrium_newton": (partial(_equilibrium, method="newton", limit=None), _equilibrium_error),
+    "equilibrium_fire": (partial(_equilibrium, method="fire", limit=_FIRE_STEPS), _equilibrium_error),
     "strain_path": (_strain_path, _equilibrium_error),
     "linear_response": (_linear_response, _linear_error),
-    "lengths_conic": (_lengths(partial(cf.critical_from_lengths, throw=False)), _conic_error),
-    "lengths_strain": (_lengths(critical_by_strain), _strain_error),
+    "lengths_conic": (partial(_lengths, method=partial(cf.critical_from_lengths, throw=False)), _conic_error),
+    "lengths_strain": (partial(_lengths, method=critical_by_strain), _strain_error),
     **{
-        f"{optimum}_{method}": (_optimum(name, method), _optimum_error(name))
+        f"{optimum}_{method}": (partial(_optimum, name=name, method=method), partial(_optimum_error, name=name))
         for optimum, name in OPTIMA.items()
         for method in METHODS
     },

@@ -31,7 +31,7 @@ CELLS = {
 # The difficulties of each figure, in two columns.
 MAPS = {
     "stresses": (
-        ("stress_spread", "faint_edge", "faint_cut", "soft_edges"),
+        ("stress_spread", "faint_edge", "faint_cut"),
         ("short_edge", "near_singular", "single_precision"),
     ),
     "networks": (
@@ -158,7 +158,7 @@ def _draw_bounds(axes, ds, difficulty, quantity):
             steps, error, "o-", color=COLOURS[0], markersize=3.5, linewidth=1, label="true error" if not seed else None
         )
         if wrong.any():
-            label = "silently wrong" if not seed else None
+            label = None if seed else "silently wrong"
             axes.plot(steps[wrong], error[wrong], "X", color=COLOURS[2], markersize=9, label=label)
     silent = ~answered.any(axis=0)
     codes = one.answer_status.values[:, :n]
@@ -167,22 +167,20 @@ def _draw_bounds(axes, ds, difficulty, quantity):
     if silent.any():
         names = np.unique([Status(int(c)).name.replace("_", " ") for c in codes[:, silent].ravel()])
         text = " / ".join(word for word in names if word != "missing") or "refused"
-        middle = np.flatnonzero(silent).mean()
         axes.text(
-            middle,
-            0.5,
-            text,
-            rotation=90,
-            ha="center",
-            va="center",
-            fontsize=TEXT,
+            np.flatnonzero(silent).mean(), 0.5, text, rotation=90, ha="center", va="center", fontsize=TEXT,
             transform=axes.get_xaxis_transform(),
-        )
+        )  # fmt: skip
     shown = steps[:: max(1, n // 3)]
     axes.set_xticks(shown, [_number(strengths[s]) for s in shown])
-    axes.set(yscale="log", xlim=(-0.5, n - 0.5), ylim=(floor / 3, 1e2), xlabel=DIFFICULTIES[difficulty].label)
-    axes.set_title(quantity.replace("_", " "))
-    axes.set_ylabel("relative error" if axes.get_subplotspec().is_first_col() else "")
+    axes.set(
+        yscale="log",
+        xlim=(-0.5, n - 0.5),
+        ylim=(floor / 3, 1e2),
+        xlabel=DIFFICULTIES[difficulty].label,
+        title=quantity.replace("_", " "),
+        ylabel="relative error" if axes.get_subplotspec().is_first_col() else "",
+    )
     axes.spines[["top", "right"]].set_visible(False)
 
 

@@ -84,7 +84,6 @@ study = Study(
     case=case,
     check=check,
     complete=with_digest,
-    extras=("rest",),
     variables=(
         Variable("strength", ("difficulty", "step"), "f8", long_name="strength of the difficulty"),
         Variable("error", POINT, "f8", long_name="true error, relative to the largest number of the answer"),

@@ -23,7 +23,6 @@ from critflow.double_double import (
     lengths,
     multiply,
     scaled,
-    square_root,
     subtract,
     total,
 )
@@ -106,11 +105,6 @@ def bulk_modulus_gradient(manifold: CriticalManifold, sigma: Array) -> tuple[Ext
 
 
 # Past the transition
-
-
-def strained_rest_lengths(rest_lengths: Extended, strain: float) -> Extended:
-    """ℓ/√(1 + γ): rest lengths in units in which the cell is unchanged."""
-    return divide(rest_lengths, square_root(add(constant(1.0), constant(strain))))
 
 
 def equilibrium(

@@ -94,8 +94,12 @@ def _draw_memory(axes, stages):
     axes.plot(sizes, memory, marker="o", color=COLOURS[0], linewidth=2)
     last = (sizes[-1], memory[-1])
     axes.annotate(f"{memory[-1]:.2g} GB", last, xytext=(-6, 6), textcoords="offset points", ha="right", fontsize=TEXT)
-    axes.set(xscale="log", xlabel="number of vertices $N_v$", ylabel="peak resident memory  [GB]")
-    axes.set_ylim(0, 1.15 * memory.max())
+    axes.set(
+        xscale="log",
+        xlabel="number of vertices $N_v$",
+        ylabel="peak resident memory  [GB]",
+        ylim=(0, 1.15 * memory.max()),
+    )
 
 
 def size_claims(ds):

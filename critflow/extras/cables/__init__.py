@@ -1,3 +1,0 @@
-"""Onsets of rigidity on any deformation, slack edges, and the surface of critical strains."""
-
-from critflow.extras.cables import onset_start as onset_start

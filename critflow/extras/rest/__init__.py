@@ -1,3 +1,0 @@
-"""Elasticity of springs at rest for any contrast of stiffness, and free components of the cell."""
-
-from critflow.extras.rest import springs_at_rest as springs_at_rest

@@ -1,0 +1,63 @@
+"""The public names and their modules, for type checkers and for `lazy_loader`."""
+
+from .anisotropy.tensors import poisson as poisson
+from .anisotropy.tensors import young as young
+from .cables.cable_path import cable_path as cable_path
+from .cables.critical_strain import critical_strain as critical_strain
+from .cables.onset_start import cables_at_onset as cables_at_onset
+from .cables.rigidity_surface import rigidity_surface as rigidity_surface
+from .cables.rigidity_surface import strain_plane as strain_plane
+from .certificates.certify import certify as certify
+from .certificates.counts import rigidity as rigidity
+from .certificates.spaces import self_stresses as self_stresses
+from .certificates.spaces import zero_modes as zero_modes
+from .design_stiffness.stiffnesses import isotropic_targets as isotropic_targets
+from .drawing.depth import draw_in_depth as draw_in_depth
+from .drawing.draw import draw as draw
+from .examine.examine import examine as examine
+from .files.convert import network_from as network_from
+from .files.convert import write_network as write_network
+from .foams.foams import foam_network as foam_network
+from .fronts.leverage import edge_leverage as edge_leverage
+from .fronts.pareto import pareto as pareto
+from .fronts.prune_towards import prune_towards as prune_towards
+from .graphs.dilution import diluted as diluted
+from .graphs.fibre_networks import fibre_network as fibre_network
+from .graphs.packings import packing_network as packing_network
+from .graphs.regular_networks import regular_network as regular_network
+from .hessian.splits import bond_operator as bond_operator
+from .hessian.splits import geometric_split as geometric_split
+from .hessian.splits import hookean_split as hookean_split
+from .inference.nearest import nearest_critical as nearest_critical
+from .large.choice import fastest_solver as fastest_solver
+from .large.choice import installed_solvers as installed_solvers
+from .large.condensed import CondensedSaddle as CondensedSaddle
+from .local.diagonals import face_diagonals as face_diagonals
+from .local.diagonals import response_name as response_name
+from .local.drawing import draw_response as draw_response
+from .local.local_response import local_response as local_response
+from .pruning.pruning import pruned as pruned
+from .rest.at_rest import response_at_rest as response_at_rest
+from .rest.free_cell_path import FreeCellPath as FreeCellPath
+from .rest.free_cell_path import relaxing_component as relaxing_component
+from .rest.springs_at_rest import response_of_network as response_of_network
+from .rest.springs_at_rest import state_at_rest as state_at_rest
+from .sensitivities.gradients import properties as properties
+from .targets.targets import design as design
+from .tensegrity.second_order import second_order_rigidity as second_order_rigidity
+from .tensegrity.signed_stress import signed_stress as signed_stress
+from .tensegrity.signed_stress import stability as stability
+from .tissue.pressures import PressureManifold as PressureManifold
+from .tissue.pressures import pressurised_configuration as pressurised_configuration
+from .tissue.tissue import critical_from_perimeters as critical_from_perimeters
+from .tissue.tissue import tissue as tissue
+from .weak.soft_spectrum import soft_spectrum as soft_spectrum
+from .weak.weak_energies import AngleSprings as AngleSprings
+from .weak.weak_energies import PointForces as PointForces
+from .weak.weak_energies import SoftSprings as SoftSprings
+from .weak.weak_energies import Temperature as Temperature
+from .weak.weak_equilibrium import weak_equilibrium as weak_equilibrium
+from .weak.weak_forces import weak_forces as weak_forces
+
+__all__: list[str]
+__version__: str

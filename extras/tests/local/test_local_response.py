@@ -1,0 +1,237 @@
+"""Local responses against 60 digits, relaxed Hessians and hand calculation, and their refusals."""
+
+import numpy as np
+import pytest
+from pair_reference import exact_strains
+from problems import hung_ring, random_stress, voronoi_3d
+from refusals import refused
+
+from critflow import CriticalManifold, Status, lattice, spring_state, strain_path, voronoi_network
+from critflow.manifold import critical_configuration
+from critflow_extras import local_response
+
+NETWORK = voronoi_network(20, seed=1)
+CRITICAL = CriticalManifold(NETWORK).configuration(random_stress(30, 1))
+SOURCE, TARGETS = (0, 9), [(4, 15), (2, 11, (0, 0)), (3, 17, (1, -1))]
+# Networks with a source and targets that no edges hold.
+CASES = {
+    "periodic": (NETWORK, SOURCE, TARGETS),
+    "oblique cell": (lattice("honeycomb", 3, 3), (0, 9), [(4, 15), (2, 12, (1, 0))]),
+    "pins": (hung_ring(), (0, 2), [(1, 6), (3, 20), (4, 7)]),
+    "space": (voronoi_3d(4), (0, 9), [(4, 15), (2, 12)]),
+}
+
+
+def at(name, width=0.4, seed=1):
+    """A configuration with stresses over some decades."""
+    network = CASES[name][0]
+    sigma = np.exp(width * np.random.default_rng(seed).standard_normal(network.n_edges))
+    return CriticalManifold(network).configuration(sigma)
+
+
+def states(critical, stress):
+    """Springs whose stress at the coordinates of a configuration is `stress` times its own."""
+    lengths = critical.lengths * (1 - stress * critical.sigma / critical.network.stiffness)
+    return spring_state(critical.network, lengths, critical.coordinates)
+
+
+def triples(pairs):
+    return [(pair.tail, pair.head, pair.image) for pair in pairs]
+
+
+@pytest.mark.parametrize("width", [0.3, 1.5, 3.0])
+@pytest.mark.parametrize("name", CASES)
+def test_errors_against_sixty_digits(name, width):
+    network, source, targets = CASES[name]
+    if name == "space" and width > 1:
+        return  # a dense matrix of some minutes
+    critical = at(name, width)
+    found = local_response(critical, source, targets).value
+    exact, stiffness = exact_strains(network, critical.sigma, *triples([found.source]), triples(found.targets))
+    errors = np.array([abs(float(one - other)) for one, other in zip(found.strains.tolist(), exact, strict=True)])
+    assert (errors <= found.errors).all()
+    assert abs(float(found.stiffness - stiffness)) <= found.stiffness_error
+    # Not larger than needed: within a few digits of the largest of the errors, and of the rounding of the value.
+    rounding = np.finfo(float).eps * np.abs(found.strains).max()
+    assert found.errors.max() < 3e3 * max(errors.max(), rounding)
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_the_limit_of_relaxed_hessians(name):
+    """η(t) of RᵀKR + tP by dense matrices, and by the same call: linear in t with the predicted slope."""
+    critical, (_, source, targets) = at(name), CASES[name]
+    limit, rest, softer = local_response(critical, source, targets).value, [], []
+    for stress in (1e-2, 1e-3, 1e-4, 1e-5, 1e-6):
+        state = states(critical, stress)
+        past = local_response(state, source, targets).value
+        if stress > 1e-5:
+            np.testing.assert_allclose(past.strains, dense_strains(state, limit), rtol=0, atol=1e-12 / stress)
+        rest.append(np.abs(past.strains - limit.strains - stress * limit.growth).max() / stress)
+        softer.append(1 - past.stiffness / (stress * limit.stiffness))
+    # What the next order leaves out of the slope is linear in t, and so is the change of the stiffness.
+    slope = np.abs(limit.growth).max()
+    assert rest[-1] < 0.01 * slope and rest[-2] < 0.2 * rest[-3]
+    assert 0 < softer[-1] < 0.01 and softer[-1] / softer[-2] == pytest.approx(0.1, rel=0.05)
+
+
+def dense_strains(state, limit):
+    """η of a state by its dense Hessian."""
+    network = state.network
+    inverse = np.linalg.inv(state.factorize().multiply(np.eye(state.forces.size)))
+    rows, lengths = [], []
+    for pair in (limit.source, *limit.targets):
+        cell = 0 if network.cell is None else np.array(pair.image) @ network.cell
+        r = state.coordinates[pair.head] - state.coordinates[pair.tail] + cell
+        lengths.append(np.linalg.norm(r))
+        a = np.zeros_like(state.coordinates)
+        a[pair.head], a[pair.tail] = r / lengths[-1], -r / lengths[-1]
+        rows.append(a[network.free].ravel())
+    moved = np.array(rows) @ inverse @ rows[0]
+    return moved[1:] / moved[0] * lengths[0] / np.array(lengths[1:])
+
+
+def test_the_stress_up_to_which_the_limit_holds():
+    critical = at("periodic")
+    limit = local_response(critical, SOURCE, TARGETS).value
+    for n, stress in enumerate(limit.limit):
+        there = local_response(states(critical, stress), SOURCE, TARGETS).value.strains[n]
+        assert abs(there / limit.strains[n] - 1) == pytest.approx(0.01, rel=0.3)
+
+
+def test_displacements_keep_all_lengths_and_have_the_strains():
+    found = local_response(CRITICAL, SOURCE, TARGETS).value
+    u, L = found.displacements, CRITICAL.bond_vectors
+    tail, head = NETWORK.edges.T
+    assert np.abs(np.sum((u[head] - u[tail]) * L, axis=1)).max() < 1e-13
+    assert np.abs(u.mean(axis=0)).max() < 1e-14
+    for pair, expected in zip((found.source, *found.targets), (1.0, *found.strains), strict=True):
+        r = pair.vector(NETWORK, L)
+        assert (u[pair.head] - u[pair.tail]) @ r / (r @ r) == pytest.approx(expected, abs=1e-12)
+
+
+def test_errors_that_are_not_known():
+    unknown = critical_configuration(NETWORK, CRITICAL.sigma, CRITICAL.coordinates)
+    found, known = (local_response(one, SOURCE, TARGETS).value for one in (unknown, CRITICAL))
+    np.testing.assert_allclose(found.strains, known.strains, rtol=1e-12)
+    assert np.isnan(found.errors).all()
+
+
+def test_reciprocity():
+    """The compliance is symmetric: η_ts k_s |r_t|²= η_st k_t |r_s|² over its own stiffness."""
+    forth, back = (local_response(CRITICAL, *pairs).value for pairs in ((SOURCE, TARGETS[0]), (TARGETS[0], SOURCE)))
+    square = [np.sum(pair.vector(NETWORK, CRITICAL.bond_vectors) ** 2) for pair in (forth.source, back.source)]
+    assert forth.strains[0] / forth.stiffness * square[1] == pytest.approx(
+        back.strains[0] / back.stiffness * square[0], rel=1e-12
+    )
+
+
+def test_no_stiffness_enters():
+    other = CriticalManifold(NETWORK.with_stiffness(np.linspace(0.5, 2, 30))).configuration(CRITICAL.sigma)
+    strains = [local_response(one, SOURCE, TARGETS).value.strains for one in (CRITICAL, other)]
+    np.testing.assert_allclose(*strains, rtol=1e-13)
+
+
+def test_states_of_a_strain_path_approach_the_limit():
+    limit = local_response(CRITICAL, SOURCE, TARGETS).value.strains
+    path = strain_path(CRITICAL, [1e-6, 1e-4, 1e-2]).value
+    apart = [np.abs(local_response(state, SOURCE, TARGETS).value.strains - limit).max() for state in path.states]
+    assert apart[-1] > 1e-4 and apart[-2] < 0.05 * apart[-1] and apart[-3] < 0.05 * apart[-2]
+
+
+def test_the_nearest_image_is_stated():
+    for head in range(2, 20):
+        for tail in range(head - 1):
+            if (NETWORK.edges == [tail, head]).all(axis=1).any() or (NETWORK.edges == [head, tail]).all(axis=1).any():
+                continue
+            pair = local_response(CRITICAL, (tail, head), [SOURCE if (tail, head) != SOURCE else (4, 15)]).value.source
+            even = CriticalManifold(NETWORK).configuration(np.ones(30)).coordinates
+            apart = even[head] - even[tail]
+            images = [np.array([n, m]) for n in range(-2, 3) for m in range(-2, 3)]
+            nearest = min(images, key=lambda image: np.linalg.norm(apart + image @ NETWORK.cell))
+            assert pair.image == tuple(nearest)
+    assert local_response(CRITICAL, SOURCE, TARGETS).value.targets[2].image == (1, -1)
+
+
+def test_a_rigid_part_holds_a_pair():
+    """A hexagon with three diagonals holds the others."""
+    network = lattice("honeycomb", 3, 3)
+    braced, around = network, hexagon(network)
+    for one, other in ((0, 2), (0, 3), (0, 4)):
+        (tail, here), (head, there) = around[one], around[other]
+        braced = braced.with_edge(tail, head, np.subtract(there, here))
+    critical = CriticalManifold(braced).configuration(np.ones(braced.n_edges))
+    (tail, here), (head, there) = around[1], around[4]
+    pair = (tail, head, np.subtract(there, here))
+    free = next(p for p in ((a, b) for a in range(18) for b in range(a)) if moves(critical, p))
+    solution = local_response(critical, pair, [free], throw=False)
+    assert solution.status is Status.rigid and "the edges hold" in solution.note
+    assert np.isnan(solution.value.strains).all() and np.isnan(solution.value.displacements).all()
+    # As a target such a pair does not answer.
+    found = local_response(critical, free, [pair]).value
+    assert abs(found.strains[0]) <= max(found.errors[0], 1e-13)
+
+
+def hexagon(network):
+    """Vertices of the first face in turn, each with its cell."""
+    faces, cell, walk = network.faces, np.zeros(2, int), []
+    for edge, sign in zip(faces.edges[: faces.starts[1]], faces.signs[: faces.starts[1]], strict=True):
+        walk.append((int(network.edges[edge, 0 if sign > 0 else 1]), cell))
+        cell = cell + sign * network.offsets[edge]
+    return walk
+
+
+def moves(critical, pair):
+    try:
+        return bool(local_response(critical, pair, [(0, 9, (1, 2))], throw=False))
+    except ValueError:
+        return False
+
+
+def test_unstable_states_and_their_status():
+    state = states(at("pins"), 1e-3)
+    compressed = spring_state(state.network, state.lengths * 1.05, state.coordinates)
+    pressed = spring_state(state.network, 2 * state.lengths - state.rest_lengths, state.coordinates)
+    assert local_response(pressed, (0, 2), [(1, 6)], throw=False).status is Status.unstable
+    with pytest.raises(ValueError, match="equilibrium"):
+        local_response(compressed, (0, 2), [(1, 6)])
+
+
+EDGE = tuple(int(v) for v in NETWORK.edges[5]), tuple(int(n) for n in NETWORK.offsets[5])
+SIGNED = np.where(np.arange(30) == 7, -0.05, 1.0)
+STATE = spring_state(NETWORK, CRITICAL.lengths, CRITICAL.coordinates)
+TRIANGULAR = CriticalManifold(lattice("triangular", 4, 4)).configuration(np.ones(48))
+
+
+def response(source=SOURCE, targets=TARGETS, critical=CRITICAL):
+    return lambda: local_response(critical, source, targets)
+
+
+test_mistakes_are_one_sentence = refused(
+    {
+        "edge as the source": (response((*EDGE[0], EDGE[1])), "is edge 5, which keeps its length"),
+        "edge as a target": (response(targets=[(*EDGE[0], EDGE[1])]), r"targets\[0\] .* is edge 5"),
+        "edge from its head": (response((*EDGE[0][::-1], tuple(-n for n in EDGE[1]))), "is edge 5"),
+        "equal vertices": (response((3, 3)), "names vertex 3 twice"),
+        "image of itself": (response((3, 3, (1, 0))), "names vertex 3 twice"),
+        "target is the source": (response(targets=[SOURCE]), "are the same pair 0-9"),
+        "target is the source from its head": (response(targets=[SOURCE[::-1]]), "are the same pair 0-9"),
+        "missing vertex": (response((3, 20)), "vertex 20, which is not there: vertices run from 0 to 19"),
+        "negative vertex": (response((-1, 5)), "vertex -1"),
+        "vertex not whole": (response((0.5, 5)), "whole numbers, not 0.5"),
+        "one vertex": (response(4), r"source must be two vertices \(i, j\)"),
+        "words": (response("0-9"), "source must be two vertices"),
+        "no targets": (response(targets=[]), "targets must be a list of pairs"),
+        "target of words": (response(targets="4-15"), "targets must be a list of pairs"),
+        "image too short": (response((0, 9, (1,))), "must be 2 whole numbers"),
+        "image not whole": (response((0, 9, (0.5, 0))), "whole numbers, not 0.5"),
+        "image without a cell": (response((0, 2, (1, 0)), [(1, 6)], at("pins")), "has no cell"),
+        "several self-stresses": (response((0, 6), [(1, 10)], TRIANGULAR), "requires one self-stress"),
+        "signed stresses": (
+            response(critical=CriticalManifold(NETWORK).configuration(SIGNED)),
+            "positive stresses, and edge 7",
+        ),
+        "springs at rest": (response(critical=STATE), "springs without stress do not resist"),
+        "a network": (response(critical=NETWORK), "springs must be a CriticalConfiguration or a SpringState"),
+        "held source": (response((0, 2), [(1, 6)], states(at("pins"), 0)), "springs without stress"),
+    }
+)

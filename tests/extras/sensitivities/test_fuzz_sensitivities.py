@@ -1,9 +1,0 @@
-"""Random valid networks through the functions of this extra."""
-
-from fuzzing import answers_or_explains, critical_of
-
-import critflow
-
-CALLS = {"properties": lambda p, r: critflow.properties(critical_of(p), ["V_tau", "V_L"])}
-
-test_answers_or_explains = answers_or_explains(CALLS)
