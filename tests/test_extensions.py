@@ -106,6 +106,13 @@ def test_a_broken_package_does_not_break_the_scene(joining, said, mistake):
         quantity(network, "guest")
 
 
+def test_a_module_that_a_command_imports_late_and_cannot_is_one_sentence(joining, said):
+    command = "import click\n\n@click.command()\ndef greet():\n    import no_such_module_at_all\n"
+    joining("[critflow.commands]\ngreet = guest_late:greet\n", guest_late=command)
+    err = said(["greet"], 6).err
+    assert len(err.splitlines()) == 1 and "no_such_module_at_all" in err and "again" in err
+
+
 def test_a_broken_copy_of_critflow_extras_is_one_sentence(tmp_path, monkeypatch):
     """Functions of the scene that need nothing of it work."""
     package = tmp_path / "critflow_extras"

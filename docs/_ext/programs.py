@@ -10,8 +10,7 @@ import hashlib
 import os
 import runpy
 import tempfile
-from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import chdir
 from functools import cache
 from pathlib import Path
 
@@ -41,22 +40,11 @@ def _digest(program: Path) -> str:
     return hashlib.sha256(_package_digest().encode() + program.read_bytes()).hexdigest()
 
 
-@contextmanager
-def _inside(folder: Path) -> Iterator[None]:
-    before = Path.cwd()
-    os.chdir(folder)
-    try:
-        yield
-    finally:
-        os.chdir(before)
-        plt.close("all")
-
-
 def _replace(file: Path, content: bytes) -> None:
     """Write a file in one step: a site and a test may execute a program at the same time."""
-    beside = file.with_name(f"{file.name}.{os.getpid()}")
-    beside.write_bytes(content)
-    os.replace(beside, file)
+    other = file.with_name(f"{file.name}.{os.getpid()}")
+    other.write_bytes(content)
+    os.replace(other, file)
 
 
 def execute_script(script: Path) -> Path:
@@ -65,8 +53,9 @@ def execute_script(script: Path) -> Path:
     kept = BUILT / "gallery"
     kept.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory() as name:
-        with _inside(Path(name)), matplotlib.rc_context(matplotlib.rcParamsDefault | {"backend": "Agg"}):
+        with chdir(name), matplotlib.rc_context(matplotlib.rcParamsDefault | {"backend": "Agg"}):
             runpy.run_path(str(script), run_name="__main__")
+        plt.close("all")
         _replace(kept / f"{script.stem}.png", (Path(name) / f"{script.stem}.png").read_bytes())
     _replace(kept / f"{script.stem}.digest", _digest(script).encode())
     return kept / f"{script.stem}.png"

@@ -71,8 +71,8 @@ def run(tiny, monkeypatch):
 
 
 @pytest.fixture
-def told(run, said):
-    """`told(folder, *settings)` is `run`, and returns what it wrote to stdout and stderr; `code` is its exit code."""
+def output_of(run, said):
+    """`output_of(folder, *settings)` is `run`, and returns what it wrote; `code` is its exit code."""
 
     def command(folder, *settings, code=0, workers=0, more=(), study="tiny"):
         return said(_words(folder, settings, workers, more, study), code)

@@ -239,14 +239,14 @@ def test_the_ensemble_depends_on_its_measurements_and_on_no_figure():
 CHANGE = ('"modulus": strains * seed', '"modulus": 2 * strains * seed')
 
 
-def test_a_run_over_cases_of_other_code_stops_before_it_computes(tmp_path, run, source, said, told):
+def test_a_run_over_cases_of_other_code_stops_before_it_computes(tmp_path, run, source, said, output_of):
     out = tmp_path / "out"
     assert run(out, study=source()) == 0
     before, first = stamps_of(out), code_version(load_file(source()).study)
     path = source(*CHANGE)
     now = code_version(load_file(path).study)
     for more in ((), ("--dry-run",)):
-        err = told(out, "seeds=0:5", study=path, more=more, code=4).err
+        err = output_of(out, "seeds=0:5", study=path, more=more, code=4).err
         assert len(err.splitlines()) == 1 and "8 of 8 stored cases" in err and first in err and now in err
         assert all(word in err for word in ("--recompute", "--keep", "--out"))
     assert stamps_of(out) == before
@@ -260,13 +260,13 @@ def test_a_run_over_cases_of_other_code_stops_before_it_computes(tmp_path, run, 
 @pytest.mark.parametrize(
     ("more", "dims"), [(("seeds=0:6",), ("seed",)), (("populations=random,floppy",), ("population",))]
 )
-def test_kept_cases_of_other_code_are_told_apart(tmp_path, run, source, said, told, more, dims):
+def test_kept_cases_of_other_code_are_told_apart(tmp_path, run, source, said, output_of, more, dims):
     out, few = tmp_path / "out", {"seed": "seeds=0:4", "population": "populations=random"}[dims[0]]
     assert run(out, few, study=source()) == 0
     first = load_file(source()).study
     path = source(*CHANGE)
     codes = sorted({code_version(first), code_version(load_file(path).study)})
-    assert "other code" in told(out, *more, study=path, more=("--keep",)).err
+    assert "other code" in output_of(out, *more, study=path, more=("--keep",)).err
     with xr.open_dataset(out / "tiny.nc") as ds:
         assert ds.code.dims == dims
         meanings = ds.code.attrs["flag_meanings"].split()
@@ -336,13 +336,13 @@ def test_the_commit_is_that_of_the_source_tree(tmp_path, monkeypatch):
     assert look(tmp_path) == {}
 
 
-def test_a_changed_version_or_table_computes_all_cases_again(tmp_path, run, source, said, told):
+def test_a_changed_version_or_table_computes_all_cases_again(tmp_path, run, source, said, output_of):
     out = tmp_path / "out"
     table = ('"residual", ("population", "seed"), "f8"', '"residual", ("population", "seed"), "f4"')
     assert run(out, study=source()) == 0
     for number, change in enumerate((table, (*table, "    check=check,", "    check=check, version=2,"))):
         before, path = stamps_of(out), source(*change)
-        assert "8 of 8 cases to compute" in told(out, more=("--dry-run",), study=path).out
+        assert "8 of 8 cases to compute" in output_of(out, more=("--dry-run",), study=path).out
         if number == 0:
             assert main(["verify", str(out)]) == 4
             assert "and 7 more: stored with another table" in said(["status", str(out)]).out

@@ -67,8 +67,8 @@ def assert_only_the_bad_cases_failed(folder, kinds):
     assert len(list((folder / "shards").iterdir())) == len(kinds)  # one for each value of the first axis
 
 
-def test_whatever_a_case_raises_or_returns_the_others_are_computed(tmp_path, told):
-    err = told(tmp_path, f"kinds={','.join(RAISING)}", study="poisoned", code=3).err
+def test_whatever_a_case_raises_or_returns_the_others_are_computed(tmp_path, output_of):
+    err = output_of(tmp_path, f"kinds={','.join(RAISING)}", study="poisoned", code=3).err
     assert f"{len(RAISING)} cases failed" in err
     assert max(map(len, err.splitlines())) < 400
     assert_only_the_bad_cases_failed(tmp_path, RAISING)
@@ -80,12 +80,12 @@ def test_whatever_a_case_raises_or_returns_the_others_are_computed(tmp_path, tol
 DEADLY = {"kills_itself": "SIGKILL|died|ended", "leaks": "memory", "hangs_in_compiled_code": "time limit"}
 
 
-def test_whatever_a_case_does_to_its_worker_the_others_are_computed(tmp_path, told, monkeypatch, forked):
+def test_whatever_a_case_does_to_its_worker_the_others_are_computed(tmp_path, output_of, monkeypatch, forked):
     """Also of tasks that are submitted when others have ended."""
     monkeypatch.setattr(dask_workers, "_SUBMITTED", 2)
     limits = ("--time-limit=2", "--memory-limit=0.6")
     kinds = f"kinds={','.join(DEADLY)}"
-    assert "Traceback" not in told(tmp_path, kinds, workers=2, more=limits, study="poisoned", code=3).err
+    assert "Traceback" not in output_of(tmp_path, kinds, workers=2, more=limits, study="poisoned", code=3).err
     assert_only_the_bad_cases_failed(tmp_path, DEADLY)
     for kind, words in DEADLY.items():
         assert any(word in record(tmp_path, kind) for word in words.split("|")), record(tmp_path, kind)
@@ -142,11 +142,11 @@ def test_the_record_of_a_failed_case_contains_its_parameters_and_the_command_tha
     assert main([*(word for word in words if not word.startswith("--workers")), "--workers=0"]) == 3
 
 
-def test_a_report_that_fails_with_a_failed_case_does_not_hide_it(tmp_path, told, source):
+def test_a_report_that_fails_with_a_failed_case_does_not_hide_it(tmp_path, output_of, source):
     claims = "return [Claim"
     broken = "broken: set[int] = set()"
     path = source(broken, "broken = {1}", claims, f"assert ds.total.notnull().all(); {claims}", study="plain")
-    err = told(tmp_path / "out", study=path, code=3).err
+    err = output_of(tmp_path / "out", study=path, code=3).err
     assert "claims" in err and "1 case failed" in err
 
 
@@ -192,24 +192,24 @@ code_digest.libraries.cache_clear()
 """
 
 
-def test_a_plain_scheduler_needs_a_flag_and_equal_libraries(tmp_path, told, forked):
+def test_a_plain_scheduler_needs_a_flag_and_equal_libraries(tmp_path, output_of, forked):
     options = {"n_workers": 1, "threads_per_worker": 1, "preload": OTHER_LIBRARY}
     with LocalCluster(scheduler_kwargs=NO_DASHBOARD, **options) as cluster:
         address = cluster.scheduler_address
         for word in (address, address.removeprefix("tcp://")):
             more = ("--scheduler", word)
-            assert "--insecure" in told(tmp_path / "out", workers=None, more=more, study="algebra", code=2).err
+            assert "--insecure" in output_of(tmp_path / "out", workers=None, more=more, study="algebra", code=2).err
         assert not (tmp_path / "out").exists()
         more = ("--scheduler", address, "--insecure")
-        assert "scipy 0.1" in told(tmp_path / "out", workers=None, more=more, study="algebra", code=6).err
+        assert "scipy 0.1" in output_of(tmp_path / "out", workers=None, more=more, study="algebra", code=6).err
     assert not list((tmp_path / "out" / "shards").glob("*.nc"))
 
 
-def test_a_scheduler_without_workers_is_reported(tmp_path, told, monkeypatch):
+def test_a_scheduler_without_workers_is_reported(tmp_path, output_of, monkeypatch):
     monkeypatch.setattr("critflow.engine.dask_workers._WORKERS_START", 1.0)
     with LocalCluster(n_workers=0, scheduler_kwargs=NO_DASHBOARD) as cluster:
         more = ("--scheduler", cluster.scheduler_address, "--insecure")
-        assert "no worker" in told(tmp_path / "out", workers=None, more=more, study="algebra", code=6).err
+        assert "no worker" in output_of(tmp_path / "out", workers=None, more=more, study="algebra", code=6).err
 
 
 PAGE = Path(__file__).parents[2] / "docs" / "command.md"

@@ -63,8 +63,8 @@ def test_values_are_those_of_the_case_function(tmp_path, run, tiny):
         (("trouble=0-random", "how=longer", "populations=random"), ("seed1-random", "edge")),
     ],
 )
-def test_cases_that_disagree_about_shared_arrays_or_sizes_are_an_error(tmp_path, told, settings, names):
-    err = told(tmp_path, *settings, code=4).err
+def test_cases_that_disagree_about_shared_arrays_or_sizes_are_an_error(tmp_path, output_of, settings, names):
+    err = output_of(tmp_path, *settings, code=4).err
     assert all(name in err for name in names), err
     assert not (tmp_path / "tiny.nc").exists()
 
@@ -169,11 +169,11 @@ def test_a_dataset_in_pieces_has_the_contents_of_one_in_memory(tmp_path, run, so
         assert ds.chunks["seed"] == (1, 1, 1, 1)
 
 
-def test_values_that_differ_between_pieces_are_an_error(tmp_path, told, source, monkeypatch):
+def test_values_that_differ_between_pieces_are_an_error(tmp_path, output_of, source, monkeypatch):
     monkeypatch.setattr(dataset_module, "_CHUNK", 1)
     shared = ('Variable("status"', 'Variable("shared", (), "f8", long_name="shared"), Variable("status"')
     path = source(*shared, '"status":', '"shared": float(seed), "status":')
-    assert "shared" in told(tmp_path, study=path, code=4).err
+    assert "shared" in output_of(tmp_path, study=path, code=4).err
 
 
 def test_the_largest_variables_have_chunks_along_the_first_axis_and_integers_are_compressed(
@@ -191,22 +191,22 @@ def test_the_largest_variables_have_chunks_along_the_first_axis_and_integers_are
 
 
 @pytest.mark.parametrize(("more", "stored"), [("seed", 2), ("5 * (population == 'floppy')", 1)])
-def test_other_sizes_end_the_run_at_once(tmp_path, told, source, more, stored):
+def test_other_sizes_end_the_run_at_once(tmp_path, output_of, source, more, stored):
     """Between networks at the second one, within a network at its second case."""
     path = source("    sleep(parameters", f"    n_edges += {more}\n    sleep(parameters")
-    err = told(tmp_path / "out", "seeds=0:50", study=path, code=4).err
+    err = output_of(tmp_path / "out", "seeds=0:50", study=path, code=4).err
     assert "each size into a folder of its own and join them" in err and "'edge'" in err
     assert len(list((tmp_path / "out" / "shards").iterdir())) == stored
 
 
-def test_cases_of_other_sizes_that_are_kept_are_not_joined(tmp_path, run, source, told):
+def test_cases_of_other_sizes_that_are_kept_are_not_joined(tmp_path, run, source, output_of):
     assert run(tmp_path / "out", "seeds=0", study=source()) == 0
     path = source('n_edges = parameters["n_edges"]', 'n_edges = parameters["n_edges"] + 2')
-    err = told(tmp_path / "out", "seeds=0:2", study=path, more=("--keep",), code=4).err
+    err = output_of(tmp_path / "out", "seeds=0:2", study=path, more=("--keep",), code=4).err
     assert "length 8 in 'edge', cases before it 6" in err
 
 
-def test_a_dataset_that_does_not_read_back_is_not_put_in_place(tmp_path, run, told, monkeypatch):
+def test_a_dataset_that_does_not_read_back_is_not_put_in_place(tmp_path, run, output_of, monkeypatch):
     """A library or a disk that alters the data is detected before the file is put in place."""
     assert run(tmp_path, "seeds=0") == 0
     before, real = contents_of(tmp_path / "tiny.nc"), netCDF4.Dataset
@@ -218,7 +218,7 @@ def test_a_dataset_that_does_not_read_back_is_not_put_in_place(tmp_path, run, to
         return real(path, mode)
 
     monkeypatch.setattr(dataset_module, "netCDF4", SimpleNamespace(**vars(netCDF4) | {"Dataset": altered}))
-    assert "back" in told(tmp_path, "seeds=0", code=6).err
+    assert "back" in output_of(tmp_path, "seeds=0", code=6).err
     monkeypatch.undo()
     assert contents_of(tmp_path / "tiny.nc") == before
 

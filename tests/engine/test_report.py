@@ -23,11 +23,11 @@ NEEDS = (
 )
 
 
-def test_parts_that_need_missing_variables_are_left_out_and_their_old_files_deleted(tmp_path, run, source, told):
+def test_parts_that_need_missing_variables_are_left_out_and_their_old_files_deleted(tmp_path, run, source, output_of):
     path, out = source(*NEEDS), tmp_path / "out"
     assert run(out, study=path) == 0
     assert all((out / name).is_file() for name in FILES)
-    (line,) = [line for line in told(out, "variables=sigma", study=path).out.splitlines() if "modulus" in line]
+    (line,) = [line for line in output_of(out, "variables=sigma", study=path).out.splitlines() if "modulus" in line]
     assert all(part in line for part in ("growth", "claims", "summary"))
     assert not any((out / name).exists() for name in FILES)
     assert main(["verify", str(out)]) == 0

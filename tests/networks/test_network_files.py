@@ -1,4 +1,4 @@
-"""Networks of tables, graphs and cases of datasets: nothing is lost on the way there and back, every fault is named."""
+"""Networks of tables, graphs and cases of datasets: nothing is lost there and back, every fault is named."""
 
 import sys
 
@@ -46,14 +46,14 @@ def same(one, other):
 
 
 def through_a_file(thing, ending="csv"):
-    def way(tmp_path):
+    def form(tmp_path):
         cf.write_network(thing, tmp_path / f"n.{ending}")
         return tmp_path / f"n.{ending}"
 
-    return way
+    return form
 
 
-WAYS = {
+FORMS = {
     "csv": lambda thing, folder: through_a_file(thing)(folder),
     "tsv": lambda thing, folder: str(through_a_file(thing, "tsv")(folder)),
     "tables": lambda thing, folder: cf.to_tables(thing),
@@ -62,25 +62,25 @@ WAYS = {
 }
 
 
-@pytest.mark.parametrize("way", WAYS)
+@pytest.mark.parametrize("form", FORMS)
 @pytest.mark.parametrize("name", NETWORKS)
-def test_a_network_comes_back_with_all_bits(tmp_path, name, way):
-    if way == "graph":
+def test_a_network_comes_back_with_all_bits(tmp_path, name, form):
+    if form == "graph":
         pytest.importorskip("networkx")
     network = NETWORKS[name]
-    read = cf.read_network(WAYS[way](network, tmp_path))
+    read = cf.read_network(FORMS[form](network, tmp_path))
     assert same(read, network)
     assert (read.faces is None) == (name in ("space", "images", "line"))
     if network.faces is not None:
         np.testing.assert_array_equal(read.faces.edges, network.faces.edges)
 
 
-@pytest.mark.parametrize("way", WAYS)
-def test_a_critical_configuration_comes_back_with_all_bits(tmp_path, way):
-    if way == "graph":
+@pytest.mark.parametrize("form", FORMS)
+def test_a_critical_configuration_comes_back_with_all_bits(tmp_path, form):
+    if form == "graph":
         pytest.importorskip("networkx")
     critical = cf.optimize(NETWORKS["plane"], "B_0").value
-    read = cf.read_critical(WAYS[way](critical, tmp_path))
+    read = cf.read_critical(FORMS[form](critical, tmp_path))
     np.testing.assert_array_equal(read.sigma, critical.sigma)
     np.testing.assert_array_equal(read.coordinates, critical.coordinates)
     assert read.rest_lengths is None and read.residual < 1e-13
@@ -92,7 +92,7 @@ def test_a_critical_configuration_comes_back_with_all_bits(tmp_path, way):
         critical.bond_vectors,
         rest_lengths=critical.lengths + 1,
     )
-    read = cf.read_critical(WAYS[way](larger, tmp_path))
+    read = cf.read_critical(FORMS[form](larger, tmp_path))
     np.testing.assert_array_equal(read.sigma, larger.sigma)
     np.testing.assert_array_equal(read.rest_lengths, larger.rest_lengths)
 

@@ -11,11 +11,10 @@ import base64
 import hashlib
 import io
 import json
-import os
 import re
 import sys
 import tempfile
-from contextlib import contextmanager, redirect_stdout
+from contextlib import chdir, redirect_stdout
 from pathlib import Path
 from typing import Any
 from unittest.mock import patch
@@ -79,17 +78,6 @@ def digest(cells: list[Cell]) -> str:
     return hashlib.sha256("\n".join(source(cell) for cell in cells if cell["cell_type"] == "code").encode()).hexdigest()
 
 
-@contextmanager
-def _inside(folder: Path):
-    before = Path.cwd()
-    os.chdir(folder)
-    try:
-        yield
-    finally:
-        os.chdir(before)
-        plt.close("all")
-
-
 def _value(text: str, file: str, names: dict[str, Any]) -> Any:
     """Execute a cell as Jupyter does: the value of a last expression is shown."""
     program = ast.parse(text)
@@ -139,7 +127,7 @@ def execute(cells: list[Cell], name: str, folder: Path) -> tuple[list[Cell], dic
             pictures.extend(_drawn())
 
     empty = patch.object(Figure, "draw", lambda figure, renderer: None)
-    with _inside(folder), matplotlib.rc_context(matplotlib.rcParamsDefault), patch.object(plt, "show", show), empty:
+    with chdir(folder), matplotlib.rc_context(matplotlib.rcParamsDefault), patch.object(plt, "show", show), empty:
         for place, cell in enumerate(cells):
             cell = {"id": f"cell-{place}", **cell}
             if cell["cell_type"] == "code":
@@ -152,6 +140,7 @@ def execute(cells: list[Cell], name: str, folder: Path) -> tuple[list[Cell], dic
                 cell |= {"execution_count": count, "outputs": outputs + pictures}
                 pictures.clear()
             made.append(cell)
+    plt.close("all")
     return made, names
 
 
