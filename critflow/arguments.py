@@ -49,7 +49,6 @@ def _converted(name: str, value: Any, kinds: tuple[Any, ...]) -> Any:
     classes = tuple(kind for kind in kinds if kind is not None and kind not in _WORDS)
     if (
         (value is None and None in kinds)
-        or isinstance(value, classes)
         or (str in kinds and isinstance(value, str))
         or (bool in kinds and isinstance(value, bool | np.bool_))
         or (float in kinds and is_number(value))

@@ -193,12 +193,10 @@ def lbfgs(function: Function, point: Point) -> Iterator[tuple[Point, bool]]:
     pairs, lowest, least, idle = Pairs(MEMORY, n), point.value, point.residual, 0
     while True:
         direction = pairs.direction(point.gradient, function.preconditioner(point))
-        slope = point.gradient @ direction
-        if not slope < 0:
-            pairs = Pairs(MEMORY, n)
-            direction, slope = -point.gradient, -(point.gradient @ point.gradient)
+        slope = float(point.gradient @ direction)
         length = min(1.0 if pairs.order else np.inf, LONGEST / float(np.abs(direction).max()))
-        trial = _backtrack(function, point, direction, float(slope), length)
+        # Rounding of the pairs may turn the direction uphill.
+        trial = _backtrack(function, point, direction, slope, length) if slope < 0 else None
         if trial is None:
             yield point, not fresh
             pairs, fresh = Pairs(MEMORY, n), True

@@ -645,9 +645,6 @@ class Path:
         if len(rates) == 1 and largest(left) <= _BALANCED * springs.stiffness_scale * largest(affine):
             return self.velocity(here, np.zeros_like(left), np.ones(1))
         factor = stressed.factorize(FLOPPY_SHIFT * springs.stiffness_scale)
-        # Where all edges are tense the stress resists all motions.
-        if not stressed.taut(0.0) and factor.indefinite:
-            return None
         return self.with_tangent(replace(here, state=stressed), factor, rates, second_rates).velocity
 
 

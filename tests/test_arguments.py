@@ -94,6 +94,10 @@ def test_numbers_of_every_kind_are_accepted():
         example(NETWORK)
 
 
+def test_a_name_of_numpy_is_a_name():
+    assert critflow.optimize(MANIFOLD, np.str_("B_0")).ok
+
+
 def test_seeds():
     rng = np.random.default_rng(1)
     assert generator(rng) is rng

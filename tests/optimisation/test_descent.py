@@ -23,7 +23,7 @@ from critflow import (
     quantity,
     voronoi_network,
 )
-from critflow.descent import Descent, improves, negative_curvature_direction, step_off_saddle
+from critflow.descent import Descent, improves, negative_curvature_direction, optimum_at, step_off_saddle
 from critflow.minimisers import Minimum, Point, lbfgs, minimise
 from critflow.optima import objective_of
 from critflow.quantities import evaluate, pure_shear, transition_modulus
@@ -309,6 +309,14 @@ def test_the_better_of_two_ends(first, value, again, other, better):
         return Minimum(Point(np.zeros(3), value, np.array([0.1, -0.1, 0.1]), 0.1), status, 1)
 
     assert improves(end(again, other), end(first, value)) == better
+
+
+def test_the_stress_that_fades_before_others_have_converged_is_named():
+    descent = Descent(CriticalManifold(NETWORK), quantity(NETWORK, "V_tau"))
+    x = descent.unknowns(np.ones(NETWORK.n_edges))
+    x[7] = np.log(1e-14)
+    found = optimum_at(descent, Minimum(descent.at(x), Status.stalled, 3), None, "lbfgs")
+    assert found.status is Status.stalled and "that of edge 7 first" in found.reason
 
 
 def test_ends_that_rough_tolerances_leave_untested():

@@ -138,3 +138,12 @@ def test_the_direction_of_l_bfgs_is_that_of_the_updates_of_bfgs(n_pairs):
     np.testing.assert_allclose(pairs.direction(gradient, diagonal), -inverse @ gradient, rtol=1e-10, atol=1e-12)
     if not changes:
         np.testing.assert_array_equal(pairs.direction(gradient, diagonal), -gradient)
+
+
+def test_an_uphill_direction_discards_the_pairs(monkeypatch):
+    direction = Pairs.direction
+    monkeypatch.setattr(Pairs, "direction", lambda *call: direction(*call) * (-1.0 if len(call[0].order) == 3 else 1.0))
+    function, start, minimum = rosenbrock()
+    end = minimise(function, METHODS["lbfgs"], start, tolerance=1e-10, max_steps=1000)
+    assert end.status is Status.ok
+    np.testing.assert_allclose(end.point.x, minimum, rtol=1e-9)
