@@ -26,7 +26,7 @@ used: set[str] = set()
 """Names of quantities and functions that this process took from packages that joined, which a study must count."""
 
 EXTRAS = "critflow_extras"  # the package of the distribution critflow-extras
-INSTALL = "pip install . ./extras in a copy of the repository, or pip install critflow-extras"
+INSTALL = "pip install . ./extras in a copy of the repository"
 
 
 @cache

@@ -186,7 +186,7 @@ def test_the_command_without_critflow_extras(scene_alone):
     assert [line for line in out.splitlines() if line.isdigit()] == ["0", "2", "2", "2", "0"]
     sentences = [line for line in err.splitlines() if line.startswith("critflow: ")]
     for line, word in zip(sentences, ("'examine'", "'local[0-1,2-3]'", "'plane'"), strict=True):
-        assert word in line and "critflow-extras has more" in line and "pip install critflow-extras" in line
+        assert word in line and "critflow-extras has more" in line and "pip install . ./extras" in line
 
 
 PYTHON = """

@@ -3,6 +3,7 @@
 import json
 import subprocess
 import sys
+import tomllib
 from importlib.metadata import distribution
 from pathlib import Path
 
@@ -35,6 +36,13 @@ def test_help_has_the_words_and_imports_nothing_that_computes():
     ours = {name for name in loaded_modules if name.count(".") == 2 and name.startswith("critflow_extras.")}
     assert {name.rpartition(".")[2] for name in ours} == {"command", "hints"}
     assert done.stderr == ""
+
+
+def test_both_distributions_have_one_version_and_one_python():
+    root = Path(__file__).parents[2]
+    scene, extras = (tomllib.loads((f / "pyproject.toml").read_text())["project"] for f in (root, root / "extras"))
+    assert extras["version"] == scene["version"] and f"critflow=={scene['version']}" in extras["dependencies"]
+    assert extras["requires-python"] == scene["requires-python"]
 
 
 @pytest.mark.parametrize("word", WORDS)

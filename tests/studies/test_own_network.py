@@ -92,7 +92,7 @@ def test_the_failure_map_of_a_file(monkeypatch, tmp_path):
         ("missing.csv", "no file"),
         ("mine", "ending"),
         ("mine.csv@0123456789abcdef", "another network"),
-        ("mine.png", "pip install critflow-extras"),
+        ("mine.png", "pip install . ./extras"),
         ("stiff.csv", "self-stress"),
         ("patch.csv", "periodic"),
         ("loop.csv", "itself"),
