@@ -55,10 +55,11 @@ def _random(ds):
         criterion="within a tenth of it for every law up to a deviation of log σ of 1.2, in plane and space",
     )  # fmt: skip
     squares = np.abs(_squares(ds) - 1)
+    middle, most = (np.median(squares), squares.max()) if len(squares) else (np.nan, np.nan)
     yield Claim.tested(
         "medium-lengths", "the mean |L|² of the edges of one σ is that of effective-medium theory", "",
-        f"off by {100 * np.median(squares):.1f} % (median over bins and laws), at most {100 * squares.max():.0f} %",
-        np.median(squares) <= WITHIN / 2, "off by more",
+        f"off by {100 * middle:.1f} % (median over bins and laws), at most {100 * most:.0f} %",
+        middle <= WITHIN / 2 if len(squares) else None, "off by more" if len(squares) else f"no bin has {FEW} edges",
         criterion=f"median of bins of {FEW} edges or more within a twentieth",
     )  # fmt: skip
     gaps = of_known_histogram(ds)
