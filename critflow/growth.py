@@ -106,6 +106,8 @@ def stiffening(
                  to first order but G, whose axes do not rotate
     manifold     of the network, with other stiffnesses for instance; that of the configuration by default
 
+    Under tension the mean of C_G over all pure shears has a lower bound, `shear_growth`.
+
     A tissue, of `critical_from_perimeters`, has the same coefficients; their errors are ten times the largest change in
     two samples of bond vectors perturbed by their errors.
 

@@ -147,6 +147,16 @@ def test_without_a_definite_prestress_the_growth_has_no_bound():
     assert ratio_to_bulk(in_isotropic_cell(critical)) < -3
 
 
+def test_a_network_that_dilation_loosens_has_no_such_bound():
+    """P is positive definite, but T < 0: the square-octagon whose links are compressed, G_0 = 0 by symmetry."""
+    network = square_octagon(2.0, 2.0)
+    critical = CriticalManifold(network).configuration([1, 1, 1, 1, -0.2, -0.2])
+    g = network.free_incidence.toarray()
+    assert np.linalg.eigvalsh(g.T @ (critical.sigma[:, None] * g))[0] > 0.1
+    assert critical.sigma @ critical.lengths**2 < 0 and stiffening(critical).loosening
+    assert ratio_to_bulk(critical) == pytest.approx(-0.8, rel=1e-9)
+
+
 def test_at_zero_shear_modulus_all_spring_laws_grow_alike():
     critical = in_isotropic_cell(random_critical(voronoi_network(20, 3), 3))
     assert stiffening(critical, law=PowerLaw(4)).value.C_G == pytest.approx(stiffening(critical).value.C_G, rel=1e-9)
