@@ -37,9 +37,9 @@ from critflow.linear_response import TRUSTED_ERROR, accumulated_rounding
 from critflow.manifold import CriticalConfiguration, CriticalManifold
 from critflow.networks import Array, Network
 from critflow.numerics import EPS, dot, norms, product
-from critflow.quantities import dilation, pure_shear
+from critflow.quantities import dilation, pure_shear, pure_shears
 from critflow.refinement import exact_displacement
-from critflow.result import Record, Solution, Stats, Status
+from critflow.result import InputError, Record, Solution, Stats, Status
 from critflow.self_stress import require_one_stress_by_rank, stabilises
 from critflow.springs import HOOKEAN, SpringLaw, checked_law
 from critflow.taut_part import backbone
@@ -105,6 +105,8 @@ def stiffening(
     deformation  what `deformation_of` accepts; antisymmetric parts of A rotate the network and change no modulus
                  to first order but G, whose axes do not rotate
     manifold     of the network, with other stiffnesses for instance; that of the configuration by default
+
+    Under tension the mean of C_G over all pure shears has a lower bound, `shear_growth`.
 
     A tissue, of `critical_from_perimeters`, has the same coefficients; their errors are ten times the largest change in
     two samples of bond vectors perturbed by their errors.
@@ -190,6 +192,54 @@ def stiffening_of_part(
     strains = strains_of_growth(path)
     energy = StrainedEnergy(network, sigma, balance.bond_vectors, manifold.system(sigma), law, strains)
     return with_status(energy, *coefficients(energy, network.volume, path))
+
+
+class ShearGrowth(NamedTuple):
+    """The mean of C_G over all pure shears, and the least value that it can have, in units of k (in space k/ℓ).
+
+    bound  NaN where an edge is under compression: none is known there
+    """
+
+    mean: float
+    bound: float
+
+
+@running("shear_growth")
+def shear_growth(critical: CriticalConfiguration) -> ShearGrowth:
+    """The mean of C_G over all pure shears of a dilated network, and its lower bound (proof).
+
+        ⟨C_G⟩ ≥ B_0 (d + 2)/(2d) [1 + (d/n) s:s − (2d/n) s:s']² + (2/d − 1)⟨G_0⟩ − (⟨G_0⟩/3B_0)(C_B − (3/d − 2)B_0)
+
+    which is B_0 in the plane at G_0 = 0.  The n = (d − 1)(d + 2)/2 shears A are symmetric, without trace, orthogonal
+    and have A:A = ½: both pure shears of the plane.  s and s' are Σ σ LLᵀ and Σ (σ²/k) LLᵀ over their traces, less 1/d.
+    Springs of Hooke's law, energy convention; the stress-corrected C_G is smaller by B_0/2.  The proof stands in
+    docs/theory/relations.md.
+
+    Raises `SolveError` where `stiffening` has no coefficients, and `InputError` for taut parts that are not connected.
+
+    >>> import critflow as cf
+    >>> from critflow.growth import shear_growth
+    >>> growth = shear_growth(cf.optimize(cf.voronoi_network(n_vertices=20, seed=1), 'B_0'))
+    >>> growth.mean > growth.bound > 0
+    True
+    """
+    parts = backbone(of_kind(CriticalConfiguration, critical=critical)).components
+    if len(parts) > 1:
+        raise InputError(f"the {len(parts)} taut parts are not connected: take each of backbone(critical).components")
+    (part,) = parts
+    network, sigma, L, found = part.network, part.sigma, part.bond_vectors, stiffening(part).value
+    d, V, strains = network.dimension, network.volume, [dilation(network.dimension), *pure_shears(network.dimension)]
+    n = len(strains) - 1
+    energy = StrainedEnergy(network, sigma, L, part.manifold.system(sigma), HOOKEAN, strains)
+    works = np.array([response.amplitude for response in energy.responses[1:]])
+    G_0 = float(np.mean(works**2)) * energy.D / V
+    thirds = [energy.third([(1, 0, e, e, 0 * A), (2, e, 0, e, A / d)]).value for e, A in enumerate(strains) if e]
+    s, t = ((L.T * weight) @ L for weight in (energy.s, energy.s**2 / network.stiffness))
+    s, t = (one / np.trace(one) - np.eye(d) / d for one in (s, t))
+    affine = 1 + (d / n) * np.sum(s * s) - (2 * d / n) * np.sum(s * t)
+    bound = found.bulk_0 * (d + 2) / (2 * d) * affine**2 + (2 / d - 1) * G_0
+    bound -= G_0 / (3 * found.bulk_0) * (found.C_B - (3 / d - 2) * found.bulk_0)
+    return ShearGrowth(float(np.mean(thirds)) / V - G_0, float(bound) if (sigma > 0).all() else np.nan)
 
 
 def strains_of_growth(path: Deformation) -> list[Array]:

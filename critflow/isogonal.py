@@ -205,6 +205,37 @@ def isogonal_modes(critical: CriticalConfiguration) -> IsogonalModes:
     return IsogonalModes(critical, flat, _elongations(critical, flat), len(flat), gap)
 
 
+@running("length_shares")
+def length_shares(critical: CriticalConfiguration) -> Array:
+    """The matrix β (N_b, N_b), symmetric and similar to −∂ln|L|/∂ln σ: its eigenvalues are the shares of the lengths.
+
+        β = √σ û·(g P⁻¹ gᵀ) û √σ = −(√σ/|L|) B (√σ/|L|),   B = ∂h/∂σ
+
+    In a change of ln σ along an eigenvector, divided by √σ|L|, ln|L| takes the share λ of it, reversed, and the tension
+    1 − λ: 0 the scale of the stress, 1 isogonal modes.  In the plane the others are symmetric about ½
+    (docs/theory/relations.md has the proof).
+
+    Raises `InputError` unless every σ is positive, and beyond about 4,000 edges.
+
+    >>> import critflow as cf
+    >>> from critflow.isogonal import length_shares
+    >>> import numpy as np
+    >>> shares = np.linalg.eigvalsh(length_shares(cf.optimize(cf.voronoi_network(n_vertices=20, seed=1), 'B_0')))
+    >>> int(np.sum(shares > 1 - 1e-9)), bool(np.allclose(shares[1:21], 1 - shares[20:0:-1]))
+    (9, True)
+    """
+    critical = of_kind(CriticalConfiguration, critical=critical)
+    network, sigma, unit = critical.network, critical.sigma, _directions(critical)
+    if not (sigma > 0).all():
+        raise InputError(f"edge {int(sigma.argmin())} is not under tension: take the taut part, backbone(critical)")
+    if network.n_edges**2 > LARGEST_DENSE:
+        raise InputError(f"{network.n_edges} × {network.n_edges} is too large at once: take a smaller network")
+    g = network.free_incidence.toarray()
+    resistance = g @ critical.manifold.prestress.factorize(sigma).solve(g.T)
+    root = np.sqrt(sigma)[:, None] * unit
+    return np.asarray(0.5 * (resistance + resistance.T) * (root @ root.T))
+
+
 def _directions(critical: CriticalConfiguration) -> Array:
     """Unit vectors along the edges, (N_b, d), else an `InputError`."""
     if len(critical.collapsed_edges):

@@ -375,6 +375,13 @@ def pure_shear(dimension: int) -> Array:
     return A
 
 
+def pure_shears(dimension: int) -> list[Array]:
+    """All (d − 1)(d + 2)/2 pure shears, symmetric and without trace, orthogonal and with A:A = ½."""
+    _, strains = strain_basis(dimension)
+    diagonals = [np.diag([1.0] * i + [-i] + [0.0] * (dimension - 1 - i)) for i in range(1, dimension)]
+    return [*strains[dimension:], *(A / np.sqrt(2 * np.sum(A**2)) for A in diagonals)]
+
+
 _MODULI = dict[tuple[int, str], TransitionModulus]()  # by dimension and name
 
 

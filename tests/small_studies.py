@@ -8,6 +8,10 @@ SETTINGS = {
     ),
     "gallery": ("seeds=1:3", "n_vertices=60", "starts=2"),
     "percolation": ("seeds=0:3", "n_vertices=20,40", "spreads=0.02,0.1,0.5"),
+    "relations": (
+        *("seeds=0:3", "n_vertices=40", "space_vertices=50", "draws=2", "signed_samples=24"),
+        "laws=half_normal,log_normal_1.2",
+    ),
     "shear": (
         *("seeds=0:3", "n_vertices=40,80", "ascent_vertices=60", "steps=0,1,3,10,40,200", "n_steps=400"),
         *("fractions=0.3,0.6", "detailed_seeds=2", "n_starts=3", "thresholds=0.1,0.3"),

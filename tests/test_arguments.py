@@ -18,13 +18,25 @@ from argument_checks import (
 )
 
 import critflow
-from critflow import InputError, Network, deformation, faces, isogonal, points, quantities, spring_state, taut_part
+from critflow import (
+    InputError,
+    Network,
+    deformation,
+    faces,
+    growth,
+    isogonal,
+    points,
+    quantities,
+    spring_state,
+    taut_part,
+)
 from critflow.arguments import generator, of_kind
 
 PUBLIC = {name: function for name in NAMES if inspect.isfunction(function := getattr(critflow, name))}
 # Functions of modules that the reference of the documents lists.
 IN_MODULES = (
-    *(taut_part.backbone, isogonal.face_modes, quantities.transition_modulus, quantities.stress_hessian),
+    *(taut_part.backbone, isogonal.face_modes, isogonal.length_shares, growth.shear_growth),
+    *(quantities.transition_modulus, quantities.stress_hessian),
     *(quantities.flat_directions, points.random_sequential_addition, deformation.deformation_of, faces.planar_faces),
 )
 OF_FUNCTION = {

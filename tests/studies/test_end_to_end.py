@@ -17,7 +17,7 @@ DIFFER = {
     "statements": (34, set()),
     "three_bar": (7, {"second-form"}),
 }
-HOLD = {"ensemble": "equal-lengths", "shear": "G_0-bound"}
+HOLD = {"ensemble": "equal-lengths", "relations": "pairs", "shear": "G_0-bound"}
 
 
 @pytest.mark.parametrize("name", [one for one in studies_in(WORKFLOWS) if one not in ("failure_map", "speed")])
