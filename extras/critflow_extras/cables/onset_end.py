@@ -24,6 +24,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from critflow.deformation import Deformation
 from critflow.manifold import CriticalConfiguration, critical_configuration
 from critflow.networks import Array, Network
 from critflow.result import Record, Solution, Stats, Status
@@ -57,6 +58,7 @@ class CriticalStrain(Record):
 
     strain                γ_c; NaN without an onset
     lower, upper          bounds on γ_c: floppy on one side, rigid on the other
+    deformation           the path of the boundary
     proven                whether the bounds (lower, upper) are proofs; else they are estimates
     configuration         critical configuration of cables on the deformed network, σ = 0 on slack edges
     deformation_gradient  F at the onset, free components included, (d, d)
@@ -70,6 +72,7 @@ class CriticalStrain(Record):
     strain: float
     lower: float
     upper: float
+    deformation: Deformation
     proven: tuple[bool, bool]
     configuration: CriticalConfiguration
     deformation_gradient: Array
@@ -151,6 +154,7 @@ def onset_at(
         strain=sign * state.strain,
         lower=lower,
         upper=upper,
+        deformation=path.deformation,
         proven=bounds.proven if sign > 0 else (bounds.proven[1], bounds.proven[0]),
         configuration=replace(value, rest_lengths=np.where(taut, value.lengths, lengths)),
         deformation_gradient=F,
@@ -172,6 +176,7 @@ def without_onset(path: BoundaryPath, status: Status, note: str, steps: int = 0)
         strain=np.nan,
         lower=np.nan,
         upper=np.nan,
+        deformation=path.deformation,
         proven=(False, False),
         configuration=unknown_configuration(network),
         deformation_gradient=unknown,
