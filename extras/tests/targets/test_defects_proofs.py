@@ -223,7 +223,7 @@ def test_springs_at_rest_are_not_refused_their_own_tensor(factors, spread):
 
 @pytest.mark.parametrize("seed", [108, 129, 142, 231])
 def test_a_line_is_not_refused_values_that_attain_a_bound_of_rounding(seed):
-    """Some components of S nearly vanish along a line in a tilted cell, and their bounds are roundings of the others."""
+    """Some components of S nearly vanish along a line in a tilted cell: their bounds are roundings of others."""
     manifold = CriticalManifold(ring_in_a_tilted_cell(3, seed))
     stiffest = manifold.configuration(manifold.network.stiffness)
     for name in ("S_yy", "S_zz", "S_yz", "C_yyyy", "C_zzzz", "C_xxyy", "C_xxzz"):
