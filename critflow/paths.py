@@ -12,7 +12,12 @@ parts of A only rotate, so their relaxation u is zero.
 
 From a transition the rest lengths are the lengths there, ℓ = |L(0)|; the default is dilation, with volumes
 V(γ) = V(0)(1 + γ) (`RestLengthVolumetric`).  Where rest lengths are known, as of an onset, slack edges follow as cables
-until they tighten.
+until they tighten.  Cables that are floppy at γ = 0, as `spring_state(..., Cable())` at any coordinates, are followed
+through their onset: energy, stress and moduli are zero up to γ_c of `critical_strain`, at which the branch begins.
+Coordinates are not unique before, and their error is NaN.
+
+An equilibrium of a convex law without compressed springs is unique and the global minimum, so its branch is not
+checked.
 """
 
 from __future__ import annotations
@@ -191,11 +196,9 @@ def strain_path(
     """Deform springs from an equilibrium through strains γ away from zero, relaxing and measuring at each.
 
     b → F(γ) b, with γ positive and increasing or negative and decreasing.  Strains count from the start: from an onset
-    at γ_c the network as given is deformed by F(γ) F(γ_c), and `total_strains` are its strains.  Each step starts from
-    the last state, extrapolated by the last states and their linear responses.  A step that fails, or may have left its
-    branch of equilibria, is halved, down to 2⁻¹⁶ of the strain interval, and steps grow again after that; where even
-    the smallest leaves the branch the path ends with `Status.unstable`.  An equilibrium of a convex law without
-    compressed springs is unique and the global minimum, so its branch is not checked.
+    at γ_c the network as given is deformed by F(γ) F(γ_c), and `total_strains` are its strains.  A step that fails, or
+    may have left its branch of equilibria, is halved, down to 2⁻¹⁶ of the strain interval; where even the smallest
+    leaves the branch the path ends with `Status.unstable`.
 
     start              a critical configuration, also of a tissue, a state of springs in equilibrium, such as
                        `spring_state` or a state of another path, or a solution with one.  A configuration that knows
@@ -211,9 +214,6 @@ def strain_path(
     method, tolerance  those of `equilibrium`; free components of the cell need Newton's method.  The tolerance is for
                        FIRE, cables, and free components; Newton's answer is otherwise exact to rounding
 
-    Cables that are floppy at γ = 0, as `spring_state(..., Cable())` at any coordinates, are followed through their
-    onset: energy, stress and moduli are zero up to γ_c of `critical_strain`, at which the branch begins.  Coordinates
-    are not unique before, and their error is NaN.
     `Status.floppy` at a strain where springs keep all lengths, as free components of the cell permit next to a
     transition, or where no stress fixes these components: cables only pull, so free sides are undetermined past the
     onset, or are pulled together until the cell is flat.
@@ -239,8 +239,7 @@ def strain_path(
     kind = from_extras("FreeCellPath", "free components of the cell") if F.free else Path
     kind = from_extras("cable_path", "paths of cables")(kind) if springs.law.one_sided else kind
     path = kind(springs.network, F, gamma, method, tolerance, measure, stress)
-    reached = path.follow(springs)
-    result = _solution(path, reached, total_strains(F, gamma), note)
+    result = _solution(path, path.follow(springs), total_strains(F, gamma), note)
     return result.or_raise("the strain path stopped") if throw else result
 
 
