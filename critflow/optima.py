@@ -31,7 +31,7 @@ from critflow.descent import DESCENTS, Descent, Observer, Optimum, SignedDescent
 from critflow.lengths import critical_from_lengths, iterate_lengths
 from critflow.manifold import NO_LENGTH, CriticalConfiguration, CriticalManifold, require_one_stress_by_count
 from critflow.networks import Array, Network
-from critflow.numerics import EPS, dot
+from critflow.numerics import EPS, dot, power_of_two
 from critflow.quantities import (
     ISOTROPIC,
     PENALTY_THRESHOLD,
@@ -213,12 +213,14 @@ def equal_lengths(manifold: CriticalManifold, quantity: Quantity, tolerance: flo
     None where the iteration ends before.
     """
     n_edges, slack = manifold.network.n_edges, {}
+    # Logarithms of length ratios have the same bits in all units of 2ⁿ.
+    equal = np.full(n_edges, power_of_two(manifold.network.spacing))
     if tolerance is None:
-        solution: Any = critical_from_lengths(manifold, np.ones(n_edges), throw=False)
+        solution: Any = critical_from_lengths(manifold, equal, throw=False)
         here = evaluate(manifold.balance(solution.value.sigma), quantity) if solution.ok else None
         method, steps, slack = "conic", solution.stats.steps, {"slack_edges": solution.slack_edges}
     else:
-        for step, (balance, deviation) in enumerate(iterate_lengths(manifold, np.ones(n_edges))):
+        for step, (balance, deviation) in enumerate(iterate_lengths(manifold, equal)):
             # The gradient, which costs as much as a step, is about two deviations an edge.
             if deviation <= 2 * tolerance * n_edges and (here := evaluate(balance, quantity)).residual < tolerance:
                 method, steps = "iteration", step
