@@ -43,7 +43,7 @@ _STEPS = (2e-3, 2e-4, 2e-5, 2e-6)
 _WEIGHTS = ((1, -8, 0, 8, -1), (-1, 16, -30, 16, -1))
 # Change of F'' with half the step, in units of F'' and F'², below which a step is accepted, and above which the path is
 # not smooth.
-_RESOLVED, _ROUGH = 1e-6, 1e-4
+_RESOLVED, _ROUGH = 1e-6, 1e-3
 # Errors of the quotients, in units of their change with half the step, and number of samples of their signs.
 _DIFFERENCE_MARGIN, _SAMPLES = 10.0, 4
 # Distance from γ = 0, and relative deviation from the quotients there, of derivatives that are given.
