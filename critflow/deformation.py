@@ -21,7 +21,9 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
-from functools import cache
+from functools import cache, lru_cache, partial
+from itertools import pairwise
+from typing import Any
 
 import numpy as np
 import scipy.linalg
@@ -35,8 +37,17 @@ Function = Callable[[float], Array]
 
 AXES = "xyz"
 _ORDERS = ("gradient", "rate", "second rate")
-# Step of the difference quotients for paths without given derivatives; errors of F' are 1e-12, of F'' 1e-9.
-_STEP = 2e-3
+# Steps of the difference quotients for paths without given derivatives.  The first leaves errors of 1e-12 in F' and of
+# 1e-9 in F''; shorter ones are for paths that bend within it.
+_STEPS = (2e-3, 2e-4, 2e-5, 2e-6)
+_WEIGHTS = ((1, -8, 0, 8, -1), (-1, 16, -30, 16, -1))
+# Change of F'' with half the step, in units of F'' and F'², below which a step is accepted, and above which the path is
+# not smooth.
+_RESOLVED, _ROUGH = 1e-6, 1e-3
+# Errors of the quotients, in units of their change with half the step, and number of samples of their signs.
+_DIFFERENCE_MARGIN, _SAMPLES = 10.0, 4
+# Distance from γ = 0, and relative deviation from the quotients there, of derivatives that are given.
+_NEAR, _CONSISTENT = 1e-6, 1e-2
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,6 +59,7 @@ class Deformation:
     derivative  (γ, n) → the derivative of F of order n = 0, 1 or 2
     linear_in_strain  whether F'' = 0: the onset of rigidity is then one convex program
     free       names of free components of the cell, such as ("yy", "xy")
+    perturbed  paths with derivatives that are off by their errors (estimate); none where they are exact
 
     Construct one by a class method, such as `Deformation.simple_shear(2)`, or from a name, a matrix or a function by
     `deformation_of`.  Methods raise `InputError` where F(γ) does not preserve orientation: det F ≤ 0.
@@ -58,6 +70,7 @@ class Deformation:
     derivative: Callable[[float, int], Array] = field(repr=False)
     linear_in_strain: bool = False
     free: tuple[str, ...] = ()
+    perturbed: tuple[Deformation, ...] = field(default=(), repr=False)
 
     # Values
 
@@ -86,6 +99,10 @@ class Deformation:
     def acceleration(self, strain: float) -> Array:
         """F'' F⁻¹ relative to the current cell, (d, d)."""
         return np.asarray(self.second_rate(strain) @ np.linalg.inv(self.gradient(strain)))
+
+    def error(self, value: Any, of: Callable[[Deformation], Any]) -> Any:
+        """Error (estimate) of a value of this path by those of F' and F'': its largest change to a perturbed path."""
+        return np.max([np.abs(of(path) - value) for path in self.perturbed], axis=0) if self.perturbed else 0.0
 
     @property
     def free_strains(self) -> Array:
@@ -175,20 +192,81 @@ class Deformation:
         return cls("exponential", len(A), lambda g, order: powers[order] @ scipy.linalg.expm(g * A))
 
     @classmethod
-    def path(cls, gradient: Function, dimension: int) -> Deformation:
-        """Any path γ → F(γ) with F(0) = 1; its derivatives are difference quotients of fourth order."""
+    def path(
+        cls, gradient: Function, dimension: int, rate: Function | None = None, second_rate: Function | None = None
+    ) -> Deformation:
+        """Any path γ → F(γ) with F(0) = 1, and where given its derivatives F'(γ) and F''(γ), (d, d).
+
+        Those that are not given are difference quotients of fourth order, whose errors (estimate) enter those of
+        results.  A path with a kink, or one that is defined for γ ≥ 0 alone, needs them: `InputError` where quotients
+        by two steps disagree.
+        """
         start = np.asarray(gradient(0.0), dtype=float)
         if start.shape != (dimension,) * 2 or not np.allclose(start, np.eye(dimension), rtol=0, atol=1e-14):
             raise InputError(f"a deformation must begin with F(0) = 1, a {dimension} × {dimension} matrix")
+        given = [gradient] + [one for one in (rate, second_rate) if one is not None]
+        if second_rate is not None and rate is None:
+            raise InputError("a deformation with F'' needs F' as well: give rate, or leave out second_rate")
+        for order, (below, above) in enumerate(pairwise(given), 1):
+            slope, start = np.asarray(above(0.0), float), np.asarray(below(0.0), float)
+            allowed = _CONSISTENT * max(1.0, float(np.abs(slope).max()))
+            # A path may have a kink at zero, or be defined on one side alone.
+            sides = (np.asarray(below(s), float) - start - s * slope for s in (_NEAR, -_NEAR))
+            if not any(np.abs(off).max() <= _NEAR * allowed for off in sides):
+                raise InputError(f"at strain 0 the {_ORDERS[order]} given is not that of the deformation: correct it")
 
-        def derivative(strain: float, order: int) -> Array:
-            if order == 0:
-                return gradient(strain)
-            weights = ((1, -8, 0, 8, -1), (-1, 16, -30, 16, -1))[order - 1]
-            terms = [w * np.asarray(gradient(strain + n * _STEP), float) for n, w in enumerate(weights, -2)]
-            return np.asarray(np.sum(terms, axis=0) / (12 * _STEP**order))
+        @lru_cache(maxsize=8)
+        def quotients(strain: float) -> tuple[Array, Array]:
+            return _quotients(given[-1], dimension, strain)
 
-        return cls("path", dimension, derivative)
+        def derivative(strain: float, order: int, off: Array | float = 0.0) -> Array:
+            if order < len(given):
+                return given[order](strain)
+            value, change = quotients(strain)
+            return np.asarray((value + off * change)[order - len(given)])
+
+        # Errors of the components have any signs.
+        signs = np.random.default_rng(0).choice([-1.0, 1.0], (_SAMPLES, 2, dimension, dimension))
+        perturbed = tuple(cls("path", dimension, partial(derivative, off=_DIFFERENCE_MARGIN * s)) for s in signs)
+        return cls("path", dimension, derivative, perturbed=perturbed if len(given) < 3 else ())
+
+
+def _quotients(function: Function, dimension: int, strain: float) -> tuple[Array, Array]:
+    """First and second derivative of a function (d, d) of strain, and their changes with half the step, (2, d, d) each.
+
+    A kink of the function, or a step of its first or second derivative, changes one of the two: jumps of the second
+    derivative next to the strain change the first one by a part of the step.
+    """
+    best, least = None, np.inf
+    for step in _STEPS:
+        near = {n: np.asarray(function(strain + n * step / 2), float) for n in (0, -1, 1, -2, 2, -4, 4)}
+        if any(F.shape != (dimension,) * 2 for F in near.values()):
+            break
+        coarse, fine = (
+            np.array(
+                [
+                    np.sum([w * near[n * k] for n, w in enumerate(weights, -2)], axis=0) / (12 * h**order)
+                    for order, weights in enumerate(_WEIGHTS, 1)
+                ]
+            )
+            for k, h in ((2, step), (1, step / 2))
+        )
+        change = fine - coarse
+        change[1] += change[0] / step
+        rounding = np.finfo(float).eps * np.abs(near[0]).max() / _DIFFERENCE_MARGIN
+        change += np.copysign(rounding / np.array([step, step**2 / 3])[:, None, None], change)
+        scale = max(1.0, float(np.abs(coarse[0]).max()) ** 2, float(np.abs(coarse[1]).max()))
+        off = max(float(np.abs(change[1]).max()), float(np.abs(change[0]).max()) / step) / scale
+        if off < least:
+            best, least = (coarse, change), off
+        if off <= _RESOLVED:
+            break
+    if best is None or not least <= _ROUGH:
+        raise InputError(
+            f"the deformation is not smooth next to strain {strain:g}, as at a kink or at the end of its range, so its "
+            f"derivatives are unknown: give them by Deformation.path(F, {dimension}, rate, second_rate)"
+        )
+    return best
 
 
 _NAMED: dict[str, Callable[[int], Deformation]] = {

@@ -76,7 +76,7 @@ TRAPPED = 20  # number of successive steps at nearly singular matrices that show
 # return to limits that are no infima.
 MODERATE, REPEATS = 3.0, 2
 # Change of log σ from a start at which an edge has no length, as one between vertices with the same neighbours has at
-# equal stresses: no gradient leads away from it.
+# equal stresses: no gradient leads away from it, nor from a symmetric infimum.
 PERTURBATION = 0.3
 
 # Saddles.  With a residual below STATIONARY the end is always tested, above STOPPED never, and between them if the
@@ -308,21 +308,23 @@ def descend(descent: Descent, start: Array, method: str, tolerance: float, max_s
             x, steps = end.point.x, steps + end.steps
             if end.status not in (Status.step_limit, Status.stalled) or descent.stopped or steps == max_steps:
                 break
+        # Symmetric starts lead to points that are minimal, or infima, among the symmetric ones only.
+        gradient = descent.first_gradient
+        symmetric = np.diff(np.sort(gradient)).min(initial=np.inf) < SYMMETRIC * np.ptp(gradient)
         # 2. Repeat a descent that fails from its end with moderate stresses, as long as that improves it.
         if best is None or improves(end, best):
             best = end
             if end.status in FAILED and repeats < descent.repeats:
                 x = np.clip(x, np.median(x) - np.log(MODERATE), np.median(x) + np.log(MODERATE))
-                if steps == before:
+                if steps == before or symmetric:
                     x = x + PERTURBATION * np.random.default_rng(0).standard_normal(len(x))
                 if not np.array_equal(x, end.point.x):
                     repeats += 1
                     continue
         # 3. A stationary end may be a saddle: leave it in a direction of negative curvature, and descend again.
-        point, status, gradient = best.point, best.status, descent.first_gradient
+        point, status = best.point, best.status
         if status is not Status.ok or point.residual > STOPPED:
             break
-        symmetric = np.diff(np.sort(gradient)).min(initial=np.inf) < SYMMETRIC * np.ptp(gradient)
         if point.residual > STATIONARY and not symmetric:
             break
         direction = negative_curvature_direction(descent, point)

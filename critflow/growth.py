@@ -189,9 +189,15 @@ def stiffening_of_part(
     if not np.isfinite(balance.remainder):
         return failed(Status.ill_conditioned, "rounding hides which configuration balances this stress exactly")
     # 3. Its responses, and the derivatives of the energy
-    strains = strains_of_growth(path)
-    energy = StrainedEnergy(network, sigma, balance.bond_vectors, manifold.system(sigma), law, strains)
-    return with_status(energy, *coefficients(energy, network.volume, path))
+    system = manifold.system(sigma)
+
+    def energy_along(path: Deformation) -> StrainedEnergy:
+        return StrainedEnergy(network, sigma, balance.bond_vectors, system, law, strains_of_growth(path))
+
+    energy, V = energy_along(path), network.volume
+    values, errors, condition = coefficients(energy, V, path)
+    errors = errors + path.error(values, lambda other: coefficients(energy_along(other), V, other)[0])
+    return with_status(energy, values, errors, condition)
 
 
 class ShearGrowth(NamedTuple):

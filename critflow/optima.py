@@ -1,7 +1,12 @@
 """Optimisation over all critical configurations: an objective in, the best configuration out.
 
 Stresses of a result are scaled to Σσ² = N_b.  The residual of an optimum is the largest component of dO/dσ, the
-gradient projected on the stresses of that scale.
+gradient projected on the stresses of that scale.  The statistics contain condition and error bound of the configuration
+for its stress.  With stresses of any sign a descent may cross stresses whose prestress matrix is singular, which have
+no configuration.
+
+A least V_τ and a largest B_0 are not unique where three edges meet at every vertex of the plane: isogonal modes keep
+tensions and moduli, and change σ, coordinates and growth.  `start` decides which one is returned.
 
 Optima that are known without a descent: the largest moduli in closed form (`largest_modulus`), the least C_B, which has
 the configuration of the largest B_0, and equal lengths, whose length variance is zero.  `critical_from_lengths` finds
@@ -26,7 +31,7 @@ from critflow.descent import DESCENTS, Descent, Observer, Optimum, SignedDescent
 from critflow.lengths import critical_from_lengths, iterate_lengths
 from critflow.manifold import NO_LENGTH, CriticalConfiguration, CriticalManifold, require_one_stress_by_count
 from critflow.networks import Array, Network
-from critflow.numerics import EPS, dot
+from critflow.numerics import EPS, dot, power_of_two
 from critflow.quantities import (
     ISOTROPIC,
     PENALTY_THRESHOLD,
@@ -89,16 +94,11 @@ def optimize(
     observe    called with (step, value, σ, L) at the start and after every step of a descent; when it returns a true
                value the descent ends there, with `Status.step_limit`
 
-    The statistics contain condition and error bound of the configuration for its stress.  With stresses of any sign a
-    descent may cross stresses whose prestress matrix is singular, which have no configuration.
     An optimum that is not attained has a status: `Status.edge_collapse` for a tension variance whose infimum has an
     edge of zero length, `Status.slack_edges` for a length variance whose infimum has slack edges, `Status.singular`
     where lengths grow without end.  The objective is then the limit of the value.  Every optimum of a descent may be
     local: where no stress gives equal lengths, different starts end at different length variances.
-    A least "V_tau" and a largest "B_0" are not unique where three edges meet at every vertex of the plane: isogonal
-    modes keep tensions and moduli, and change σ, coordinates and growth.  `start` decides which one is returned.
     Raises `InputError` for bad arguments, `SolveError` when the status is not `ok` and `throw`.
-    Many parameters: all after the method are options of a descent, by keyword only.
 
     >>> import critflow as cf
     >>> stiffest = cf.optimize(cf.voronoi_network(n_vertices=20, seed=1), 'B_0')
@@ -213,12 +213,14 @@ def equal_lengths(manifold: CriticalManifold, quantity: Quantity, tolerance: flo
     None where the iteration ends before.
     """
     n_edges, slack = manifold.network.n_edges, {}
+    # Logarithms of length ratios have the same bits in all units of 2ⁿ.
+    equal = np.full(n_edges, power_of_two(manifold.network.spacing))
     if tolerance is None:
-        solution: Any = critical_from_lengths(manifold, np.ones(n_edges), throw=False)
+        solution: Any = critical_from_lengths(manifold, equal, throw=False)
         here = evaluate(manifold.balance(solution.value.sigma), quantity) if solution.ok else None
         method, steps, slack = "conic", solution.stats.steps, {"slack_edges": solution.slack_edges}
     else:
-        for step, (balance, deviation) in enumerate(iterate_lengths(manifold, np.ones(n_edges))):
+        for step, (balance, deviation) in enumerate(iterate_lengths(manifold, equal)):
             # The gradient, which costs as much as a step, is about two deviations an edge.
             if deviation <= 2 * tolerance * n_edges and (here := evaluate(balance, quantity)).residual < tolerance:
                 method, steps = "iteration", step

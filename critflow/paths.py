@@ -12,7 +12,12 @@ parts of A only rotate, so their relaxation u is zero.
 
 From a transition the rest lengths are the lengths there, ℓ = |L(0)|; the default is dilation, with volumes
 V(γ) = V(0)(1 + γ) (`RestLengthVolumetric`).  Where rest lengths are known, as of an onset, slack edges follow as cables
-until they tighten.
+until they tighten.  Cables that are floppy at γ = 0, as `spring_state(..., Cable())` at any coordinates, are followed
+through their onset: energy, stress and moduli are zero up to γ_c of `critical_strain`, at which the branch begins.
+Coordinates are not unique before, and their error is NaN.
+
+An equilibrium of a convex law without compressed springs is unique and the global minimum, so its branch is not
+checked.
 """
 
 from __future__ import annotations
@@ -179,7 +184,7 @@ def check_strains(strains: ArrayLike, signed: bool = False, zero: bool = False) 
 def strain_path(
     start: Start,
     strains: ArrayLike,
-    deformation: Deformable = "dilation",
+    deformation: Deformable | None = None,
     *,
     law: SpringLaw | None = None,
     taut_only: bool = False,
@@ -191,18 +196,16 @@ def strain_path(
     """Deform springs from an equilibrium through strains γ away from zero, relaxing and measuring at each.
 
     b → F(γ) b, with γ positive and increasing or negative and decreasing.  Strains count from the start: from an onset
-    at γ_c the network as given is deformed by F(γ) F(γ_c), and `total_strains` are its strains.  Each step starts from
-    the last state, extrapolated by the last states and their linear responses.  A step that fails, or may have left its
-    branch of equilibria, is halved, down to 2⁻¹⁶ of the strain interval, and steps grow again after that; where even
-    the smallest leaves the branch the path ends with `Status.unstable`.  An equilibrium of a convex law without
-    compressed springs is unique and the global minimum, so its branch is not checked.
+    at γ_c the network as given is deformed by F(γ) F(γ_c), and `total_strains` are its strains.  A step that fails, or
+    may have left its branch of equilibria, is halved, down to 2⁻¹⁶ of the strain interval; where even the smallest
+    leaves the branch the path ends with `Status.unstable`.
 
     start              a critical configuration, also of a tissue, a state of springs in equilibrium, such as
                        `spring_state` or a state of another path, or a solution with one.  A configuration that knows
                        rest lengths, as that of `critical_strain` or `critical_from_lengths`, is one of cables, taut and
                        slack ones; of others the lengths are the rest lengths, and where edges are slack, σ = 0, the
                        path is that of the taut part (`backbone`).  Only a state may begin with γ = 0
-    deformation        what `deformation_of` accepts
+    deformation        what `deformation_of` accepts; None: that of the onset, else a dilation
     law                of springs from a critical configuration: Cable() where rest lengths are known, else Hookean; a
                        state has one
     taut_only          True: the taut part alone also where rest lengths are known, as springs at rest
@@ -211,9 +214,6 @@ def strain_path(
     method, tolerance  those of `equilibrium`; free components of the cell need Newton's method.  The tolerance is for
                        FIRE, cables, and free components; Newton's answer is otherwise exact to rounding
 
-    Cables that are floppy at γ = 0, as `spring_state(..., Cable())` at any coordinates, are followed through their
-    onset: energy, stress and moduli are zero up to γ_c of `critical_strain`, at which the branch begins.  Coordinates
-    are not unique before, and their error is NaN.
     `Status.floppy` at a strain where springs keep all lengths, as free components of the cell permit next to a
     transition, or where no stress fixes these components: cables only pull, so free sides are undetermined past the
     onset, or are pulled together until the cell is flat.
@@ -229,17 +229,17 @@ def strain_path(
     """
     of_kind(SpringLaw, None, law=law)
     of_kind(bool, taut_only=taut_only, throw=throw)
-    springs, stress, note, total_strains = start_of(start, law, taut_only)
+    springs, stress, note, onset = start_of(start, law, taut_only)
     method, tolerance = relaxation_method(method), of_kind(float, tolerance=tolerance)
     gamma = check_strains(strains, signed=True, zero=stress is None)
-    F = deformation_of(deformation, springs.network.dimension)
+    along, total_strains = onset or ("dilation", lambda _, strains: strains)
+    F = deformation_of(along if deformation is None else deformation, springs.network.dimension)
     if not isinstance(measure, str) or measure not in MEASURES:
         raise InputError(f"a path measures one of {', '.join(MEASURES)}, not {shown(measure)}")
     kind = from_extras("FreeCellPath", "free components of the cell") if F.free else Path
     kind = from_extras("cable_path", "paths of cables")(kind) if springs.law.one_sided else kind
     path = kind(springs.network, F, gamma, method, tolerance, measure, stress)
-    reached = path.follow(springs)
-    result = _solution(path, reached, gamma if total_strains is None else total_strains(F, gamma), note)
+    result = _solution(path, path.follow(springs), total_strains(F, gamma), note)
     return result.or_raise("the strain path stopped") if throw else result
 
 
@@ -549,9 +549,13 @@ class Path:
 
     # Measurements.
 
-    def rates(self, point: Point) -> tuple[Array, Array]:
-        """Rates A of the cell by γ and q, and second derivatives by γ and each, (1 + m, d, d): F'F⁻¹ and F''F⁻¹."""
-        first, second = self.deformation.rate(point.strain), self.deformation.second_rate(point.strain)
+    def rates(self, point: Point, path: Deformation | None = None) -> tuple[Array, Array]:
+        """Rates A of the cell by γ and q, and second derivatives by γ and each, (1 + m, d, d): F'F⁻¹ and F''F⁻¹.
+
+        path  the deformation, with other derivatives; None: as it is
+        """
+        path = path or self.deformation
+        first, second = path.rate(point.strain), path.second_rate(point.strain)
         return (first @ point.inverse)[None], (second @ point.inverse)[None]
 
     def along(self, E: Array) -> Array:
@@ -572,18 +576,15 @@ class Path:
 
     def responding(self, end: Point, response: LinearResponse, rates: Array, second_rates: Array) -> Point:
         """The point with the moduli of a response, z, its velocity and d²E/dγ²."""
-        # E_ab/V from the responses to all strains: no sums over edges.
-        C, symmetric = response.value, 0.5 * (rates + rates.swapaxes(1, 2))
-        weights = np.array([strain_components(A) for A in symmetric])
-        pairs = list(zip(rates, symmetric, strict=True))
-        turning = [[np.vdot(C.stress, A.T @ B - one @ other) for B, other in pairs] for A, one in pairs]
-        E = weights @ C.tensor @ weights.T + turning
-        E[0] += [float(np.vdot(C.stress, A)) for A in second_rates]
-        E[1:, 0] = E[0, 1:]
+        C = response.value
+        E, weights = second_derivatives(C, rates, second_rates)
         along = self.along(E)
         # Errors of q̇ enter squared only.
-        strain, size = along @ weights, np.abs(along @ weights)
-        second = float(C.volume * (E[0] @ along)), C.volume * float(size @ C.errors.tensor @ size)
+        strain, size, modulus = along @ weights, np.abs(along @ weights), float(E[0] @ along)
+        error = self.deformation.error(
+            modulus, lambda path: second_derivatives(C, *self.rates(end, path))[0][0] @ along
+        )
+        second = float(C.volume * modulus), C.volume * float(size @ C.errors.tensor @ size + error)
         velocity = self.velocity(end, response.relaxation(strain), along)
         return replace(end, z=self.unknowns(end), moduli=C, velocity=velocity, second=second)
 
@@ -595,6 +596,11 @@ class Path:
             if factor.indefinite:
                 factor = state.factorize(FLOPPY_SHIFT * state.stiffness_scale)
         end = self.with_tangent(end, factor, rates, second_rates)
+        value, error = end.second
+        error += self.deformation.error(
+            value, lambda path: self.with_tangent(end, factor, *self.rates(end, path)).second[0]
+        )
+        end = replace(end, second=(value, error))
         if self.method == "newton":
             return end
         # FIRE ends next to the exact equilibrium: twice the change up to that is a part of the error.
@@ -646,6 +652,21 @@ class Path:
             return self.velocity(here, np.zeros_like(left), np.ones(1))
         factor = stressed.factorize(FLOPPY_SHIFT * springs.stiffness_scale)
         return self.with_tangent(replace(here, state=stressed), factor, rates, second_rates).velocity
+
+
+def second_derivatives(C: Elasticity, rates: Array, second_rates: Array) -> tuple[Array, Array]:
+    """E_ab/V (1 + m, 1 + m) by rates A and second derivatives (1 + m, d, d), and the components of the rates.
+
+    From the responses to all strains: no sums over edges.
+    """
+    symmetric = 0.5 * (rates + rates.swapaxes(1, 2))
+    weights = np.array([strain_components(A) for A in symmetric])
+    pairs = list(zip(rates, symmetric, strict=True))
+    turning = [[np.vdot(C.stress, A.T @ B - one @ other) for B, other in pairs] for A, one in pairs]
+    E = weights @ C.tensor @ weights.T + turning
+    E[0] += [float(np.vdot(C.stress, A)) for A in second_rates]
+    E[1:, 0] = E[0, 1:]
+    return E, weights
 
 
 def hermite_weights(points: list[Point], strain: float) -> list[float]:
@@ -734,10 +755,11 @@ def balanced(springs: SpringState) -> bool:
     return springs.max_force <= BALANCED_START * springs.stiffness_scale * springs.length_scale
 
 
-Beginning: TypeAlias = tuple[SpringState, Array | None, str, Callable[[Deformation, Array], Array] | None]
-"""Springs at γ = 0; their tension over length at a transition, σ (N_b,) or T/p (N_f,); a note; and strains (n,) of the
-network as given, by the deformation and strains (n,) along the path, where they differ from those.
-"""
+Onset: TypeAlias = tuple[Deformation, Callable[[Deformation, Array], Array]]
+"""The deformation of an onset, and strains (n,) of the network as given by those (n,) along a path from there."""
+
+Beginning: TypeAlias = tuple[SpringState, Array | None, str, Onset | None]
+"""Springs at γ = 0; their tension over length at a transition, σ (N_b,) or T/p (N_f,); a note; and the onset there."""
 
 
 @singledispatch

@@ -110,6 +110,11 @@ CASES = {
     "deformation no square": (lambda: deformation_of(np.ones((2, 3)), 2), "square"),
     "strain NaN in a matrix": (lambda: deformation_of([[0, np.nan], [0, 0]], 2), "finite"),
     "deformation none": (lambda: deformation_of(None, 2), "array"),
+    "rate of another deformation": (
+        lambda: Deformation.path(lambda g: (1 + g) * np.eye(2), 2, lambda g: 2 * np.eye(2)),
+        "rate given",
+    ),
+    "second rate alone": (lambda: Deformation.path(lambda g: np.eye(2), 2, None, lambda g: np.eye(2)), "give rate"),
     "deformation that begins elsewhere": (lambda: deformation_of(lambda g: 2 * np.eye(2), 2), "begin"),
     "shear out of the plane": (lambda: Deformation.simple_shear(2, "xz"), "axis"),
     "shear on a line": (lambda: Deformation.simple_shear(1), "two dimensions"),

@@ -76,6 +76,7 @@ OPTIMA = {
 test_optima_in_other_units = same_in_units(
     {name: (partial(optimum, **options), SMALL) for name, options in OPTIMA.items()}
     | {"collapse": (partial(optimum, name="V_tau"), COLLAPSING), "ring": (partial(optimum, name="V_tau"), hung_ring)}
+    | {"equal lengths": (equal_lengths, partial(voronoi_network, 12, seed=0))}
     | {f"objective {name}": (partial(objective, name=name), NETWORK) for name in ("G_0", "V_tau", "V_L", "B_0")},
 )
 test_closed_forms_in_other_units = same_in_units(

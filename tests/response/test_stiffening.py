@@ -27,6 +27,7 @@ from critflow import (
     WormLike,
     lattice,
     stiffening,
+    strain_path,
     voronoi_network,
 )
 from critflow.growth import StrainedEnergy, coefficients, strains_of_growth
@@ -37,7 +38,17 @@ from critflow.springs import HOOKEAN
 from critflow.taut_part import backbone
 from workflows.benchmarks import reference
 
-A = np.array([[0.3, 0.8], [-0.2, 0.5]])
+A, B = np.array([[0.3, 0.8], [-0.2, 0.5]]), np.array([[0.2, -1.0], [0.4, 0.1]])
+
+
+def curved(gamma, order, omega):
+    """F = 1 + sin(ωγ)/ω A + (1 − cos ωγ)/ω² B, and its derivatives."""
+    sin, cos = np.sin(omega * gamma), np.cos(omega * gamma)
+    if order == 0:
+        return np.eye(2) + sin / omega * A + (1 - cos) / omega**2 * B
+    return (cos * A + sin / omega * B, -omega * sin * A + cos * B)[order - 1]
+
+
 LAWS = {"cubic": PowerLaw(3), "power 4.5": PowerLaw(4.5), "worm-like": WormLike(0.4)}
 # A network, its law and its path.
 GROWTHS = {
@@ -47,7 +58,7 @@ GROWTHS = {
     "uniaxial": ("2D, random stiffness", Hookean(), "uniaxial"),
     "shrinking": ("2D", Hookean(), -np.eye(2) / 2),
     "uniaxial of a law": ("2D, random stiffness", PowerLaw(4.5), "uniaxial"),
-    "curved": ("2D", Hookean(), lambda gamma: np.eye(2) + gamma * A + gamma**2 * np.array([[0.1, -0.5], [0.2, 0.05]])),
+    "curved": ("2D", Hookean(), Deformation("curved", 2, lambda gamma, order: curved(gamma, order, 1.0))),
     "exponential": ("2D", Hookean(), Deformation.exponential(A)),
     "simple shear in space": ("3D", Hookean(), Deformation.simple_shear(3, "yz")),
     "pure shear in space": ("3D, random stiffness", Hookean(), Deformation.pure_shear(3, "xz")),
@@ -58,6 +69,22 @@ GROWTHS = {
 def test_exact_stiffening_is_the_limit_of_paths(name):
     case, law, deformation = GROWTHS[name]
     assert_limit_of_paths(critical_of(UNPINNED[case](), 2), deformation, law=law)
+
+
+@pytest.mark.parametrize("omega", [1.0, 20.0, 1000.0])
+@pytest.mark.parametrize("given", [1, 2], ids=["F", "F and its rate"])
+def test_errors_of_difference_quotients_are_in_those_of_the_results(omega, given):
+    exact = Deformation("curved", 2, lambda gamma, order: curved(gamma, order, omega))
+    own = Deformation.path(*(exact.gradient, 2, exact.rate)[: 1 + given])
+    critical = critical_of(UNPINNED["2D"](), 2)
+    one, other = stiffening(critical, deformation=exact), stiffening(critical, deformation=own)
+    apart = np.abs(np.subtract(astuple(one.value), astuple(other.value)))
+    errors = np.array(astuple(other.stats.error_bound))
+    assert (apart <= errors + astuple(one.stats.error_bound)).all() and errors[6] < 1e-2 * abs(one.value.C)
+    for measure in ("moduli", "energy"):
+        one, other = (strain_path(critical, [1e-3], path, measure=measure).value for path in (exact, own))
+        assert abs(one.modulus - other.modulus) <= one.modulus_error + other.modulus_error
+        assert one.modulus_error < other.modulus_error < 1e-4 * abs(one.modulus)
 
 
 @pytest.mark.parametrize(

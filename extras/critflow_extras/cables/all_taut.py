@@ -13,7 +13,7 @@ import numpy as np
 
 from critflow.lengths import NEAR, iterate_lengths
 from critflow.networks import Array
-from critflow.numerics import dot
+from critflow.numerics import dot, power_of_two
 from critflow.result import InputError
 from critflow.taut_edges import FITTED, OnsetState, newton_taut, stressed
 from critflow_extras.cables.boundary_path import BoundaryPath
@@ -58,7 +58,9 @@ def mean_strain(path: BoundaryPath, lengths: Array, L: Array, near: float) -> fl
 
     L  bond vectors at s = 0, (N_b, d)
     """
-    q, target = np.zeros(0), float(np.mean(np.log(lengths)))
+    # Logarithms have the same bits in all units of 2ⁿ.
+    unit = power_of_two(float(lengths.mean()))
+    q, L, target = np.zeros(0), L / unit, float(np.mean(np.log(lengths / unit)))
 
     def excess(s: float) -> tuple[float, float]:
         """The mean and its derivative by s."""

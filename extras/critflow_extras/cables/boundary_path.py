@@ -63,8 +63,7 @@ class BoundaryPath(Boundary):
     @cached_property
     def linear(self) -> bool:
         """Whether F is linear in (q, s) together."""
-        A = self.deformation.rate(0.0)
-        return self.deformation.linear_in_strain and not (self.free_strains @ A).any()
+        return self.deformation.linear_in_strain and not (self.free_strains @ self.deformation.rate(0.0)).any()
 
     def gradient(self, s: float, q: Array) -> Array:
         """F(s, q), (d, d); raises `InputError` where det F(s) ≤ 0."""

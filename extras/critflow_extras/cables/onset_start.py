@@ -25,7 +25,8 @@ def _(onset: CriticalStrain, law: SpringLaw | None, taut_only: bool) -> Beginnin
     """The configuration at the onset, from which strains count."""
     springs, stress, note, _ = start_of(onset.configuration, law, taut_only)
     counted = f"strains count from the onset at strain {onset.strain:.6g}: total_strains are those of the network given"
-    return springs, stress, f"{note}; {counted}" if note else counted, partial(total_strains, onset)
+    along = onset.deformation, partial(total_strains, onset)
+    return springs, stress, f"{note}; {counted}" if note else counted, along
 
 
 def cables_at_onset(critical: CriticalConfiguration, rest: Array, law: SpringLaw | None) -> Beginning:

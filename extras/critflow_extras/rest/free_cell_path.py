@@ -64,11 +64,12 @@ class FreeCellPath(Path):
                 end = end.refused(Status.floppy, FLOPPY.format(strain), final=True)
         return end, factor
 
-    def rates(self, point: Point) -> tuple[Array, Array]:
+    def rates(self, point: Point, path: Deformation | None = None) -> tuple[Array, Array]:
         """Rates and second derivatives of the module, (1 + m, d, d)."""
+        path = path or self.deformation
         back = np.linalg.inv(super().gradient(point.strain))
-        velocity = self.deformation.rate(point.strain) @ back
-        acceleration = self.deformation.second_rate(point.strain) @ back
+        velocity = path.rate(point.strain) @ back
+        acceleration = path.second_rate(point.strain) @ back
         E, S = self.free_strains, stretched(point.free, self.free_strains)
         G = np.linalg.inv(S)
         rates = np.concatenate([(S @ velocity @ G)[None], E @ G])

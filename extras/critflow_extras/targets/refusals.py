@@ -21,7 +21,7 @@ from critflow.manifold import CriticalManifold
 from critflow.networks import Array
 from critflow.numerics import norms
 from critflow.optima import largest_modulus
-from critflow.quantities import dilation, largest_value, pure_shear
+from critflow.quantities import SpringResponse, dilation, largest_value, pure_shear
 from critflow.result import InputError
 from critflow_extras.design_names.components import modulus_form
 from critflow_extras.targets.problem import Target
@@ -50,17 +50,26 @@ def refusal_of(manifold: CriticalManifold, targets: Sequence[Target], positive: 
 
 def _beyond_extreme(manifold: CriticalManifold, targets: Sequence[Target], positive: bool) -> str:
     """The smallest and the largest possible value of each target alone."""
+    network = manifold.network
+    # A bound is a sum over eigenvalues of Σ k L*L*ᵀ, each with the rounding of the largest: on a line or a plane in a
+    # tilted cell some vanish, and the bound with them.
+    moment = float(network.stiffness @ norms(manifold.balance(network.stiffness).bond_vectors) ** 2)
     for target in targets:
         least, most = target.quantity.extreme(manifold, positive)
+        function, rounding = stress_form(target.quantity), 0.0
+        if function is not None and not function.squared:
+            rounding = float(np.sqrt(most**2 + BOUND_ROUNDING * moment)) - most
+        elif isinstance(target.quantity, SpringResponse):
+            rounding = BOUND_ROUNDING * moment / network.volume
         if target.high < 0 <= least:
             signs = ", or choose signs='any'" if target.quantity.extreme(manifold, False)[0] < 0 else ""
             return f"{target.name} is never negative here, and at most {target.high:.8g} was requested: raise it{signs}"
-        if target.low > most + BOUND_ROUNDING * abs(most):
+        if target.low > most + BOUND_ROUNDING * abs(most) + rounding:
             return (
                 f"{target.name} is at most {most:.8g}, its bound for every stress of this network, and "
                 f"{target.low:.8g} was requested"
             )
-        if target.high < least - BOUND_ROUNDING * max(abs(least), abs(target.high)):
+        if target.high < least - BOUND_ROUNDING * max(abs(least), abs(target.high)) - rounding:
             return f"{target.name} is at least {least:.8g} under tension, and {target.high:.8g} was requested"
     return ""
 

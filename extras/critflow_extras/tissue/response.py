@@ -85,4 +85,6 @@ def _stiffening(
         noise = (errors * rng.standard_normal(errors.shape))[:, None]
         other = PerimeterSystem(tissue, system.tensions, system.bond_vectors * (1 + noise))
         samples.append(np.abs(coefficients(TissueEnergy(other, strains), V, path)[0] - exact))
-    return with_status(energy, exact, _SAMPLE_MARGIN * (np.max(samples, axis=0) + EPS * np.abs(exact)), condition)
+    error = _SAMPLE_MARGIN * (np.max(samples, axis=0) + EPS * np.abs(exact))
+    error += path.error(exact, lambda other: coefficients(TissueEnergy(system, strains_of_growth(other)), V, other)[0])
+    return with_status(energy, exact, error, condition)

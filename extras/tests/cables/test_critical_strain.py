@@ -148,6 +148,40 @@ def test_gradient_and_stress_against_differences(name):
     assert_derivative(strain, onset.value.gradient, LENGTHS, edges, 4e-4, 0.0, 1e-9)
 
 
+# Networks of which several sets of edges become taut together, a path, its direction, and two edges.
+KINKS = {
+    "parallel chains": (lattice("honeycomb", 2, 2), "simple_shear", 1, (0, 5)),
+    "backwards": (lattice("honeycomb", 2, 2), "simple_shear", -1, (0, 4)),
+    "one connected part": (lattice("triangular", 3, 3), "dilation", 1, (0, 13)),
+    "free shear": (lattice("honeycomb", 2, 2), Deformation.simple_shear(2).freeing("xy"), 1, (1, 5)),
+}
+
+
+@pytest.mark.parametrize("name", KINKS)
+def test_where_sets_of_edges_become_taut_together_both_derivatives_are_given(name):
+    network, path, direction, edges = KINKS[name]
+    ratio = critical_from_lengths(network, np.ones(network.n_edges), throw=False).ratio
+    lengths = np.full(network.n_edges, 1.2 * ratio)
+    strain = lambda lengths: critical_strain(network, lengths, path, direction=direction).value.strain  # noqa: E731
+    onset = critical_strain(network, lengths, path, direction=direction)
+    assert onset.status is Status.ok and "one_sided" in onset.note
+    for edge in edges:
+        for side, sign in enumerate((-1e-4, 1e-4)):
+            near, far = (strain(lengths * (1 + n * sign * (np.arange(len(lengths)) == edge))) for n in (1, 2))
+            change = (4 * near - far - 3 * onset.value.strain) / (2 * sign * lengths[edge])
+            assert onset.value.one_sided[side, edge] == pytest.approx(change, abs=1e-6)
+    shorter, longer = np.sort(onset.value.one_sided, axis=0)
+    assert (shorter - 1e-9 <= onset.value.gradient).all() and (onset.value.gradient <= longer + 1e-9).all()
+    assert np.ptp(onset.value.one_sided, axis=0).max() > 0.1 and np.isnan(onset.value.tolerance(1e-3))
+
+
+def test_one_self_stress_has_one_gradient():
+    onset = critical_strain(NETWORK, LENGTHS, "simple_shear")
+    assert onset.note == ""
+    np.testing.assert_array_equal(onset.value.one_sided, [onset.value.gradient] * 2)
+    assert onset.value.tolerance(2.0) == 2 * np.linalg.norm(onset.value.gradient)
+
+
 def test_the_stress_is_the_normal_of_the_rigidity_surface():
     onset, entries = critical_strain(NETWORK, LENGTHS, "simple_shear"), np.eye(4).reshape(4, 2, 2)
     F = onset.value.deformation_gradient
@@ -243,7 +277,7 @@ def test_paths_without_an_onset(name):
     assert onset.status is status
     assert word in onset.reason
     assert np.isnan(onset.value.strain)
-    assert np.isnan(onset.value.gradient).all()
+    assert np.isnan(onset.value.gradient).all() and np.isnan(onset.value.tolerance(1.0))
     with pytest.raises(SolveError, match=word):
         critical_strain(network, lengths, path, direction=direction)
 

@@ -30,6 +30,10 @@ def test_total_strains_are_those_of_the_network_as_given(name):
     total = found.value.total_strains
     assert total[1] == pytest.approx(onset.value.strain + 0.05, rel=1e-10)
     assert "strains count from the onset" in found.note and "total_strains" in repr(found)
+    # Without a name the deformation is that of the onset.
+    silent = strain_path(onset.value, [0.5 * strain, strain], measure="energy").value
+    np.testing.assert_array_equal(silent.energy, found.value.energy)
+    np.testing.assert_array_equal(silent.total_strains, total)
     # Cables of the network as given, relaxed at the total strain without a path.
     F = found.value.deformation.gradient(total[1])
     deformed = NETWORK.deformed(F)

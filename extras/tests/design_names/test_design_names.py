@@ -13,7 +13,7 @@ from quantity_checks import (
 from refusals import refused
 from stiffness_checks import assert_derivatives_by_stiffness
 
-from critflow import quantity, upper_bound, voronoi_network
+from critflow import Status, lattice, optimize, quantity, upper_bound, voronoi_network
 from critflow.quantities import names
 
 
@@ -90,3 +90,11 @@ def test_extreme_values_of_a_product_of_stresses():
     low, high = quantity(manifold.network, "C_xxyy").extreme(manifold, False)
     assert (low, high) == pytest.approx((products.min(), products.max()), rel=1e-6)
     assert quantity(manifold.network, "C_xxyy").extreme(manifold, True) == pytest.approx((0.0, high), rel=1e-12)
+
+
+def test_an_infimum_among_symmetric_stresses_is_left():
+    network, random = lattice("honeycomb", 2, 2), np.random.default_rng(0)
+    found = optimize(network, "S_xy", throw=False)
+    shaken = optimize(network, "S_xy", start=1 + 1e-3 * random.standard_normal(network.n_edges), throw=False)
+    assert found.status is shaken.status is Status.edge_collapse
+    assert abs(found.objective - shaken.objective) < found.uncertainty + shaken.uncertainty < 2e-3
