@@ -70,9 +70,9 @@ def _long_edges(good):
         one = good.isel(seed=seed)
         known = np.flatnonzero(np.isfinite(one.G_0_ascent.values))
         climbed = one.G_0_ascent.values[known] >= CLIMBED * float(one.bound)
-        x, y = _bonds(one, known[climbed.argmax()] if climbed.any() else known[-1]).T
-        longest = np.argsort(x**2 + y**2)[-LONGEST:]
-        aligned.append(np.mean(np.abs(2 * x * y / (x**2 + y**2))[longest]))
+        L = _bonds(one, known[climbed.argmax()] if climbed.any() else known[-1])
+        x, y = L[np.argsort(np.sum(L**2, axis=1))[-LONGEST:]].T
+        aligned.append(np.mean(np.abs(2 * x * y) / (x**2 + y**2)))
         n_wrapping, n_crossing = crossings_of_wrapping(one, known[-1])
         wrapping.append(n_wrapping)
         crossing.append(n_crossing)
@@ -103,12 +103,15 @@ def crossings_of_wrapping(one, record):
     wraps = np.abs(u).max(axis=1) > 0.5
     p, u = one.position.values[record].astype(float)[one.edges.values[wraps, 0]] @ inverse, u[wraps]
     i, j = np.triu_indices(len(u), 1)
-    apart = p[j] - p[i]
-    images = np.stack(np.meshgrid(*[np.arange(-FAR, FAR + 1)] * 2), axis=-1).reshape(-1, 1, 2)
-    r = apart - np.round(apart) + images
-    with np.errstate(divide="ignore", invalid="ignore"):
-        t, s = (_cross(r, other) / _cross(u[i], u[j]) for other in (u[j], u[i]))
-    return len(u), int(np.sum((0 < t) & (t < 1) & (0 < s) & (s < 1)))
+    apart, area, n_crossings = p[j] - p[i], _cross(u[i], u[j]), 0
+    apart -= np.round(apart)
+    # Image by image: where lengths diverge, nearly all pairs of edges are looked at.
+    for image in np.ndindex(2 * FAR + 1, 2 * FAR + 1):
+        r = apart + np.array(image) - FAR
+        with np.errstate(divide="ignore", invalid="ignore"):
+            t, s = (_cross(r, other) / area for other in (u[j], u[i]))
+        n_crossings += int(np.sum((0 < t) & (t < 1) & (0 < s) & (s < 1)))
+    return len(u), n_crossings
 
 
 def _cross(a, b):

@@ -58,6 +58,8 @@ MEASURES = {
     "robust": (response.robust, "change of the bulk modulus"),
     "two-groups": (response.two_groups, "ratio of eigenvalues across the gap"),
 }
+# Statements on the linkage alone: configurations for each seed.
+OF_THREE_BARS = {"three-bar-floppy": counting.N_LINKAGES, "tensions-do-not-fix": 2 * parameterization.N_LINKAGES}
 
 
 def case(parameters, *, seed):
@@ -90,7 +92,9 @@ def _measurement(one):
     span = low if low == high else f"{low} to {high}"
     text = f"in {int(np.sum(satisfied == 1))} of {len(satisfied)}; {MEASURES[name][1]}: {span}"
     value = float(np.mean(satisfied == 1)) if len(satisfied) else float("nan")
-    return Measurement(statement(name).id, value, text, plural(len(satisfied), "network"))
+    n = OF_THREE_BARS[name] * len(satisfied) if name in OF_THREE_BARS else 0
+    sample = f"{n:,} configurations of three bars" if n else plural(len(satisfied), "network")
+    return Measurement(statement(name).id, value, text, sample)
 
 
 study = network_study(

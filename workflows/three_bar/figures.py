@@ -323,7 +323,7 @@ def geometry_figure(ds):
     draw_surfaces(axes, [(polygons, pale, 1.0) for _, polygons in _sheets(ds, ("stretched",), 1.1)]).set_zorder(1)
     _box(axes, 1.1)
     axes.view_init(elev=18, azim=-14)
-    axes.set_box_aspect((1, 1, 1), zoom=1.0)
+    axes.set_box_aspect((1, 1, 1), zoom=0.86)
     for across, colour in ((0, PURPLE), (1, COLOURS[3])):
         for line in grid_lines(across):
             sigma, squares = stretched(ds, line)
