@@ -80,7 +80,7 @@ def test_the_statements_of_the_paper_follow_the_arrays(dataset):
         ("B_0", "min_V_tau", 0.5, "B_0-order"),
         ("B_0", "random_stress", 10, "B_0-over-random_stress"),
         ("C_B_fit", "max_B_0", -1, "C_B-signs"),
-        ("C_G_fit", "max_G_0", 100, "opposed-ranks"),
+        ("C_G_stress_corrected_fit", "max_G_0", -100, "opposed-ranks"),
         ("length", "min_V_tau", 0.1, "fracture"),
         ("B", "max_B_0", 1.01, "linear-growth"),
         ("kappa_force", "max_G_0", 0.5, "kappa-force"),

@@ -1,4 +1,4 @@
-"""One network in thirteen critical configurations: the figure `Networks` of the paper.
+"""Thirteen critical configurations of each network, of which the first is drawn: the figure `Networks` of the paper.
 
 A least V_L.  B, C least V_τ, C after an isogonal change.  D largest B_0 at σ = k.  E, F two isogonal changes of D.
 G, H, I largest G_0 at three thresholds r.  J, K random rest lengths of the printed spread: as the protocol of the paper
@@ -171,7 +171,7 @@ VARIABLES = (
 study = Study(
     name="gallery",
     version=3,
-    title="One network in thirteen critical configurations",
+    title="Thirteen critical configurations of each network",
     references=f"{PAPER}, figure Networks",
     committed=committed_run("gallery"),
     axes=(

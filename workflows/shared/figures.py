@@ -73,8 +73,8 @@ def size_axis(axes, sizes):
 
 def mean_bars(axes, x, values, **style):
     """Means of values (n, networks) with bars of their standard errors; the means (n,)."""
-    means = np.nanmean(values, axis=1)
-    errors = np.nanstd(values, axis=1, ddof=1) / np.sqrt(np.isfinite(values).sum(axis=1))
+    means, n = np.nanmean(values, axis=1), np.isfinite(values).sum(axis=1)
+    errors = np.nanstd(values, axis=1) / np.sqrt(np.maximum(n - 1, 1))
     axes.errorbar(x, means, errors, linestyle="none", **style)
     return means
 

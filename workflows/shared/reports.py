@@ -73,7 +73,7 @@ def _slopes(sizes, means):
 
 def shown(fit):
     """An exponent with its interval, as text."""
-    return f"{fit[0]:.2f} (95 %: {fit[1]:.2f} to {fit[2]:.2f})"
+    return minus(f"{fit[0]:.2f} (95 %: {fit[1]:.2f} to {fit[2]:.2f})")
 
 
 def quoted(fit):
