@@ -12,12 +12,13 @@ import textwrap
 
 import numpy as np
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
 
 from critflow import voronoi_network
 from critflow.engine import Axis, Coordinate, Study, decimals
 from critflow.engine.study import plural
 from critflow.paths import check_strains
-from critflow.pictures import draw_network, unit_pressure_tensions
+from critflow.pictures import COMPRESSED, SLACK, draw_network, unit_pressure_tensions
 from critflow.points import STANDARD_HARD_CORE
 
 from .paper.verdicts import claims_of, committed_run
@@ -36,7 +37,7 @@ from .shared.populations import (
     configuration,
     prepared,
 )
-from .shared.reports import PAPER, parameters
+from .shared.reports import PAPER, minus, parameters
 from .shared.structure import face_anisotropy, force_anisotropy
 from .shared.tables import networks
 
@@ -73,10 +74,12 @@ STRUCTURE = {
 }
 RESPONSE = {
     "B_0": "bulk modulus at the transition $B_0$  [$k$]",
-    "C_B": "its growth with strain $C_B$  [$k$]",
+    "C_B_fit": "its growth with strain, fitted: $C_B$  [$k$]",
     "G_0": "shear modulus at the transition $G_0$  [$k$]",
-    "C_G_stress_corrected": "its growth with strain $C_G$, stress-corrected  [$k$]",
+    "C_G_fit": "its growth with strain, fitted: $C_G$  [$k$]",
 }
+# Drawn next to a quantity, paler: the same by another convention.
+BESIDE = {"C_G_fit": "C_G_stress_corrected_fit"}
 # Quantities on logarithmic axes, and the least value that is drawn.
 LEAST_DRAWN = {"V_L": 1e-3, "V_tau": 1e-3, "G_0": 1e-12}
 
@@ -105,7 +108,7 @@ def response_figure(ds):
     return _panels(
         ds,
         RESPONSE,
-        "The stiffest populations soften past the transition; only max $G_0$ resists shear there, and ever less",
+        "The stiffest populations soften past the transition; only max $G_0$ resists shear, and alone does not stiffen",
         note,
     )
 
@@ -126,7 +129,14 @@ def _panels(ds, names, title, note):
             axes.axhline(0.0, color="#C00000", linewidth=1.0, zorder=0)
         values = ds[name].transpose("population", "seed")
         drawn = np.maximum(values.values, LEAST_DRAWN.get(name, -np.inf))
-        violins(axes, list(drawn), of_populations, log=name in LEAST_DRAWN)
+        beside = list(ds[BESIDE[name]].transpose("population", "seed").values) if name in BESIDE else ()
+        violins(axes, list(drawn), of_populations, log=name in LEAST_DRAWN, beside=beside)
+        if len(beside):
+            conventions = {"$(1/V)\\,d^2E/d\\gamma^2$, as printed": 1.0, "corrected by the stress": 0.4}
+            handles = [
+                Line2D([], [], color="k", alpha=part, linewidth=2, label=text) for text, part in conventions.items()
+            ]
+            axes.legend(handles=handles, loc="upper left", fontsize=8.5, frameon=False, borderaxespad=0)
         axes.set_ylabel(label, fontsize=10)
         axes.set_title(letter, loc="left", fontweight="bold", fontsize=12, y=1.0)
         for row, (one, caption) in enumerate(_examples(ds, values)):
@@ -150,7 +160,7 @@ def _examples(ds, values):
             of_population = values.sel(population=population)
             seed = np.abs(of_population - of_population.median()).idxmin()
             value = float(of_population.sel(seed=seed))
-            shown = f"{value:.2g}" if abs(value) > 1e-15 else "0"
+            shown = minus(f"{value:.2g}") if abs(value) > 1e-15 else "0"
             yield ds.sel(population=population, seed=seed), f"{word}: {shown}\n{LABELS[str(population.values)]}"
 
 
@@ -185,6 +195,9 @@ def gallery(ds):
     left, bottom = places[len(shown)]
     bar = figure.colorbar(lines, cax=_axes(figure, left + 0.4, bottom + 0.2, 0.2, 2.7), extend="max")
     bar.set_label("edge tension at unit pressure")
+    styles = {"compression": {"color": COMPRESSED, "linestyle": (0, (2, 1))}, "no tension": {"color": SLACK}}
+    handles = [Line2D([], [], label=label, **style) for label, style in styles.items()]
+    figure.legend(handles=handles, loc="lower left", bbox_to_anchor=((left + 1.2) / size[0], 0.3), frameon=False)
     return figure
 
 
@@ -249,8 +262,8 @@ study = Study(
     needs={
         "gallery": (*DRAWN, "B_0"),
         "structure": (*DRAWN, *STRUCTURE, "stressed_fraction"),
-        "response": (*DRAWN, *RESPONSE, "stressed_fraction"),
-        "claims": (*STRUCTURE, *RESPONSE, "C_G", "B", "stressed_fraction"),
+        "response": (*DRAWN, *RESPONSE, *BESIDE.values(), "stressed_fraction"),
+        "claims": (*STRUCTURE, *RESPONSE, *BESIDE.values(), "C_B", "B", "stressed_fraction", "sigma", "length", "cell"),
         "summary": ("max_force",),
     },
     claims=claims,

@@ -124,6 +124,8 @@ def test_each_statement_has_one_verdict_that_of_its_study(package):
     counts = statement_counts(package)
     assert "Of 4 statements of the paper that were tested, 2 hold, 1 differs and 1 is undecided." in counts
     assert "disagree, 1 by a number." in counts
+    assert "Of the 4 that are measurements, 2 hold, 1 differs and 1 is undecided." in counts
+    assert "identities" not in counts
     assert "Of these, 1 is tested by studies of critflow-extras: weak." in counts
     assert of_committed_run(package, "ensemble") == "In the committed run of 3 networks, 1 holds and 1 differs."
     assert of_committed_run(package, "gallery") == ""

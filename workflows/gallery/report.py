@@ -3,10 +3,11 @@
 import numpy as np
 from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
 
 from critflow.engine.study import plural
 from critflow.faces import planar_faces
-from critflow.pictures import draw_network, face_polygons, periodic_segments, shade_faces
+from critflow.pictures import COMPRESSED, draw_network, face_polygons, periodic_segments, shade_faces
 from critflow.result import Status
 
 from ..paper.statements import Measurement
@@ -62,7 +63,7 @@ ROWS = (
         "The stress of no edge falls much below $r$.  The lower $r$, the more edges line up with the shear and the "
         "larger is $G_0$.",
     ),
-    (PANELS[9:13], "Random", ""),
+    (PANELS[9:13], "Random", ""),  # no place for a note
 )
 NO_TENSION, EXACT = 1e-9, 1e-12
 NOTE_WIDTH = 28  # characters of a line
@@ -94,10 +95,12 @@ def gallery(ds):
         bar = figure.colorbar(
             lines, cax=figure.add_axes((0.25, 0.042, 0.5, 0.011)), orientation="horizontal", extend="max"
         )
-        label = (
-            "edge tension $\\tau$ at unit pressure;  dotted: no tension (K is exactly at the transition, J beyond it)"
-        )
-        bar.set_label(label, fontsize=8, labelpad=2)
+        bar.set_label("edge tension $\\tau$ at unit pressure", fontsize=8, labelpad=2)
+        handles = [
+            Line2D([], [], color="0.55", linewidth=0.6, linestyle=(0, (1, 1.2)), label="no tension"),
+            Line2D([], [], color=COMPRESSED, linestyle=(0, (2, 1)), label="compression"),
+        ]
+        figure.legend(handles=handles, loc="lower left", bbox_to_anchor=(0.79, 0.018), fontsize=7.5, frameon=False)
         bar.ax.tick_params(labelsize=7, length=2, pad=1.5)
     return figure
 
@@ -114,7 +117,7 @@ def _draw(axes, one, ds, limits):
         return None
     edges, offsets, cell, x = (one[name].values for name in ("edges", "offsets", "cell", "position"))
     tension = one.tension.values
-    slack = tension <= NO_TENSION * tension.mean()
+    slack = np.abs(tension) <= NO_TENSION * np.abs(tension).mean()
     lines = draw_network(axes, edges[~slack], offsets[~slack], cell, x, tension[~slack], limits=limits, width=0.95)
     if slack.any():
         pieces, _ = periodic_segments(edges[slack], offsets[slack], cell, x)

@@ -1,11 +1,11 @@
-"""One network in thirteen critical configurations: the figure `Networks` of the paper.
+"""Thirteen critical configurations of each network, of which the first is drawn: the figure `Networks` of the paper.
 
 A least V_L.  B, C least V_τ, C after an isogonal change.  D largest B_0 at σ = k.  E, F two isogonal changes of D.
 G, H, I largest G_0 at three thresholds r.  J, K random rest lengths of the printed spread: as the protocol of the paper
 records them in its box, and exactly at the transition, which leaves more edges slack.  L, M random stresses.
 
 The least V_τ need not be attained: in about one network of six some edge shrinks to zero length
-(`edge_collapse`).  The network drawn, seed 0, attains it.
+(`edge_collapse`).  The network drawn, seed 0, attains it; the statements are tested in all networks.
 
 With `network=FILE` the network is that of a file; seeds are then those of the random panels.
 """
@@ -171,11 +171,11 @@ VARIABLES = (
 study = Study(
     name="gallery",
     version=3,
-    title="One network in thirteen critical configurations",
+    title="Thirteen critical configurations of each network",
     references=f"{PAPER}, figure Networks",
     committed=committed_run("gallery"),
     axes=(
-        networks(1),
+        networks(10),
         Axis("panel", PANELS, "critical configuration, by its panel in the figure"),
     ),
     parameters={

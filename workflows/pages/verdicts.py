@@ -101,6 +101,13 @@ def _entries(package: Package, verdict: str) -> list[str]:
     return lines
 
 
+# An identity says little: it holds unless the paper errs.
+_KINDS = {
+    "measurement": "the {} that are measurements",
+    "identity": "the {} that are identities and theorems, and can differ only by an error of the paper",
+}
+
+
 def statement_counts(package: Package) -> str:
     """The verdicts in words that need no other page."""
     measured = of_the_paper(package)
@@ -114,6 +121,10 @@ def statement_counts(package: Package) -> str:
         f'{counted(Counter(claim.verdict for claim in claims))}. "Differs" is about the paper, not about your run:',
         "its sentence and the measurement disagree" + (f", {', '.join(parts)}." if parts else "."),
     ]
+    for kind, noun in _KINDS.items():
+        if of_kind := [claim for claim in claims if STATEMENTS[claim.key].kind == kind]:
+            verdicts = counted(Counter(claim.verdict for claim in of_kind))
+            lines.append(f"Of {noun.format(len(of_kind))}, {verdicts}.")
     if elsewhere := [study for _, study in measured.values() if study not in committed(package)]:
         studies = ", ".join(dict.fromkeys(elsewhere))
         are = "is" if len(elsewhere) == 1 else "are"

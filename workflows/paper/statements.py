@@ -8,8 +8,9 @@ from pathlib import Path
 from critflow.engine.study import DIFFERENCES, nearest
 from critflow.result import StudyError
 
-RULES = ("share", "at_most", "at_least", "near", "exponent", "chance")
-ROWS = ("each", "readings", "one")
+RULES = ("share", "at_most", "at_least", "near", "exponent")
+KINDS = ("measurement", "identity")
+ROWS = ("each", "readings")
 
 
 @dataclass(frozen=True)
@@ -22,6 +23,7 @@ class Statement:
     criterion: str
     rule: Mapping[str, float | list[float]]
     study: str
+    kind: str = "measurement"
     rows: str = "each"
     difference: str = "number"
     because: str = ""
@@ -29,8 +31,8 @@ class Statement:
 
     def __post_init__(self) -> None:
         known = len(self.rule) == 1 and set(self.rule) <= set(RULES)
-        if not known or self.rows not in ROWS or self.difference not in DIFFERENCES:
-            raise StudyError(f"statement {self.id!r} has an unknown rule, rows or difference")
+        if not known or self.kind not in KINDS or self.rows not in ROWS or self.difference not in DIFFERENCES:
+            raise StudyError(f"statement {self.id!r} has an unknown rule, kind, rows or difference")
 
 
 @dataclass(frozen=True)

@@ -40,8 +40,6 @@ def verdict(one: Statement, measured: Measurement) -> str:
         return "undecided"
     if rule == "share":
         return "holds" if value >= limit else "undecided" if LIKELY < value and limit < 1 else "differs"
-    if rule == "chance":
-        return "holds" if value < limit else "undecided" if value <= 1 - limit else "differs"
     if rule == "exponent":
         return _of_exponent(limit, measured)
     low, high = {
@@ -65,23 +63,18 @@ def _of_exponent(printed: float, measured: Measurement) -> str:
 def combined(one: Statement, verdicts: Iterable[str]) -> str:
     """The verdict of a statement from those of its measurements, by its field `rows`."""
     present = set(verdicts)
-    if one.rows == "one":
-        order = ("holds", "undecided", "differs")
-    elif one.rows == "readings" and {"holds", "differs"} <= present:
-        return "undecided"
-    elif one.rows == "readings":
-        order = ("holds", "differs", "undecided")
-    else:
-        order = ("differs", "undecided", "holds")
-    return next(word for word in order if word in present)
+    if one.rows == "readings":
+        return present.pop() if len(present) == 1 else "undecided"
+    return next(word for word in ("differs", "undecided", "holds") if word in present)
 
 
 def _claim(one: Statement, measured: list[Measurement]) -> Claim:
     each = [verdict(one, row) for row in measured]
     counting = [word for word, row in zip(each, measured, strict=True) if row.counts] or ["undecided"]
     result = combined(one, counting)
-    # The value of the statement is that of the measurements which gave its verdict.
-    shown = [row for row, word in zip(measured, each, strict=True) if row.counts and word == result]
+    # The value of the statement is that of the measurements which gave its verdict: all readings, or those that differ.
+    gave = {result} if one.rows == "each" else set(each)
+    shown = [row for row, word in zip(measured, each, strict=True) if row.counts and word in gave]
     shown = shown or [row for row in measured if row.counts] or measured
     texts = [f"{row.variant}: {row.text}" if len(measured) > 1 and row.variant else row.text for row in shown]
     reason = {"differs": one.because or "outside the criterion", "undecided": _open(one, counting)}

@@ -13,10 +13,11 @@ from critflow.result import Status
 
 from ..paper.statements import Measurement
 from .populations import NAMES, PAPER_POPULATIONS
-from .reports import finite, parameters, status_counts
+from .reports import finite, minus, parameters, status_counts
 
-# Growth of the shear modulus with strain, by the convention of the modulus.
-CONVENTIONS = {"C_G_stress_corrected": "stress-corrected", "C_G": "energy"}
+# Fitted growth of the shear modulus with strain, by the convention of the modulus.
+CONVENTIONS = {"C_G_fit": "as printed, (1/V) d²E/dγ²", "C_G_stress_corrected_fit": "stress-corrected, not printed"}
+CHANCE = 0.05  # part of all orders of the medians, below which one is not by chance
 CLOSE = 1.05  # first over second median that follows closely
 METRICS = {"V_L": "V_L", "kappa_phys": "κ_phys", "V_tau": "V_τ", "kappa_force": "κ_force"}
 # The two states of random rest lengths that the text admits.
@@ -110,6 +111,24 @@ def _variances(ds):
         "least-V_tau", float(np.median(V_tau)), described(V_tau), plural(len(V_tau), "network"),
         note=note if missed else "",
     )  # fmt: skip
+    yield from _fracture(ds)
+
+
+def _fracture(ds):
+    """The pressure at which the largest tension of a network is one, by population."""
+    if "sigma" not in ds:
+        return
+    volume, strength = np.abs(np.linalg.det(ds.cell.transpose("seed", ...).values)), {}
+    for p in PAPER_POPULATIONS:
+        sigma, length = (ds[name].sel(population=p).transpose("seed", "edge").values for name in ("sigma", "length"))
+        pressure = np.sum(sigma * length**2, axis=1) / (2 * volume)
+        strength[p] = float(np.nanmedian(pressure / np.abs(sigma * length).max(axis=1)))
+    ranked = sorted(strength, key=strength.__getitem__, reverse=True)
+    yield Measurement(
+        "fracture", float(ranked[0] == "min_V_tau"),
+        "pressure over the largest tension: " + ", ".join(f"{NAMES[p]} {strength[p]:.2g}" for p in ranked),
+        counts(ds, "V_tau"),
+    )  # fmt: skip
 
 
 def _structure(ds):
@@ -182,33 +201,43 @@ def _linear_change(ds):
 
 
 def _opposed_ranks(ds):
-    """The part of all orders of the medians of moduli and of their growth that are as opposed as the measured one."""
-    for modulus, growth in (("B_0", "C_B"), ("G_0", "C_G_stress_corrected")):
-        names = [p for p in PAPER_POPULATIONS if len(of(ds, growth, p)) and len(of(ds, modulus, p))]
-        first, second = (
-            np.argsort(np.argsort([np.median(of(ds, name, p)) for p in names])) for name in (modulus, growth)
-        )
-        orders = np.array(list(permutations(range(len(names))))) @ first
-        probability = float(np.mean(orders <= second @ first))
-        correlation = np.corrcoef(first, second)[0, 1]
-        text = f"rank correlation {correlation:.2f}, p = {probability:.2g}"
+    """Whether larger medians of a modulus come with smaller ones of its fitted growth.
+
+    Bulk: the part of all orders that are as opposed.  Shear: whether the one population with a modulus has the least.
+    """
+    for growth in ("C_B_fit", *CONVENTIONS):
+        moduli, growths = _medians(ds, "B_0" if growth == "C_B_fit" else "G_0"), _medians(ds, growth)
+        names = [p for p in PAPER_POPULATIONS if p in growths and p in moduli]
+        if growth != "C_B_fit":
+            ranked = sorted(names, key=growths.__getitem__)
+            text = "C_G " + ", ".join(f"{NAMES[p]} {growths[p]:.2g}" for p in ranked)
+            yield Measurement(
+                "opposed-ranks", float(ranked[:1] == ["max_G_0"]), minus(text), plural(len(names), "population"),
+                f"G, {CONVENTIONS[growth]}",
+            )  # fmt: skip
+            continue
+        first, second = (np.argsort(np.argsort([of_all[p] for p in names])) for of_all in (moduli, growths))
+        probability = float(np.mean(np.array(list(permutations(range(len(names))))) @ first <= second @ first))
+        text = f"rank correlation {np.corrcoef(first, second)[0, 1]:.2f}, p = {probability:.2g}"
         yield Measurement(
-            "opposed-ranks", probability, text, plural(len(names), "population"), f"{modulus} and {growth[:3]}"
+            "opposed-ranks", float(probability < CHANCE), minus(text), plural(len(names), "population"), "B"
         )
 
 
 def _signs(ds):
-    words = {"C_B": "", **CONVENTIONS}
-    for name, convention in words.items():
-        negative = ("max_B_0", "min_V_tau") if name == "C_B" else ("max_G_0",)
-        known = {p: v for p in PAPER_POPULATIONS if len(v := of(ds, name, p))}
-        share = {p: float(np.mean(v < 0 if p in negative else v > 0)) for p, v in known.items()}
+    for name in ("C_B_fit", *CONVENTIONS):
+        negative = ("max_G_0",) if name in CONVENTIONS else ("max_B_0", "min_V_tau")
+        share = {
+            p: float(np.mean(v < 0 if p in negative else v > 0)) for p in PAPER_POPULATIONS if len(v := of(ds, name, p))
+        }
+        if not share:
+            continue
         least = min(share, key=share.__getitem__)
         where = f" ({NAMES[least]})" if share[least] < 1 else ""
         yield Measurement(
-            "C_B-signs" if name == "C_B" else "C_G-signs", share[least],
-            f"in at least {100 * share[least]:.0f} % of each{where}; {listed(ds, name)}", counts(ds, name),
-            f"{convention} convention" if convention else "",
+            "C_G-signs" if name in CONVENTIONS else "C_B-signs", share[least],
+            f"in at least {100 * share[least]:.0f} % of each{where}; {minus(listed(ds, name))}", counts(ds, name),
+            CONVENTIONS.get(name, ""),
         )  # fmt: skip
 
 

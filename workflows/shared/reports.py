@@ -53,16 +53,16 @@ def duration(seconds, digits=3):
             return f"{value:,.0f} {unit}" if value >= 99.5 else f"{value:.{digits}g} {unit}"
 
 
-def exponent(sizes, values, middle=np.nanmean):
-    """Exponent p of middle ∝ size^p over networks, values (n_sizes, n_networks), with its 95 % interval by resampling.
+def exponent(sizes, values):
+    """Exponent p of mean ∝ size^p over networks, values (n_sizes, n_networks), with its 95 % interval by resampling.
 
-    The middle, mean or median, is fitted on logarithmic scales, all sizes alike; NaN networks are left out.
+    The means are fitted on logarithmic scales, all sizes alike; NaN networks are left out.
     """
     values = np.asarray(values, dtype=float)
     n = values.shape[1]
     picks = stable_rng(n, "exponent").integers(0, n, (_RESAMPLED, n))
-    low, high = np.nanquantile(_slopes(sizes, middle(values[:, picks], axis=2)), (0.025, 0.975))
-    return float(_slopes(sizes, middle(values, axis=1))), float(low), float(high)
+    low, high = np.nanquantile(_slopes(sizes, np.nanmean(values[:, picks], axis=2)), (0.025, 0.975))
+    return float(_slopes(sizes, np.nanmean(values, axis=1))), float(low), float(high)
 
 
 def _slopes(sizes, means):
@@ -73,12 +73,17 @@ def _slopes(sizes, means):
 
 def shown(fit):
     """An exponent with its interval, as text."""
-    return f"{fit[0]:.2f} (95 %: {fit[1]:.2f} to {fit[2]:.2f})"
+    return minus(f"{fit[0]:.2f} (95 %: {fit[1]:.2f} to {fit[2]:.2f})")
 
 
 def quoted(fit):
     """An exponent with its interval, for a legend."""
-    return f"{fit[0]:.2f} [{fit[1]:.2f}, {fit[2]:.2f}]"
+    return minus(f"{fit[0]:.2f} [{fit[1]:.2f}, {fit[2]:.2f}]")
+
+
+def minus(number):
+    """A number as text with the sign of minus in place of the hyphen, as on the axes of figures."""
+    return number.replace("-", "−")
 
 
 def half_point(x, part):

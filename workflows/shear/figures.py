@@ -7,7 +7,7 @@ from matplotlib.ticker import LogLocator, NullFormatter
 
 from critflow.pictures import COLOURS, COMPRESSED, draw_network
 
-from ..shared.figures import WIDTH, counted, lettered, median_bars, page, panels, readable, size_axis
+from ..shared.figures import WIDTH, counted, lettered, mean_bars, page, panels, readable, size_axis
 from ..shared.populations import LABELS, PAPER_POPULATIONS
 from ..shared.reports import exponent, parameters, quoted, series
 
@@ -141,69 +141,71 @@ def _band(axes, values, colour):
     axes.plot(x, middle, color=colour, linewidth=1.8)
 
 
-def ascent_ends(ds, name):
-    """Label and values (n_sizes, n_networks) at the end of FIRE, and at parts of the bound that most networks reach."""
+def ascent_parts(ds, name):
+    """Label and values (n_sizes, n_networks) at the parts of the bound that most networks of each size reach."""
     for algorithm in map(str, ds.algorithm.values):
-        one = ds.sel(algorithm=algorithm)
-        if algorithm == "fire":
-            yield f"FIRE, {parameters(ds)['n_steps']} steps", by_size(one[f"{name}_of_end"])
         for fraction in ds.fraction.values:
-            values = by_size(one[f"{name}_of_part"].sel(fraction=fraction))
+            values = by_size(ds[f"{name}_of_part"].sel(algorithm=algorithm, fraction=fraction))
             if (np.isfinite(values).mean(axis=1) > 0.5).all():
-                yield f"{algorithm.upper()}, {100 * fraction:.0f} % of the bound", values
+                yield f"{NAME_OF.get(algorithm, algorithm)}, {100 * fraction:.0f} % of the bound", values
 
 
-# The ascents that are drawn: the paper's after its number of steps, and those at nearly the bound.
-DRAWN = ("FIRE, {n_steps} steps", "LBFGS, 95 % of the bound")
-PRINTED = {"compressed_edges": 0.5, "compressed_length": 1.0}
+NAME_OF = {"fire": "FIRE", "lbfgs": "L-BFGS", "newton": "Newton"}
+# The ascents that are drawn: how far and by which method they climb.
+DRAWN = ("FIRE, 50 % of the bound", "L-BFGS, 50 % of the bound", "L-BFGS, 95 % of the bound")
 
 
 def compression_figure(ds):
-    """Number and total length of compressed edges against size."""
+    """Number, total and mean length of compressed edges against size."""
     ds = detailed(ds)
-    figure, (number, length) = panels(
-        2,
-        "Few but long edges are compressed: their length grows as $N_v$, their number slower\n"
-        f"({counted(ds)} a size; medians, bars hold two thirds; dotted: slopes of the paper)",
-        height=4.2,
+    figure, axes = panels(
+        3,
+        "The compressed length grows as $N_v$; how many edges share it depends on the ascent\n"
+        f"({counted(ds)} a size; means with their standard errors; dotted: slopes of the paper)",
+        height=4.5,
     )
-    for axes, name, label in (
-        (number, "compressed_edges", "compressed edges"),
-        (length, "compressed_length", "total length of compressed edges"),
-    ):
-        _draw_compressed(axes, ds, name)
-        axes.set(yscale="log", ylabel=label)
-        size_axis(axes, ds.n_vertices.values)
-        axes.yaxis.set_major_locator(LogLocator(subs=(1, 2, 5) if name == "compressed_edges" else (1,)))
-        axes.yaxis.set_major_formatter("{x:,.0f}")
-        axes.yaxis.set_minor_formatter(NullFormatter())
-        axes.legend(
-            fontsize=8.5, frameon=False, loc="upper center", bbox_to_anchor=(0.45, -0.2),
-            title="exponent of $N_v$ [95 %]", title_fontsize=8.5, alignment="left", labelspacing=0.25,
+    number, length = (dict(ascent_parts(ds, name)) for name in ("compressed_edges", "compressed_length"))
+    with np.errstate(invalid="ignore", divide="ignore"):
+        each = {label: length[label] / number[label] for label in number}
+    quantities = ((number, 0.5, "number"), (length, 1.0, "total length"), (each, 0.5, "mean length"))
+    for one, (values, printed, label) in zip(axes, quantities, strict=True):
+        _draw_compressed(one, ds.n_vertices.values, values, printed)
+        one.set(yscale="log", ylabel=f"{label} of compressed edges")
+        size_axis(one, ds.n_vertices.values)
+        one.yaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
+        one.yaxis.set_major_formatter("{x:,.3g}")
+        one.yaxis.set_minor_formatter(NullFormatter())
+    sizes, least = ds.n_vertices.values, by_size(ds.least_compressed_length)
+    axes[1].plot(sizes, np.nanmean(least, 1), "k--", lw=1.1)
+    needed = f"dashed: needed at\nthe bound, {exponent(sizes, least)[0]:.2f}"
+    axes[1].text(0.04, 0.97, needed, transform=axes[1].transAxes, fontsize=8.5, va="top")
+    for one in axes:
+        one.tick_params(axis="x", rotation=45)
+        one.legend(
+            fontsize=8.5, frameon=False, loc="upper center", bbox_to_anchor=(0.45, -0.27), labelspacing=0.25,
+            title="exponent [95 %]", title_fontsize=8.5, alignment="left", handletextpad=0.3,
         )  # fmt: skip
-    lettered(number, length)
+    lettered(*axes)
+    handles = [Line2D([], [], ls="none", **series(2 * n), label=words) for n, words in enumerate(drawn_of(number))]
+    figure.legend(handles=handles, fontsize=9, frameon=False, ncols=3, loc="outside lower center")
     return figure
 
 
-def _draw_compressed(axes, ds, name):
-    """The fitted power laws of one quantity, and the exponent of the paper as a dotted line."""
-    sizes, shown = ds.n_vertices.values, [label.format(**parameters(ds)) for label in DRAWN]
-    ends = dict(ascent_ends(ds, name))
-    for n, words in enumerate([label for label in shown if label in ends] or list(ends)[:2]):
-        style, values = series(2 * n), ends[words]
-        # Medians, because the lengths of an ascent near a singular matrix diverge.
-        fit = exponent(sizes, values, np.nanmedian)
-        label = f"{words.replace('LBFGS', 'L-BFGS')}: {quoted(fit)}"
-        middle = median_bars(axes, sizes, values, **style, capsize=2, markersize=5, label=label)
-        line = np.exp(np.nanmean(np.log(middle)) + fit[0] * (np.log(sizes) - np.log(sizes).mean()))
+def drawn_of(values):
+    """The ascents of `DRAWN` of which there are values, or the first three."""
+    return [label for label in DRAWN if label in values] or list(values)[:3]
+
+
+def _draw_compressed(axes, sizes, ascents, printed):
+    """The means and fitted power laws of one quantity, and the exponent of the paper as a dotted line."""
+    for n, words in enumerate(drawn_of(ascents)):
+        style, values = series(2 * n), ascents[words]
+        fit = exponent(sizes, values)
+        means = mean_bars(axes, sizes, values, **style, capsize=2, markersize=5, label=quoted(fit))
+        line = np.exp(np.mean(np.log(means)) + fit[0] * (np.log(sizes) - np.log(sizes).mean()))
         axes.plot(sizes, line, color=style["color"], linewidth=1.2)
-        guide = middle[0] * (sizes / sizes[0]) ** PRINTED[name]
-        axes.plot(sizes, guide / 1.6, color=style["color"], linestyle=":", linewidth=1)
-    if name == "compressed_length":
-        least = by_size(ds.least_compressed_length)
-        axes.plot(
-            sizes, np.nanmean(least, 1), "k--", lw=1.1, label=f"needed at the bound: {exponent(sizes, least)[0]:.2f}"
-        )
+    low = min(np.nanmean(ascents[words][0]) for words in drawn_of(ascents))
+    axes.plot(sizes, low / 1.6 * (sizes / sizes[0]) ** printed, color="0.4", linestyle=":", linewidth=1.2)
 
 
 def scaling_figure(ds):
@@ -211,7 +213,7 @@ def scaling_figure(ds):
     figure, (by_size, by_threshold) = panels(
         2,
         "Only networks optimised for it keep a shear modulus; a lower threshold raises it\n"
-        f"(A: {counted(ds)} a size, medians, bars hold two thirds; B: {counted(detailed(ds))}, mean ± s.d.)",
+        f"(A: {counted(ds)} a size, means with their standard errors; B: {counted(detailed(ds))}, mean ± s.d.)",
         height=4.6,
     )
     _draw_sizes(by_size, ds)
@@ -225,21 +227,21 @@ def _draw_sizes(axes, ds):
     shown = [population for population in map(str, ds.population.values) if population in PAPER_POPULATIONS]
     for place, population in enumerate(shown):
         values = by_size(ds.G_0.sel(population=population))
-        fit, style = exponent(sizes, values, np.nanmedian), series(place)
+        fit, style = exponent(sizes, values), series(place)
         face = "none" if population == "max_G_0" else style["color"]
         style |= {"elinewidth": 0.8, "markersize": 4, "capsize": 1.5, "markerfacecolor": face}
-        median_bars(
+        mean_bars(
             axes, sizes * (1 + 0.03 * (place - 2.5)), values, **style, label=f"{LABELS[population]}: {quoted(fit)}"
         )
     others = [population for population in shown if population != "max_G_0"]
-    middle = np.nanmedian(ds.G_0.sel(population=others).isel(n_vertices=-1).values)
-    axes.plot(sizes, middle * sizes[-1] / sizes, color="0.5", linestyle=":", zorder=0)
+    last = np.nanmean(ds.G_0.sel(population=others).isel(n_vertices=-1).values)
+    axes.plot(sizes, last * sizes[-1] / sizes, color="0.5", linestyle=":", zorder=0)
     axes.text(0.03, 0.03, "dotted: $\\propto 1/N_v$", color="0.35", fontsize=9, transform=axes.transAxes)
     axes.set(yscale="log", ylabel="shear modulus $G_0$  [k]", title="by population")
     size_axis(axes, sizes)
     axes.legend(
         fontsize=9, frameon=False, loc="upper center", bbox_to_anchor=(0.5, -0.17), ncols=1, handletextpad=0.2,
-        labelspacing=0.2, title="exponent of the medians [95 %]", title_fontsize=9,
+        labelspacing=0.2, title="exponent of the means [95 %]", title_fontsize=9,
     )  # fmt: skip
 
 

@@ -13,6 +13,7 @@ from .sample import rank
 
 STARTS = 4
 MANY = 400  # vertices of networks of random points, where the density fluctuates
+NEAR = 2.0  # of a vertex, in units of the root of its mean area
 HARD_CORES = STANDARD_HARD_CORE, 0.0  # random sequential addition of the ensemble, and points without any
 
 
@@ -59,12 +60,34 @@ def unique_V_L(sample):
 
 def random_addition(sample):
     """Part of the edges that equal rest lengths stress on purely random points; all with random addition."""
-    stressed = []
-    for hard_core in HARD_CORES:
-        network = cf.voronoi_network(max(MANY, sample.n_vertices), sample.seed, hard_core)
-        one = cf.critical_from_lengths(network, np.ones(network.n_edges), throw=False).value
-        stressed.append(float(np.mean(one.sigma > 1e-9 * one.sigma.max())))
+    stressed = [float(np.mean(_taut(_of_points(sample, hard_core)))) for hard_core in HARD_CORES]
     return stressed[1], stressed[0] == 1 and stressed[1] < 1
+
+
+def dense_later(sample):
+    """Vertices near the ends of edges that equal rest lengths leave slack on random points, over those of taut edges.
+
+    At the transition the taut edges are rigid, and the slack ones become so at a larger strain.
+    """
+    network = _of_points(sample, 0.0)
+    taut = _taut(network)
+    x = network.positions @ np.linalg.inv(network.cell)
+    apart = x[:, None] - x
+    near = np.linalg.norm((apart - np.round(apart)) @ network.cell, axis=2) < NEAR
+    of_edges = near.sum(axis=1)[network.edges].mean(axis=1)
+    ratio = of_edges[~taut].mean() / of_edges[taut].mean() if not taut.all() else np.nan
+    return ratio, ratio > 1
+
+
+def _of_points(sample, hard_core):
+    """A network of many random points, of which some regions are denser."""
+    return cf.voronoi_network(max(MANY, sample.n_vertices), sample.seed, hard_core)
+
+
+def _taut(network):
+    """The edges that equal rest lengths stress at the transition."""
+    one = cf.critical_from_lengths(network, np.ones(network.n_edges), throw=False).value
+    return one.sigma > 1e-9 * one.sigma.max()
 
 
 def angles_of_120(sample):

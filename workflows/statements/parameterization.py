@@ -12,6 +12,7 @@ from .sample import ZERO, differences, floppy_motions, rank
 
 EXACT = 1e-12
 STEP = 1e-6  # of differences
+N_LINKAGES = 10
 
 
 def tensions_do_not_fix(sample):
@@ -22,7 +23,7 @@ def tensions_do_not_fix(sample):
     rng, network = sample.rng("bars"), cf.three_bar_linkage()
     manifold, span = cf.CriticalManifold(network), 3.0
     worst = 0.0
-    for _ in range(10):
+    for _ in range(N_LINKAGES):
         lengths = rng.random(3) + 0.1
         lengths *= span / lengths.sum()
         off = np.abs(manifold.configuration(1 / lengths).lengths - lengths).max()

@@ -14,6 +14,7 @@ DEFORMATIONS = (0.5 * np.eye(2), np.array([[0.0, 1.0], [0.0, 0.0]]), np.array([[
 BENDING, STRAIN, STEP = 1e-5, 0.01, 1e-4
 SPREAD = 0.1  # of stiffnesses about one
 SOFT_STRAINS = 1e-4, 1e-5  # at which the soft band is compared with that of P
+TAUT, DIPOLE = 1e-2, 1e-4  # volumetric strain at which a dipole acts, and its force over k times a mean edge
 LAWS = (cf.Hookean(), cf.PowerLaw(4.0), cf.WormLike(1.0))
 
 
@@ -116,7 +117,31 @@ def _held(sample):
 
 
 def _vibrations(sample, state):
-    """Eigenvalues of H = RᵀKR + P ⊗ 1 of springs, ascending."""
+    """Eigenvalues of H, ascending."""
+    return np.linalg.eigvalsh(_hessian(sample, state))
+
+
+def _hessian(sample, state):
+    """H = RᵀKR + P ⊗ 1 of springs without the translations."""
     held, R = _held(sample), sample.response(state.bond_vectors)
     H = R.T @ (state.modified_stiffness[:, None] * R) + sample.laplacian(state.sigma)
-    return np.linalg.eigvalsh(H[np.ix_(held, held)])
+    return H[np.ix_(held, held)]
+
+
+def bond_operator(sample):
+    """Largest difference of Ξ = R H⁻¹ Rᵀ from the changes of length by a dipole, over the largest change.
+
+    A rest length that grows by δ exerts the forces ±kδ on the ends of its edge, to first order.
+    """
+    state, held = cf.strain_path(sample.stiffest, [TAUT]).value.states[-1], _held(sample)
+    R = sample.response(state.bond_vectors / state.lengths[:, None])[:, held]
+    edge = int(sample.rng("dipole").integers(len(R)))
+    expected = R @ np.linalg.solve(_hessian(sample, state), R[edge])
+    change = DIPOLE * sample.stiffest.lengths.mean() * np.eye(len(R))[edge]
+    lengths = [
+        cf.equilibrium(cf.spring_state(state.network, state.rest_lengths + delta, state.coordinates)).value.lengths
+        for delta in (change, -change)
+    ]
+    measured = (lengths[0] - lengths[1]) / (2 * change[edge])
+    off = np.abs(measured - expected).max() / np.abs(expected).max()
+    return off, off < 1e-6

@@ -41,6 +41,7 @@ MEASURES = {
     "boundary-term": (parameterization.boundary_term, "difference"),
     "stress-is-normal": (parameterization.stress_is_normal, "component along the manifold"),
     "derivative": (parameterization.derivative, "difference over the largest entry"),
+    "bond-operator": (response.bond_operator, "difference over the largest change"),
     "one-self-stress": (counting.one_self_stress, "self-stresses"),
     "moduli-jump": (response.moduli_jump, "bulk modulus at max B_0, in units of k"),
     "modulus-formula": (response.modulus_formula, "difference, in units of k"),
@@ -50,12 +51,15 @@ MEASURES = {
     "B_0-lengths": (optima.B_0_lengths, "mean length"),
     "unique-V_L": (optima.unique_V_L, "difference of σ"),
     "random-addition": (optima.random_addition, "stressed part of the edges on random points"),
+    "dense-later": (optima.dense_later, "vertices near slack edges over those near taut ones"),
     "equal-lengths-any-spring": (response.equal_lengths_any_spring, "least over largest tension"),
     "angles-of-120": (optima.angles_of_120, "least V_τ"),
     "stiffened": (response.stiffened, "ratio of moduli"),
     "robust": (response.robust, "change of the bulk modulus"),
     "two-groups": (response.two_groups, "ratio of eigenvalues across the gap"),
 }
+# Statements on the linkage alone: configurations for each seed.
+OF_THREE_BARS = {"three-bar-floppy": counting.N_LINKAGES, "tensions-do-not-fix": 2 * parameterization.N_LINKAGES}
 
 
 def case(parameters, *, seed):
@@ -88,7 +92,9 @@ def _measurement(one):
     span = low if low == high else f"{low} to {high}"
     text = f"in {int(np.sum(satisfied == 1))} of {len(satisfied)}; {MEASURES[name][1]}: {span}"
     value = float(np.mean(satisfied == 1)) if len(satisfied) else float("nan")
-    return Measurement(statement(name).id, value, text, plural(len(satisfied), "network"))
+    n = OF_THREE_BARS[name] * len(satisfied) if name in OF_THREE_BARS else 0
+    sample = f"{n:,} configurations of three bars" if n else plural(len(satisfied), "network")
+    return Measurement(statement(name).id, value, text, sample)
 
 
 study = network_study(

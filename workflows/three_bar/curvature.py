@@ -41,12 +41,12 @@ def _draw_curvature(part, ds):
     s = np.stack(np.meshgrid(fine, fine), axis=-1)
     gauss = np.where(np.sum(s**2, axis=-1) < 4.1, _closed_on_chart(ds, s)[0] * span_of(ds) ** 4, np.nan)
     low, high = -3, 5
-    for sign, name, colours in ((1, "elliptic, K > 0", "Oranges"), (-1, "saddle, K < 0", "Blues")):
+    for sign, name, colours in ((1, "elliptic, $c_1 c_2 > 0$", "Oranges"), (-1, "saddle, $c_1 c_2 < 0$", "Blues")):
         shown = np.where(sign * gauss > 0, np.log10(np.maximum(np.abs(gauss), 1e-300)), np.nan)
         mesh = axes.pcolormesh(s[..., 0], s[..., 1], shown, cmap=colours, vmin=low - 2, vmax=high)
         bar = part.colorbar(mesh, ax=axes, shrink=0.75, pad=0.02, extend="both")
         bar.ax.set_ylim(low, high)
-        bar.set_label(f"{name}:  log$_{{10}}$ |K| D⁴", fontsize=9)
+        bar.set_label(f"{name}:  $\\log_{{10}} |c_1 c_2| D^4$", fontsize=9)
     chart_lines(axes, ds)
     axes.set(xlim=(-2.1, 2.1), ylim=(-2.1, 2.1), aspect="equal", xlabel="$s_1$", ylabel="$s_2$")
     title(part, "A", "Gaussian curvature: rigid is elliptic, a branch point a saddle")
@@ -71,7 +71,7 @@ def _draw_cut(axes, ds):
     for grid in ("chart", "middle"):
         one = ds.sel(grid=grid)
         row = one.isel(row=int(np.argmin(np.abs(one.s.values[:, 0, 1]))))
-        for mode, colour, name in ((1, COLOURS[0], "κ₂"), (0, COLOURS[2], "κ₁")):
+        for mode, colour, name in ((1, COLOURS[0], "$c_2$"), (0, COLOURS[2], "$c_1$")):
             axes.plot(
                 row.s.values[:, 0], row.principal_curvature.values[:, mode] * span**2, "o", color=colour,
                 markersize=3.8, zorder=3, label=name if grid == "chart" else None,
@@ -80,7 +80,7 @@ def _draw_cut(axes, ds):
     for circle in (np.sqrt(6) - np.sqrt(2)) * np.array([-1, 1]):
         axes.axvline(circle, color=CURVE, linewidth=2.2, zorder=1)
     axes.set_yscale("symlog", linthresh=1e-2, linscale=0.6)
-    axes.set(xlim=(-2.1, 2.1), ylim=(-3e3, 3e3), xlabel="$s_1$", ylabel="principal curvatures  κ D²")
+    axes.set(xlim=(-2.1, 2.1), ylim=(-3e3, 3e3), xlabel="$s_1$", ylabel="principal curvatures  $c D^2$")
     axes.legend(fontsize=8.5, loc="lower right", frameon=True)
-    axes.text(np.sqrt(6) - np.sqrt(2) + 0.04, 4e2, "P singular", color=CURVE, fontsize=9)
+    axes.text(np.sqrt(2) - np.sqrt(6) + 0.04, -4e2, "P singular", color=CURVE, fontsize=9)
     axes.spines[["top", "right"]].set_visible(False)

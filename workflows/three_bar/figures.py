@@ -313,16 +313,17 @@ def grid_lines(across):
 
 def geometry_figure(ds):
     """`CriticalManifoldGeometry`: even grid lines of the chart on the stretched sheet, and the stress normal to it."""
-    figure = page(3.4, "The stress is normal to the critical manifold: stretched bars of the three-bar linkage")
-    left, right, middle = figure.subfigures(1, 3, width_ratios=(1.1, 0.85, 1.35))
+    figure = page(4.7, "The stress is normal to the critical manifold: stretched bars of the three-bar linkage")
+    small, middle = figure.subfigures(1, 2, width_ratios=(1, 1.9))
+    left, right = small.subfigures(2, 1, height_ratios=(1.15, 1))
     chart, axes = left.add_subplot(), middle.add_subplot(projection="3d", computed_zorder=False)
     _paint_chart(chart, ds, alpha=0.35)
     chart.set(xlim=(-1.2, 1.2), ylim=(-1.2, 1.2), xticks=(-1, 0, 1), yticks=(-1, 0, 1))
     pale = tuple(0.45 * np.array(to_rgb(ORANGE)) + 0.55)
     draw_surfaces(axes, [(polygons, pale, 1.0) for _, polygons in _sheets(ds, ("stretched",), 1.1)]).set_zorder(1)
     _box(axes, 1.1)
-    axes.view_init(elev=20, azim=-4)
-    axes.set_box_aspect((1, 1, 1), zoom=0.84)
+    axes.view_init(elev=18, azim=-14)
+    axes.set_box_aspect((1, 1, 1), zoom=0.86)
     for across, colour in ((0, PURPLE), (1, COLOURS[3])):
         for line in grid_lines(across):
             sigma, squares = stretched(ds, line)
@@ -332,7 +333,7 @@ def geometry_figure(ds):
     s = np.stack(np.meshgrid(np.arange(-0.4, 0.9, 0.4), np.arange(-0.4, 0.9, 0.4)), axis=-1).reshape(-1, 2)
     sigma, squares = stretched(ds, s)
     rooted = np.nan_to_num(sigma.min(axis=1)) > _APART
-    arrows = {"length": 0.35, "color": COMPRESSED, "linewidth": 1.6, "arrow_length_ratio": 0.25, "zorder": 4}
+    arrows = {"length": 0.35, "color": COMPRESSED, "linewidth": 2.2, "arrow_length_ratio": 0.25, "zorder": 4}
     axes.quiver(*squares[rooted].T, *sigma[rooted].T, **arrows)
     chart.plot(*s[rooted].T, "o", color=COMPRESSED, markersize=3)
     chart.plot([], [], color=PURPLE, label="$s_1$ = const")

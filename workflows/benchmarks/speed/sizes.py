@@ -62,10 +62,8 @@ def sizes_figure(ds):
     lettered(*figure.axes)
     power, largest = fitted(stages, "configuration"), int(stages.n_vertices[-1])
     made, taken = (duration(seconds(stages, name)[-1], 2) for name in ("generation", "configuration"))
-    growth = "" if np.isnan(power) else f", which grows as $N_v^{{{power:.2f}}}$"
-    figure.suptitle(
-        f"A network of {largest:,} vertices takes {made}, a configuration of it {taken}{growth}", fontsize=TEXT + 1
-    )
+    growth = "" if np.isnan(power) else f": time grows as $N_v^{{{power:.2f}}}$"
+    figure.suptitle(f"{largest:,} vertices: made in {made}, one configuration in {taken}{growth}", fontsize=TEXT + 1)
     return figure
 
 
