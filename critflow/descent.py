@@ -397,6 +397,8 @@ def optimum_at(descent: Descent, end: Minimum, saddles: int | None, method: str)
     elif stalled and value.sigma.min() < FADED:
         first = value.sigma.argmin()
         note = f"stresses fade, that of edge {first} first, before the others have converged: {LOCAL}"
+    elif status in (Status.step_limit, Status.stalled) and method != "auto":
+        note = f"{status.message}, or choose method='auto'"
     stats = replace(last.stats, method=method, steps=end.steps, residual=point.residual)
     if sound:
         value = descent.manifold.configuration(descent.last_sound)

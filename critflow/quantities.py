@@ -479,7 +479,7 @@ def _input_rounding(critical: CriticalConfiguration, value: float) -> float:
     return EPS * abs(value) * (2 + 2 * len(cell) * skew)
 
 
-# Checks of classes of users: numbers and shapes, and whether `evaluate` takes complex numbers.
+# Checks of classes of users: numbers, shapes and derivatives, and whether `evaluate` takes complex numbers.
 
 
 def own(quantity: Quantity) -> bool:
@@ -488,9 +488,10 @@ def own(quantity: Quantity) -> bool:
 
 
 def require_valid(quantity: Quantity, balance: Balanced) -> None:
-    """Raise `InputError` where `evaluate` of a class of the user returns no finite number and partials of these shapes.
+    """Raise `InputError` where `evaluate` of a class of the user returns no finite number, or not its derivatives.
 
-    A call asks this once, at its first stress; where edges have no length, derivatives may not exist.
+    A call asks this once: for numbers and shapes at its first stress, where all edges have a length, and for the
+    derivatives at a stress without symmetry.
     """
     if own(quantity):
         return
@@ -513,6 +514,50 @@ def require_valid(quantity: Quantity, balance: Balanced) -> None:
         finite = np.isfinite(partial).reshape(len(L), -1).all(axis=1)
         if not finite.all():
             raise InputError(f"{kind.__name__}.evaluate returns {name} that is not finite at edge {finite.argmin()}")
+    if isinstance(balance.manifold, CriticalManifold):
+        _require_derivatives(quantity, balance.manifold)
+
+
+def _require_derivatives(quantity: Quantity, manifold: CriticalManifold) -> None:
+    """Raise `InputError` where a value depends on the scale of σ, or dO/dσ differs from differences of the value."""
+    name, here = type(quantity).__name__, _without_symmetry(manifold)
+    sigma, direction = here.sigma, here.sigma * (0.5 + quasi_random(len(here.sigma))[::-1])
+
+    def value(stress: Array) -> float:
+        return float(quantity.evaluate(manifold.balance(stress))[0])
+
+    def by_difference(step: Array) -> float:
+        return (value(sigma + step) - value(sigma - step)) / (2 * DIFFERENCE)
+
+    with np.errstate(all="ignore"):
+        known = evaluate(here, quantity)
+        doubled, step = value(2 * sigma), DIFFERENCE * direction
+        if abs(doubled - known.value) > DISAGREEMENT * max(abs(doubled), abs(known.value)):
+            raise InputError(
+                f"{name}.evaluate returns {known.value:.6g} at σ and {doubled:.6g} at 2σ: the scale of σ changes no "
+                "configuration, divide by the mean of σ or of σ|L|"
+            )
+        parts = known.gradient * direction
+        tolerance = DISAGREEMENT * float(np.linalg.norm(parts)) + NEGLIGIBLE * abs(known.value)
+        slope = by_difference(step)
+        # Near a point without derivatives, or with values of few digits, differences decide nothing.
+        if not abs(parts.sum() - slope) > tolerance or not abs(10 * by_difference(0.1 * step) - slope) < tolerance:
+            return
+        edges = np.arange(len(sigma))
+        while len(edges) > 1:
+            halves = [np.isin(np.arange(len(sigma)), half) for half in np.array_split(edges, 2)]
+            edges = np.flatnonzero(max(halves, key=lambda half: abs(parts[half].sum() - by_difference(half * step))))
+        edge = int(edges[0])
+        found = by_difference(np.where(np.arange(len(sigma)) == edge, step, 0.0)) / direction[edge]
+    raise InputError(
+        f"{name}.evaluate returns derivatives that its values do not have: dO/dσ of edge {edge} is "
+        f"{known.gradient[edge]:.6g} by ∂O/∂σ and ∂O/∂L, and {found:.6g} by differences of O"
+    )
+
+
+def _without_symmetry(manifold: CriticalManifold) -> Balance:
+    """A balance at stresses between e^−1.5 and e^1.5, at which terms that vanish at σ = 1 do not."""
+    return manifold.balance(np.exp(3 * quasi_random(manifold.network.n_edges) - 1.5))
 
 
 def has_exact_hessian(manifold: CriticalManifold, quantity: Quantity) -> bool:
@@ -524,9 +569,9 @@ def takes_complex_steps(manifold: CriticalManifold, quantity: Quantity) -> bool:
     """Whether a complex step agrees with differences of partial derivatives.
 
     A norm or an absolute value takes complex numbers and loses the derivative; other functions refuse them.  That is a
-    property of the code of `evaluate`, so that one direction at σ = 1 shows it.
+    property of the code of `evaluate`, so that one direction shows it, at a stress where no term vanishes.
     """
-    here = manifold.balance(np.ones(manifold.network.n_edges))
+    here = _without_symmetry(manifold)
     sigma, L = here.sigma, here.bond_vectors
     dsigma, dL = sigma * (0.5 + quasi_random(len(sigma))), L * (0.5 + quasi_random(L.size)[::-1].reshape(L.shape))
     with np.errstate(all="ignore"):

@@ -74,8 +74,8 @@ CALLS = {
         *(SolveError, "B_0 is at most 0.28664132", "its bound for every stress", "1 was requested"),
     ),
     "no such quantity": (
-        lambda: ce.design(NETWORK, {"nu": -0.5}),
-        *(InputError, "no quantity is called 'nu'", "choose from B_0, G_0", "modulus[D]"),
+        lambda: ce.design(NETWORK, {"mu": -0.5}),
+        *(InputError, "no quantity is called 'mu'", "choose from B_0, G_0", "modulus[D]"),
     ),
     "targets as a set": (
         lambda: ce.design(NETWORK, {"B_0"}),
@@ -84,13 +84,15 @@ CALLS = {
         "{'B_0': 0.25}",
         "not a set",
     ),
+    "Poisson's ratio by its symbol": (lambda: ce.design(NETWORK, {"nu": -0.5}), InputError, "'poisson'"),
+    "Young's modulus by its symbol": (lambda: ce.design(NETWORK, {"E": 1.0}), InputError, "isotropic_targets"),
     "a target of another change": (
         lambda: ce.design(NETWORK, {"poisson": -0.5}),
         *(InputError, "poisson is a target of change='stiffness', not of change='stress'"),
     ),
     "no such quantity of stiffnesses": (
-        lambda: ce.design(STATE, {"nu": -0.5}, change="stiffness"),
-        *(InputError, "no quantity is called 'nu'", "choose from B_0, G_0", "modulus[D]"),
+        lambda: ce.design(STATE, {"mu": -0.5}, change="stiffness"),
+        *(InputError, "no quantity is called 'mu'", "choose from B_0, G_0", "modulus[D]"),
     ),
     "a network in place of springs": (
         lambda: ce.design(NETWORK, {"poisson": -0.5}, change="stiffness"),

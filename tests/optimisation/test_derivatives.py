@@ -74,6 +74,14 @@ class Norm(Own):
         return sigma * np.linalg.norm(L, axis=1)
 
 
+class Hidden(Own):
+    """Loses a derivative in a term that vanishes at equal stresses."""
+
+    def tensions(self, sigma, L):
+        exact = super().tensions(sigma, L)
+        return exact + (sigma - 1) * (np.linalg.norm(L, axis=1) - exact / sigma)
+
+
 class Cast(Own):
     """Casts to floats, with a warning of NumPy."""
 
@@ -104,7 +112,7 @@ def test_a_quantity_by_evaluate_alone_has_newtons_method():
 
 
 @pytest.mark.parametrize("action", ["error", "ignore"])
-@pytest.mark.parametrize("goal", [Norm(), Cast(), Filled()], ids=lambda goal: goal.name)
+@pytest.mark.parametrize("goal", [Norm(), Hidden(), Cast(), Filled()], ids=lambda goal: goal.name)
 def test_a_quantity_that_is_not_analytic_has_differences(goal, action):
     network = voronoi_network(40, seed=1)
     with warnings.catch_warnings(action=action):
@@ -115,3 +123,49 @@ def test_a_quantity_that_is_not_analytic_has_differences(goal, action):
         found = [optimize(network, goal, method) for method in ("auto", "lbfgs")]
     assert [one.status for one in found] == [Status.ok] * 2 and found[1].saddles == 0
     assert found[0].objective == pytest.approx(optimize(network, "V_tau").objective, rel=1e-13)
+
+
+class Wrong(Own):
+    """The tension variance with something wrong in `evaluate`."""
+
+    def __init__(self, changed):
+        self.changed = changed
+
+    def evaluate(self, balance):
+        return self.changed(balance.sigma, *super().evaluate(balance))
+
+
+def one_more(by_sigma):
+    by_sigma[17] *= 1.3
+    return by_sigma
+
+
+WRONG = {
+    "without ∂O/∂σ": lambda sigma, value, by: (value, (0 * by[0], by[1])),
+    "∂O/∂L of half the size": lambda sigma, value, by: (value, (by[0], 0.5 * by[1])),
+    "one edge": lambda sigma, value, by: (value, (one_more(by[0]), by[1])),
+    "the scale of σ": lambda sigma, value, by: (
+        value * sigma.mean(),
+        (by[0] * sigma.mean() + value / len(sigma), by[1] * sigma.mean()),
+    ),
+}
+WORDS = {"one edge": "of edge 17 is", "the scale of σ": "at 2σ"}
+
+
+@pytest.mark.parametrize("wrong", WRONG)
+def test_wrong_derivatives_and_values_are_refused(wrong):
+    with pytest.raises(InputError, match=f"^Wrong.evaluate .*{WORDS.get(wrong, 'dO/dσ of edge')}"):
+        optimize(voronoi_network(40, seed=1), Wrong(WRONG[wrong]))
+
+
+def test_a_value_with_a_jump_or_noise_is_not_refused_for_its_derivatives():
+    """Differences that do not agree with each other decide nothing."""
+    rng = np.random.default_rng(1)
+    noisy = Wrong(lambda sigma, value, by: (value * (1 + 1e-7 * rng.random()), by))
+    assert optimize(voronoi_network(40, seed=1), noisy, max_steps=1, throw=False).status is Status.step_limit
+
+
+@pytest.mark.parametrize("method, hint", [("lbfgs", True), ("auto", False)])
+def test_no_reason_suggests_the_method_that_was_used(method, hint):
+    ended = optimize(voronoi_network(40, seed=1), "V_tau", method, max_steps=1, throw=False)
+    assert ended.status is Status.step_limit and ("choose method='auto'" in ended.reason) is hint

@@ -17,11 +17,12 @@ from critflow.arguments import of_kind
 from critflow.checks import edge_values
 from critflow.deformation import strain_basis
 from critflow.networks import Array, Network
-from critflow.quantities import Quantity
+from critflow.quantities import Quantity, TransitionModulus
 from critflow.result import InputError
 from critflow.sparse import block_laplacian, edge_blocks
 from critflow.springs import SpringState, spring_state
 from critflow_extras.certificates.counts import rigidity
+from critflow_extras.design_names.components import TensorComponent
 from critflow_extras.design_stiffness.poisson import NAME, TensorRatio, poisson_refusal, with_poisson
 from critflow_extras.rest.at_rest import response_at_rest
 from critflow_extras.targets.problem import DesignOptions, DesignResult, EdgeLimits, Target, Variables, limit_sizes
@@ -113,7 +114,8 @@ class Stiffnesses(Variables):
         given = {target.quantity.name: target for target in targets}
         components = component_names(d)
         if not all(name in given and given[name].low == given[name].high for name in components):
-            return ""
+            negative = [target.name for target in targets if target.high < 0 and _is_square(target.quantity)]
+            return f"{negative[0]} of springs at rest is never negative: raise it" if negative else ""
         m = self._affine.shape[1]
         C = np.zeros((m, m))
         for name, (a, b) in components.items():
@@ -135,6 +137,13 @@ class Stiffnesses(Variables):
         errors = np.einsum("nab,ab->n", np.abs(W), response.value.errors.tensor)
         value = spring_state(network, self.state.rest_lengths, self.state.coordinates, self.state.law)
         return DesignResult(value, response, values, errors, self.values(self.at(z), quantities)[1])
+
+
+def _is_square(quantity: Quantity) -> bool:
+    """Whether a quantity is A:C:A of a strain A, which no springs at rest make negative."""
+    if isinstance(quantity, TensorComponent):
+        return quantity.first is quantity.second
+    return isinstance(quantity, TransitionModulus)
 
 
 def _of_tensor(quantities: Sequence[Quantity], C: Array, dimension: int) -> tuple[Array, Array]:

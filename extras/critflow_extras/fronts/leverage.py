@@ -244,7 +244,10 @@ def value_of_part(measured: Quantity, network: Network, kept: Mask, sigma: Array
     part: Any = Part(network, kept, sigma, L)
     with np.errstate(all="ignore"):
         # Edges without length have no gradient.
-        return of_part.evaluate(part)[0]
+        try:
+            return of_part.evaluate(part)[0]
+        except InputError:  # which the whole network does not meet, such as a source that straight chains hold
+            return np.nan
 
 
 def values_after(

@@ -25,12 +25,15 @@ from critflow.networks import Array, IntArray, Network
 from critflow.numerics import EPS, dot, norms, product
 from critflow.quantities import Balanced
 from critflow.result import InputError
-from critflow.saddles import SaddleFactor
+from critflow.saddles import REFINED, SaddleFactor
 from critflow.sparse import Factor
 from critflow_extras.local.pairs import Pair
 
 # Compliance of a pair, relative to that by P alone with edges that yield, below which edges hold it: rounding is 1e-15.
 HELD = 1e-11
+# Relative residual of a motion beyond which no error of it is known: refinement ends below 1e-9 where it converges, and
+# above 1e-7 where stresses span so many decades that it does not.
+UNSOLVED = 1e-8
 _REFINEMENTS = 3  # solves by a factor of a Hessian, each with the residual of the one before
 
 
@@ -46,6 +49,7 @@ class PairMotion:
     rates         Δu (N_b, d)
     rounded       numbers (N_b,) whose roundings enter Δu
     residual      forces and elongations that remain, (n_free, d) and (N_b,)
+    unsolved      the same, relative to the terms that cancel in them
     """
 
     pair: Pair
@@ -57,6 +61,7 @@ class PairMotion:
     rates: Array
     rounded: Array
     residual: tuple[Array, Array]
+    unsolved: float
 
     def apart(self, displacement: Array) -> Array:
         """Relative motion (d,) of the ends of the pair."""
@@ -74,6 +79,7 @@ class Compliances:
 
     yielding   K⁻¹ (N_b,) in R u = K⁻¹λ, zero at the transition
     resisting  stiffnesses (N_b,) by which roundings of displacements are resisted, where edges are not constraints
+    tolerance  relative residual at which a solve ends
     """
 
     network: Network
@@ -82,6 +88,7 @@ class Compliances:
     factor: SaddleFactor | HessianFactor
     yielding: Array | float = 0.0
     resisting: Array | float = 0.0
+    tolerance: float = REFINED
     motions: dict[Pair, PairMotion] = field(default_factory=dict, repr=False)
     own: dict[Pair, tuple[Array, Array]] = field(default_factory=dict, repr=False)
 
@@ -102,21 +109,26 @@ class Compliances:
         force[pair.head] += r / length
         force[pair.tail] -= r / length
         force = force[network.free]
-        u, multipliers, residual = self.solved(force)
+        u, multipliers, residual, unsolved = self.solved(force)
         rates, moved = product(network.free_incidence, u), np.zeros((network.n_vertices, network.dimension))
         moved[network.free] = u
         rounded = norms(moved)[network.edges].sum(axis=1)
-        return PairMotion(pair, length, r / length, (edges, signs), moved, multipliers, rates, rounded, residual)
+        return PairMotion(
+            pair, length, r / length, (edges, signs), moved, multipliers, rates, rounded, residual, unsolved
+        )
 
-    def solved(self, force: Array) -> tuple[Array, Array, tuple[Array, Array]]:
-        """u (n_free, d), λ (N_b,) and the residual of both equations, for forces (n_free, d)."""
+    def solved(self, force: Array) -> tuple[Array, Array, tuple[Array, Array], float]:
+        """u (n_free, d), λ (N_b,), the residual of both equations and its relative size, for forces (n_free, d)."""
         network, L, sigma = self.network, self.bond_vectors, self.sigma
-        u, multipliers, _ = self.factor.solve(force, np.zeros(network.n_edges))
+        # A solve ends at a residual relative to tensions and lengths: the force is given in the size of tensions.
+        size = 2.0 ** np.round(np.log2(np.mean(np.abs(sigma) * norms(L))))
+        u, multipliers, unsolved = self.factor.solve(size * force, np.zeros(network.n_edges), self.tolerance)
+        u, multipliers = u / size, multipliers / size
         if not np.any(self.yielding):
             multipliers = multipliers - (sigma @ multipliers) / (sigma @ sigma) * sigma
         rates = product(network.free_incidence, u)
         left = force - product(network.divergence, sigma[:, None] * rates + multipliers[:, None] * L)
-        return u, multipliers, (left, self.yielding * multipliers - dot(L, rates))
+        return u, multipliers, (left, self.yielding * multipliers - dot(L, rates)), unsolved
 
     def compliance(self, target: Pair, source: Pair) -> float:
         """G_ts."""
@@ -129,11 +141,16 @@ class Compliances:
         # λ of the part of the force that edges carry is |λ||L| in size, and moves vertices as P does.
         carried = float(np.abs(motion.multipliers * norms(self.bond_vectors)).max(initial=0.0))
         unit = max(1.0, carried) / float(np.mean(np.abs(self.sigma)))
-        return not (len(free) and self.compliance(pair, pair) > HELD * unit)
+        return motion.unsolved < UNSOLVED and not (len(free) and self.compliance(pair, pair) > HELD * unit)
 
     def error(self, target: Pair, source: Pair) -> float:
-        """Error (estimate) of G_ts for exact σ and L: residuals times the other motion, and accumulated roundings."""
+        """Error (estimate) of G_ts for exact σ and L: residuals times the other motion, and accumulated roundings.
+
+        Infinite where the solve of a motion has not converged: the other motion is then not known either.
+        """
         one, other = self.motion(target), self.motion(source)
+        if not max(one.unsolved, other.unsolved) < UNSOLVED:
+            return np.inf
         free, length = self.network.free, norms(self.bond_vectors)
         left = 0.0
         for this, that in ((one, other), (other, one)):
@@ -179,7 +196,7 @@ class HessianFactor:
 
     factor: Factor
 
-    def solve(self, forces: Array, elongations: Array) -> tuple[Array, Array, float]:
+    def solve(self, forces: Array, elongations: Array, tolerance: float = REFINED) -> tuple[Array, Array, float]:
         """u (n_free, d) of forces (n_free, d), no multipliers (N_b,), and the largest force that remains."""
         right, u = forces.ravel(), np.zeros(forces.size)
         for _ in range(_REFINEMENTS):
@@ -191,10 +208,10 @@ class HessianFactor:
 class HessianCompliances(Compliances):
     """Motions of pairs of a state by its Hessian, which has all of its energies."""
 
-    def solved(self, force: Array) -> tuple[Array, Array, tuple[Array, Array]]:
+    def solved(self, force: Array) -> tuple[Array, Array, tuple[Array, Array], float]:
         assert isinstance(self.factor, HessianFactor)
-        u, none, _ = self.factor.solve(force, np.zeros(self.network.n_edges))
-        return u, none, (force - self.factor.factor.multiply(u.ravel()).reshape(force.shape), none)
+        u, none, left = self.factor.solve(force, np.zeros(self.network.n_edges))
+        return u, none, (force - self.factor.factor.multiply(u.ravel()).reshape(force.shape), none), left
 
 
 def compliances(balance: Balanced) -> Compliances:

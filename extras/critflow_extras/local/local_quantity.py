@@ -16,6 +16,7 @@ import numpy as np
 
 from critflow.manifold import CriticalConfiguration
 from critflow.networks import Array, Network
+from critflow.numerics import EPS
 from critflow.quantities import Balanced, Partials, Quantity
 from critflow.result import InputError
 from critflow_extras.local.compliance import Compliances, compliances
@@ -133,8 +134,20 @@ def strain_error(found: Compliances, critical: CriticalConfiguration, source: Pa
     """Error (estimate) of η at a configuration: of the compliances, of the bonds, and of r by a sum along its path."""
     s, t, own = found.motion(source), found.motion(target), found.compliance(source, source)
     eta, ratio = strain(found, source, target), s.distance / t.distance
-    of_solves = (ratio * found.error(target, source) + abs(eta) * found.error(source, source)) / own
-    _, by_L = partials(found, source, target)
+    of_solves = (ratio * found.error(target, source) + abs(eta) * found.error(source, source)) / abs(own)
+    return of_solves + _geometric_error(critical, eta, partials(found, source, target)[1])
+
+
+def stiffness_error(found: Compliances, critical: CriticalConfiguration, source: Pair) -> float:
+    """Error (estimate) of 1/G_ss at a configuration, as `strain_error`."""
+    s, own = found.motion(source), found.compliance(source, source)
+    by_L, (edges, signs) = found.own_derivatives(source)[1].copy(), s.path
+    by_L[edges] += 2 * signs[:, None] * s.turning(s.displacement)
+    return (found.error(source, source) + _geometric_error(critical, own, by_L)) / own**2
+
+
+def _geometric_error(critical: CriticalConfiguration, value: float, by_L: Array) -> float:
+    """Error of a value with derivatives by L (N_b, d): of the bonds, and of the sums of bonds along pairs."""
     size = np.linalg.norm(by_L, axis=1)
-    rounding = np.finfo(float).eps * (4 * abs(eta) + float(np.linalg.norm(size * critical.lengths)))
-    return float(size @ critical.bond_errors) + of_solves + rounding
+    rounding = EPS * (4 * abs(value) + float(np.linalg.norm(size * critical.lengths)))
+    return float(size @ critical.bond_errors) + rounding

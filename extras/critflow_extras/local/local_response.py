@@ -31,12 +31,13 @@ from critflow.saddles import Saddle
 from critflow.self_stress import require_one_stress_by_rank
 from critflow.springs import SpringState
 from critflow_extras.local.compliance import Compliances, HessianCompliances, HessianFactor, compliances
-from critflow_extras.local.local_quantity import partials, strain, strain_error
+from critflow_extras.local.local_quantity import partials, stiffness_error, strain, strain_error
 from critflow_extras.local.pairs import Pair, check_distinct, pair_of
 
 # Part by which a response may deviate at the stress `limit`; error beyond which responses are not trusted, as a part of
 # the largest of them or of the strain of the source.
-DEVIATION, TRUSTED = 0.01, 0.1
+DEVIATION, TRUSTED = 0.01, 0.01
+_MARGIN = 30.0  # errors of growths in units of the changes that two sets of roundings cause
 _TOLERANCE = 1e-9  # forces of a state in units of its stiffness that count as balanced
 
 
@@ -51,6 +52,7 @@ class LocalResponse(Record):
                      is t times this for the stress tσ, Σσ² = N_b; of a state in units of k
     stiffness_error  of it (estimate)
     growth           dη/dt of each target for the stress tσ, (n,); NaN for a state
+    growth_errors    of them (estimate), (n,), also relative to `growth` those of `limit`
     displacements    u (N_v, d) per relative change of the source distance; of periodic networks with mean zero
     """
 
@@ -61,6 +63,7 @@ class LocalResponse(Record):
     stiffness: float
     stiffness_error: float
     growth: Array = field(repr=False)
+    growth_errors: Array = field(repr=False)
     displacements: Array = field(repr=False)
 
     @property
@@ -83,7 +86,8 @@ def local_response(springs: Any, source: Any, targets: Any, throw: bool = True) 
     Errors (estimate): `errors` of the value, against the configuration in exact balance under the floating-point σ; of
     a state, at its coordinates as given.
 
-    `Status.rigid` and NaN where edges hold the source; `Status.ill_conditioned` and NaN where an error exceeds a tenth;
+    `Status.rigid` and NaN where edges hold the source; `Status.ill_conditioned` and NaN where an error exceeds a
+    hundredth, or is not known since the solve has not converged;
     `Status.unstable` and NaN for a state that is no minimum.
     Raises `InputError` for pairs that are edges, equal vertices, a target equal to the source, several self-stresses,
     stresses that are not positive, and states at rest or out of balance.
@@ -129,17 +133,39 @@ def _at_transition(critical: CriticalConfiguration, source: Pair, targets: tuple
         note = f"the edges hold the source {source}, so that no motion changes its distance: name another pair"
         return _failed(critical, source, targets, Status.rigid, note)
     errors = np.array([strain_error(found, critical, source, target) for target in targets])
+    own_error, growth = stiffness_error(found, critical, source), _growths(found, source, targets)
     own = found.compliance(source, source)
-    growth = np.array([_growth(found, source, target) for target in targets])
-    by_bonds = np.linalg.norm(found.own_derivatives(source)[1], axis=1) @ critical.bond_errors
-    return _answer(critical, found, source, targets, errors, growth, (found.error(source, source) + by_bonds) / own**2)
+    # Those of η and 1/G_ss, by which it is made of the growths of compliances, and those of the latter.
+    growth_errors = np.full_like(growth, np.nan)
+    if np.isfinite(errors).all():
+        growth_errors = errors * abs(found.growth(source, source) / own) + np.abs(growth) * own_error * own
+        growth_errors += _growth_errors(critical, found, source, targets, growth)
+    return _answer(critical, found, source, targets, errors, np.array([growth, growth_errors]), own_error)
 
 
-def _growth(found: Compliances, source: Pair, target: Pair) -> float:
-    """dη/dt."""
-    ratio = found.motion(source).distance / found.motion(target).distance
-    mixed, own = found.growth(target, source), found.growth(source, source)
-    return (ratio * mixed - strain(found, source, target) * own) / found.compliance(source, source)
+def _growth_errors(
+    critical: CriticalConfiguration, found: Compliances, source: Pair, targets: tuple[Pair, ...], growth: Array
+) -> Array:
+    """Errors (estimate) of dη/dt, (n,): the changes by two sets of errors of the bonds, with a margin."""
+    L, sigma = critical.bond_vectors, critical.sigma
+    # By their roundings at least: half of one moves no number.
+    moved = np.maximum(critical.bond_errors[:, None], EPS * np.abs(L))
+    errors = _MARGIN * EPS * np.abs(growth)
+    for seed in range(2):
+        there = L + moved * np.random.default_rng(seed).choice([-1.0, 1.0], L.shape)
+        factor = critical.manifold.system(sigma).factorize(sigma, there)
+        # To the last digit: what an ended refinement leaves of the regularisation is no rounding.
+        other = Compliances(critical.network, sigma, there, factor, tolerance=0.0)
+        errors += _MARGIN * np.abs(_growths(other, source, targets) - growth)
+    return errors
+
+
+def _growths(found: Compliances, source: Pair, targets: tuple[Pair, ...]) -> Array:
+    """dη/dt of each target, (n,)."""
+    ratio = found.motion(source).distance / np.array([found.motion(target).distance for target in targets])
+    mixed, own = np.array([found.growth(target, source) for target in targets]), found.growth(source, source)
+    eta = np.array([strain(found, source, target) for target in targets])
+    return np.asarray((ratio * mixed - eta * own) / found.compliance(source, source))
 
 
 @response_of_pairs.register(SpringState)
@@ -158,7 +184,7 @@ def _under_stress(state: SpringState, source: Pair, targets: tuple[Pair, ...]) -
         errors.append(solves + float(accumulated_rounding(of_stress)) + 4 * EPS * abs(eta))
     of_stress = np.abs(found.own_derivatives(source)[0]) * state.stress_rounding
     own_error = (found.error(source, source) + float(accumulated_rounding(of_stress))) / own**2
-    return _answer(state, found, source, targets, np.array(errors), np.full(len(targets), np.nan), own_error)
+    return _answer(state, found, source, targets, np.array(errors), np.full((2, len(targets)), np.nan), own_error)
 
 
 def _of_state(state: SpringState) -> Compliances | None:
@@ -185,7 +211,10 @@ def _answer(
     growth: Array,
     own_error: float,
 ) -> Solution[LocalResponse]:
-    """The solution, refused where an error exceeds a tenth of the largest strain, that of the source included."""
+    """The solution, refused where an error exceeds a hundredth of the largest strain, that of the source included.
+
+    growth  dη/dt and its errors, (2, n)
+    """
     strains, own = np.array([strain(found, source, target) for target in targets]), found.compliance(source, source)
     motion = found.motion(source)
     moved = motion.displacement * motion.distance / own
@@ -195,9 +224,11 @@ def _answer(
     residual = max(float(np.abs(part).max(initial=0.0)) for part in (force, slip))
     # Errors are NaN, not known, where those of the bond vectors are.
     if not np.isfinite(strains).all() or (errors > TRUSTED * np.maximum(1.0, np.abs(strains))).any():
-        note = "rounding errors exceed a tenth of the response: choose stresses of more similar magnitude"
+        note = "rounding errors exceed a hundredth of the response: choose stresses of more similar magnitude"
         return _failed(springs, source, targets, Status.ill_conditioned, note)
-    value = LocalResponse(source, targets, strains, errors, 1 / own, own_error + 2 * EPS / own, growth, moved)
+    value = LocalResponse(
+        source, targets, strains, errors, 1 / own, own_error + 2 * EPS / own, growth[0], growth[1], moved
+    )
     return Solution(value, Status.ok, Stats("saddle", len(targets) + 1, residual, error_bound=float(errors.max())))
 
 
@@ -206,5 +237,5 @@ def _failed(
 ) -> Solution[LocalResponse]:
     """No response, for a reason."""
     nothing, unknown = np.full(len(targets), np.nan), np.full_like(springs.coordinates, np.nan)
-    value = LocalResponse(source, targets, nothing, nothing, np.nan, np.nan, nothing, unknown)
+    value = LocalResponse(source, targets, nothing, nothing, np.nan, np.nan, nothing, nothing, unknown)
     return Solution(value, status, Stats("saddle", 1), note)

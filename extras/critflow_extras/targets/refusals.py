@@ -24,6 +24,7 @@ from critflow.optima import largest_modulus
 from critflow.quantities import SpringResponse, dilation, largest_value, pure_shear
 from critflow.result import InputError
 from critflow_extras.design_names.components import modulus_form
+from critflow_extras.local.local_quantity import LocalStrain
 from critflow_extras.targets.problem import Target
 from critflow_extras.targets.stress_form import StressForm, stress_form
 
@@ -44,6 +45,7 @@ def refusal_of(manifold: CriticalManifold, targets: Sequence[Target], positive: 
     positive  whether all stresses are positive
     """
     note = _beyond_extreme(manifold, targets, positive)
+    note = note or _beyond_reciprocity(targets)
     note = note or _beyond_stress(manifold, targets, positive) or _beyond_together(manifold, targets)
     return note or (_beyond_softening(manifold, targets) if positive else "")
 
@@ -71,6 +73,28 @@ def _beyond_extreme(manifold: CriticalManifold, targets: Sequence[Target], posit
             )
         if target.high < least - BOUND_ROUNDING * max(abs(least), abs(target.high)) - rounding:
             return f"{target.name} is at least {least:.8g} under tension, and {target.high:.8g} was requested"
+    return ""
+
+
+def _beyond_reciprocity(targets: Sequence[Target]) -> str:
+    """The responses of two pairs to each other have the product G_ts²/(G_ss G_tt), and vanish together.
+
+    G is positive definite, so that the product is between 0 and 1.
+    """
+    local = [(target, target.quantity) for target in targets if isinstance(target.quantity, LocalStrain)]
+    for n, (one, forth) in enumerate(local):
+        for other, back in local[:n]:
+            pairs = ((forth.source, back.target), (forth.target, back.source))
+            if forth.stress != back.stress or not all(a in (b, b.reversed) for a, b in pairs):
+                continue
+            # The limits of both on one side of zero, as magnitudes.
+            sides = [(one.low, one.high, other.low, other.high), (-one.high, -one.low, -other.high, -other.low)]
+            attained = [max(a, 0.0) * max(c, 0.0) <= 1 + BOUND_ROUNDING for a, b, c, d in sides if b > 0 < d]
+            if not any(attained) and not (one.low <= 0 <= one.high and other.low <= 0 <= other.high):
+                return (
+                    f"{other.name} and {one.name} are the responses of two pairs to each other: their product is "
+                    "between 0 and 1, and both vanish together"
+                )
     return ""
 
 

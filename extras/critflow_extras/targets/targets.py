@@ -45,6 +45,10 @@ TARGET_OPTIMAL = 1e-3
 PREFERENCES: dict[str, type[Quantity]] = {"V_L": LengthVariance, "V_tau": TensionVariance}
 """Preferences that are quantities, by name."""
 
+_POISSON = "Poisson's ratio is 'poisson' of change='stiffness'"
+_YOUNG = "isotropic_targets(dimension, youngs_modulus, poissons_ratio) has the targets of change='stiffness'"
+_OTHER_NAMES = {"nu": _POISSON, "ν": _POISSON, "poissons_ratio": _POISSON, "E": _YOUNG, "youngs_modulus": _YOUNG}
+
 # What `design` may change, and its kind of variables, whose module is imported at its first use: it imports this one.
 _KINDS = {
     "faces": "critflow_extras.targets.faces:FaceAmplitudes",
@@ -189,8 +193,10 @@ def change_of(targets: Mapping[Any, Any]) -> str:
 
 
 def _require_targets(change: str, targets: Mapping[Any, Any]) -> None:
-    """Raise `InputError` for a target that only another change has."""
+    """Raise `InputError` for a target that only another change has, or that has another name."""
     for name in targets:
+        if isinstance(name, str) and name in _OTHER_NAMES:
+            raise InputError(f"{name} is no target: {_OTHER_NAMES[name]}")
         other = change_of({name: 0.0})
         if other not in ("stress", change):
             raise InputError(f"{name} is a target of change={other!r}, not of change={change!r}")

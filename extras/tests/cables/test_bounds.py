@@ -44,3 +44,13 @@ def test_a_configuration_is_admissible_beyond_its_rounding_only():
     for slack, inside in ((1e-12, True), (1e-15, False), (0.0, False), (-1e-12, False)):
         lengths = np.array([0.5 * (1 + slack), 0.7])
         assert admissible(PATH, lengths, 0.0, np.zeros(0), middle) is inside
+
+
+@pytest.mark.parametrize("size", [1e-9, 1.0, 1e9])
+def test_the_strain_at_which_a_cell_is_flat_in_any_unit(size):
+    """A double root, which rounding may split into complex ones, and two complex roots."""
+    for angle in np.linspace(0.1, 3.0, 20):
+        turn = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
+        for matrix, flat in (([[-0.5, 0.5], [0.0, -0.5]], 2.0), ([[-0.5, 0.5], [-0.5, -0.5]], np.inf)):
+            path = BoundaryPath(PATH.manifold, deformation_of(size * turn @ matrix @ turn.T, 2))
+            assert size * path.flat_strain(0.0, np.zeros(0)) == pytest.approx(flat, rel=1e-6)

@@ -153,6 +153,18 @@ def test_tensors_that_no_springs_have_are_refused():
     targets = isotropic_targets(2, 1.0, 0.2) | {"C_xyxy": -0.1}
     with pytest.raises(SolveError, match="eigenvalue"):
         changed(CELL, targets)
+    # In any unit, and not for an eigenvalue that rounding makes negative.
+    flat = {"C_xxxx": 1.0, "C_yyyy": 1.0, "C_xxyy": 1 + 1e-14, "C_xyxy": 0.3, "C_xxxy": 0.0, "C_yyxy": 0.0}
+    for unit in (1e-9, 1.0, 1e9):
+        notes = [
+            Stiffnesses(at_rest(CELL)).refusal(parse_targets(CELL, {name: unit * C for name, C in tensor.items()}))
+            for tensor in (flat | {"C_xxyy": 1.1}, flat)
+        ]
+        assert "eigenvalue" in notes[0] and notes[1] == ""
+    for name in ("B_0", "modulus[uniaxial]", "C_xyxy"):
+        found = changed(CELL, {name: -0.1}, throw=False)
+        assert found.status is Status.infeasible and f"{name} of springs at rest is never negative" in found.note
+    assert not Stiffnesses(at_rest(CELL)).refusal(parse_targets(CELL, {"C_xxyy": -0.1}))
     variables, targets = Stiffnesses(at_rest(CELL)), parse_targets(CELL, isotropic_targets(2, 1.0, 0.2))
     assert not variables.refusal(targets)
     variables.n_self_stresses = 2

@@ -62,12 +62,19 @@ def test_a_wrong_evaluate_is_one_sentence(call, wrong):
         CALLS[call](MeanSquare(changed))
 
 
+@pytest.mark.parametrize("call", [call for call in CALLS if call != "design of pressures"])
+def test_a_wrong_derivative_is_one_sentence(call):
+    with pytest.raises(InputError, match=r"^MeanSquare.evaluate .* dO/dσ of edge"):
+        CALLS[call](MeanSquare(lambda v, s, L: (v, (s, 1.01 * L))))
+
+
 def test_a_right_one_is_asked_once_more():
     right = MeanSquare()
     properties(CRITICAL, right)
     stated = right.calls
-    # The value, its error and the derivatives by 30 stiffnesses from two sides, and one question before.
-    assert stated == 1 + 1 + 2 * 30 + 1
+    # The value, its error and the derivatives by 30 stiffnesses from two sides; before them one question at this stress
+    # and one at another, with twice that stress and both sides of it.
+    assert stated == 1 + 1 + 2 * 30 + 1 + 1 + 1 + 2
     assert optimize(MANIFOLD, right, throw=False).objective < properties(CRITICAL, right).values["MeanSquare"]
 
 

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from problems import random_stress, with_random_stiffness
+from units import in_units
 
 from critflow import (
     CriticalConfiguration,
@@ -110,6 +111,15 @@ def test_an_edge_to_its_own_image_moves_nothing():
     found = edge_leverage(critical).value
     assert found.bypass[3] == 1 and found.bypass_errors[3] < 1e-13
     assert errors_in_multiples(network, critical, range(4)).min() >= 1
+
+
+@pytest.mark.parametrize("length", [2.0**-30, 1.0, 2.0**30])
+def test_a_cut_after_which_edges_hold_a_source_has_no_value(length):
+    # Without edge 2 a straight chain of two edges joins vertices 0 and 11.
+    network = in_units(voronoi_network(n_vertices=14, seed=1), 1.0, length)
+    solution = edge_leverage(CriticalManifold(network).configuration(random_stress(21, 1)), "local[0-11,5-0]")
+    assert solution.status is Status.ok
+    np.testing.assert_array_equal(np.flatnonzero(np.isnan(solution.value.after)), [2])
 
 
 def test_cuts_that_rounding_hides_are_named():

@@ -8,22 +8,27 @@ from workflows.benchmarks.reference import configuration, incidence, laplacian
 
 @precise
 def exact_strains(network, sigma, source, targets):
-    """η of targets and the stiffness of the source at a stress σ (N_b,): pairs (tail, head, image)."""
+    """η of targets, the stiffness of the source and dη/dt, at a stress σ (N_b,): pairs (tail, head, image)."""
     critical, g = configuration(network, sigma), incidence(network)
     L, s, d = critical.bond_vectors, critical.sigma, network.dimension
     n, m = g.shape[1] * d, len(L)
     R = (g[:, :, None] * L[:, None, :]).reshape(m, n)
     rows = [difference(network, critical.coordinates, pair) for pair in (source, *targets)]
-    matrix = zeros(n + m + 2, n + m + 2)
+    matrix, right = zeros(n + m + 1, n + m + 1), zeros(n + m + 1, len(rows))
     matrix[:n, :n] = laplacian(network, s, d)
     matrix[:n, n : n + m], matrix[n : n + m, :n] = R.T, R
-    matrix[n : n + m, -2] = matrix[-2, n : n + m] = s
-    matrix[:n, -1] = matrix[-1, :n] = rows[0][0]
-    right = zeros(n + m + 2, 1)
-    right[-1] = 1
-    solution = solve(matrix, right)[:, 0]
-    length = rows[0][1]
-    return np.array([a @ solution[:n] * length / r for a, r in rows[1:]], dtype=object), -solution[-1]
+    matrix[n : n + m, -1] = matrix[-1, n : n + m] = s
+    right[:n] = np.array([a for a, _ in rows]).T
+    solution = solve(matrix, right)
+    compliance, multipliers = (right[:n].T @ solution[:n])[:, 0], solution[n : n + m].T
+    # Edges yield, and the multipliers are those of least energy.
+    yielding = (L * L).sum(axis=1) / numbers(network.stiffness)
+    along = (multipliers @ (yielding * s)) / (s @ (yielding * s))
+    multipliers = multipliers - along[:, None] * s
+    growth = multipliers @ (yielding * multipliers[0])
+    ratio = rows[0][1] / np.array([length for _, length in rows[1:]])
+    eta = ratio * compliance[1:] / compliance[0]
+    return eta, 1 / compliance[0], (ratio * growth[1:] - eta * growth[0]) / compliance[0]
 
 
 def difference(network, x, pair):

@@ -5,6 +5,7 @@ import pytest
 from pair_reference import exact_strains
 from problems import hung_ring, random_stress, voronoi_3d
 from refusals import refused
+from units import in_units
 
 from critflow import CriticalManifold, Status, lattice, spring_state, strain_path, voronoi_network
 from critflow.manifold import critical_configuration
@@ -39,7 +40,11 @@ def triples(pairs):
     return [(pair.tail, pair.head, pair.image) for pair in pairs]
 
 
-@pytest.mark.parametrize("width", [0.3, 1.5, 3.0])
+def apart(found, exact):
+    return np.array([abs(float(one - other)) for one, other in zip(np.atleast_1d(found), exact, strict=True)])
+
+
+@pytest.mark.parametrize("width", [0.3, 1.5, 3.0, 5.0])
 @pytest.mark.parametrize("name", CASES)
 def test_errors_against_sixty_digits(name, width):
     network, source, targets = CASES[name]
@@ -47,10 +52,11 @@ def test_errors_against_sixty_digits(name, width):
         return  # a dense matrix of some minutes
     critical = at(name, width)
     found = local_response(critical, source, targets).value
-    exact, stiffness = exact_strains(network, critical.sigma, *triples([found.source]), triples(found.targets))
-    errors = np.array([abs(float(one - other)) for one, other in zip(found.strains.tolist(), exact, strict=True)])
+    exact, stiffness, growth = exact_strains(network, critical.sigma, *triples([found.source]), triples(found.targets))
+    errors = apart(found.strains, exact)
     assert (errors <= found.errors).all()
-    assert abs(float(found.stiffness - stiffness)) <= found.stiffness_error
+    assert apart(found.stiffness, [stiffness]) <= found.stiffness_error
+    assert (apart(found.growth, growth) <= found.growth_errors).all()
     # Not larger than needed: within a few digits of the largest of the errors, and of the rounding of the value.
     rounding = np.finfo(float).eps * np.abs(found.strains).max()
     assert found.errors.max() < 3e3 * max(errors.max(), rounding)
@@ -114,6 +120,48 @@ def test_errors_that_are_not_known():
     found, known = (local_response(one, SOURCE, TARGETS).value for one in (unknown, CRITICAL))
     np.testing.assert_allclose(found.strains, known.strains, rtol=1e-12)
     assert np.isnan(found.errors).all()
+
+
+# Seeds at which the distance of the source is far below its edges, or stresses span 8 decades and more.
+@pytest.mark.parametrize("width, seed", [(4.0, 27), (4.0, 64), (4.0, 90), (8.0, 30), (8.0, 89)])
+def test_errors_of_wide_stresses(width, seed):
+    critical, pairs = wide(width, seed)
+    found = local_response(critical, pairs[0], pairs[1:]).value
+    exact, stiffness, growth = exact_strains(
+        critical.network, critical.sigma, *triples([found.source]), triples(found.targets)
+    )
+    assert (apart(found.strains, exact) <= found.errors).all()
+    assert apart(found.stiffness, [stiffness]) <= found.stiffness_error
+    assert (apart(found.growth, growth) <= found.growth_errors).all()
+    assert found.stiffness_error < 1e-6 * found.stiffness and found.growth_errors.max() < 1e-3 * abs(growth).max()
+
+
+@pytest.mark.parametrize("width, seed", [(8.0, 49), (8.0, 108), (8.0, 122), (8.0, 107)])
+def test_a_solve_that_does_not_converge_is_a_status(width, seed):
+    critical, pairs = wide(width, seed)
+    solution = local_response(critical, pairs[0], pairs[1:], throw=False)
+    assert solution.status is Status.ill_conditioned and np.isnan(solution.value.strains).all()
+
+
+def wide(width, seed):
+    """A network of twelve vertices, stresses of which one standard deviation is e^width, and five free pairs."""
+    network, rng = voronoi_network(12, seed=seed), np.random.default_rng([seed, int(10 * width)])
+    critical = CriticalManifold(network).configuration(np.exp(width * rng.standard_normal(network.n_edges)))
+    edges, pairs = {frozenset(edge) for edge in network.edges.tolist()}, []
+    while len(pairs) < 5:
+        pair = tuple(int(vertex) for vertex in rng.choice(12, 2, replace=False))
+        if frozenset(pair) not in edges | {frozenset(other) for other in pairs}:
+            pairs.append(pair)
+    return critical, pairs
+
+
+@pytest.mark.parametrize("power", [-30, 30])
+def test_the_same_bits_in_all_units_of_length(power):
+    network = in_units(NETWORK, 1.0, 2.0**power)
+    found = local_response(CriticalManifold(network).configuration(CRITICAL.sigma), SOURCE, TARGETS).value
+    known = local_response(CriticalManifold(NETWORK).configuration(CRITICAL.sigma), SOURCE, TARGETS).value
+    np.testing.assert_array_equal(found.strains, known.strains)
+    assert found.stiffness == known.stiffness
 
 
 def test_reciprocity():

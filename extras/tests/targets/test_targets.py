@@ -21,7 +21,8 @@ from critflow import (
     voronoi_network,
 )
 from critflow_extras import design, properties
-from critflow_extras.targets.problem import POWERS, EdgeLimits
+from critflow_extras.targets.problem import POWERS, EdgeLimits, parse_targets
+from critflow_extras.targets.refusals import refusal_of
 from critflow_extras.targets.targets import cosines
 
 MANIFOLD = CriticalManifold(voronoi_network(n_vertices=60, seed=1))
@@ -66,6 +67,7 @@ def test_targets_are_reached(name):
 SOFT = CriticalManifold(NETWORK.with_stiffness(1e-8 * NETWORK.stiffness))
 SMALL = CriticalManifold(voronoi_network(8, seed=0))
 BOUND = upper_bound(MANIFOLD, "B_0")
+FORTH, BACK = "local[3-30,5-20]", "local[5-20,3-30]"
 # Targets that no stress has, and the word of the sentence.
 EXCLUDED = {
     "a bound": (MANIFOLD, {"bulk_modulus": 1.001 * BOUND}, f"{BOUND:.8g}"),
@@ -75,11 +77,22 @@ EXCLUDED = {
     "a response": (MANIFOLD, response_of(np.ones(90), 1.01), "factor of 1.01"),
     "a response of compression": (MANIFOLD, REACHED["a signed response"][0], "signs='any'"),
     "the stiffest": (MANIFOLD, {"B_0": BOUND, "C_B": 0.0}, "every configuration"),
+    "two responses of the same pairs": (MANIFOLD, {FORTH: 2.0, BACK: 2.0}, "product"),
+    "two responses of opposite signs": (MANIFOLD, {FORTH: (0.1, 3.0), "local[20-5,3-30]": (-2.0, -0.1)}, "product"),
+    "one response alone that vanishes": (MANIFOLD, {FORTH: 0.0, BACK: 2.0}, "vanish together"),
     "a negative modulus": (MANIFOLD, {"B_0": -0.1}, "never negative"),
     "softening": (MANIFOLD, {"B_0": 0.27, "C_B": -0.135}, "largest B_0"),
     "softening in shear": (MANIFOLD, {"B_0": 0.25, "G_0": (0.0, 0.01), "C_B": 0.1, "C_G": -0.05}, "C_G is at least"),
     "the largest softening": (SMALL, {"C_B": -0.5005 * upper_bound(SMALL, "B_0")}, "at least"),
 }
+
+
+@pytest.mark.parametrize("signs", [(1, 1), (-1, -1)])
+def test_responses_of_two_pairs_that_a_stress_may_have_are_not_refused(signs):
+    for limits in ((0.5, (1.0, 3.0)), ((0.5, 3.0), 1.9), (0.0, 0.0), (1.0, 1.0)):
+        sides = [tuple(sorted(sign * np.broadcast_to(one, 2))) for sign, one in zip(signs, limits, strict=True)]
+        found = parse_targets(NETWORK, dict(zip((FORTH, BACK), sides, strict=True)))
+        assert refusal_of(MANIFOLD, found, True) == ""
 
 
 @pytest.mark.parametrize("name", EXCLUDED)
