@@ -96,7 +96,11 @@ def violins(axes: Axes, groups: Sequence[Array], labels: Sequence[str], *, log: 
         if len(finite) == 0:
             axes.text(place, 0.5, "none", transform=axes.get_xaxis_transform(), ha="center", fontsize=TEXT, color="0.4")
             continue
-        _distribution(axes, place, np.log10(np.maximum(finite, 1e-300)) if log else finite)
+        # The mark is the median of the values, not of their logarithms.
+        median = float(np.median(finite))
+        if log:
+            finite, median = np.log10(np.maximum(finite, 1e-300)), np.log10(max(median, 1e-300))
+        _distribution(axes, place, finite, median)
     axes.set_xticks(range(len(groups)), shown_labels)
     axes.set_xlim(-0.6, len(groups) - 0.4)
     readable(axes)
@@ -110,9 +114,9 @@ def points_at(axes: Axes, place: int, values: Array, colour: str) -> None:
     axes.plot(place + shift, values, "o", color=colour, markersize=3, alpha=0.6, markeredgewidth=0)
 
 
-def _distribution(axes: Axes, place: int, values: Array) -> None:
+def _distribution(axes: Axes, place: int, values: Array, median: float) -> None:
     """One distribution at its place: a violin of many values that differ, else points next to each other."""
-    colour, median = COLOURS[place % len(COLOURS)], float(np.median(values))
+    colour = COLOURS[place % len(COLOURS)]
     if len(values) >= LEAST_VIOLIN and np.ptp(values) > 1e-9 * max(abs(median), 1e-300):
         parts = axes.violinplot([values], [place], widths=0.85, showextrema=False)
         for body in parts["bodies"]:  # type: ignore[attr-defined]
