@@ -193,7 +193,9 @@ def _distributions(axes, ds, name, labels):
             axes, places, other[places], fmt="D", color="0.15", markersize=4, markerfacecolor="white", linewidth=1
         )
         axes.plot([], [], color=COLOURS[0], linewidth=5, alpha=0.45, label="energy, as printed")
-        axes.plot([], [], "D", color="0.15", markersize=4, markerfacecolor="white", label="stress-corrected, two thirds")
+        axes.plot(
+            [], [], "D", color="0.15", markersize=4, markerfacecolor="white", label="stress-corrected, two thirds"
+        )
         axes.legend(fontsize=7.5, frameon=False, loc="lower left", handlelength=1.2, borderaxespad=0.1)
 
 

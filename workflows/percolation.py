@@ -37,9 +37,9 @@ from .shared.structure import face_anisotropy, force_anisotropy, relative_varian
 from .shared.tables import bounded, networks, numbers, outcomes, stacked
 
 STATES = {
-    "transition": "at the transition, either box",
-    "box_N_v": "protocol of the paper, side $\\sqrt{N_v}$",
-    "box_N_b": "protocol of the paper, side $\\sqrt{N_b}$",
+    "transition": "transition, either box",
+    "box_N_v": "protocol, side $\\sqrt{N_v}$",
+    "box_N_b": "protocol, side $\\sqrt{N_b}$",
 }
 MEASURED = (
     *("stressed_fraction", "tension_fraction", "B_0_part", "B_0_part_error_bound"),
@@ -210,15 +210,20 @@ def percolation_figure(ds):
 
 def _percolation_title(ds):
     """Where the printed spread percolates, by state, as computed."""
-    at = {row["state"]: row for row in readings(ds) if abs(row["spread"] - PRINTED_SPREAD) < 1e-9}
+    at = _at_printed_spread(ds)
     if not {"transition", "box_N_b"} <= at.keys():
         return "Every edge is stressed up to a spread that depends on size, box and state"
-    parts = [f"{at[state]['full']:.0f} % of the networks {words}" for state, words in (
-        ("box_N_b", "in the box of side $\\sqrt{N_b}$"), ("transition", "at the transition"))]  # fmt: skip
+    size, n = int(ds.n_vertices.values[-1]), plural(at["transition"]["networks"], "network")
     return (
-        f"At the spread of the paper, $s$ = {PRINTED_SPREAD}, every edge is stressed in {' and in '.join(parts)}\n"
-        f"($N_v$ = {int(ds.n_vertices.values[-1]):,}, {plural(at['transition']['networks'], 'network')})"
+        f"At the spread of the paper, $s$ = {PRINTED_SPREAD}, every edge is stressed in {at['box_N_b']['full']:.0f} %\n"
+        f"of the networks in the box of side $\\sqrt{{N_b}}$ and in {at['transition']['full']:.0f} % at the transition "
+        f"($N_v$ = {size:,}, {n})"
     )
+
+
+def _at_printed_spread(ds):
+    """The rows of the table at the spread of the paper, by state."""
+    return {row["state"]: row for row in readings(ds) if abs(row["spread"] - PRINTED_SPREAD) < 1e-9}
 
 
 # Panels of the states: name of the variable, label, and what the paper says of it: a number, or the value at s = 0.
@@ -260,7 +265,7 @@ def spread_figure(ds):
             printed = float(np.nanmedian(first)) if spreads[0] == 0 else np.nan
         axes.axhline(printed, color="0.3", linestyle=(0, (1, 1)), linewidth=1)
         axes.axvline(PRINTED_SPREAD, color="0.3", linestyle=":", linewidth=1)
-        axes.set(xlim=(0, spreads.max()), title=f"paper: {words}", ylabel=label)
+        axes.set(title=f"paper: {words}", ylabel=label)
     for axes in panels[3:]:
         axes.set_xlabel("spread of rest lengths $s$")
     for axes in (panels[1], panels[3]):
@@ -273,17 +278,16 @@ def spread_figure(ds):
 
 def _finding(ds):
     """What the states differ in at the printed spread, as a title."""
-    rows = {row["state"]: row for row in readings(ds) if abs(row["spread"] - PRINTED_SPREAD) < 1e-9}
-    if not {"transition", "box_N_b"} <= rows.keys():
+    at = _at_printed_spread(ds)
+    if not {"transition", "box_N_b"} <= at.keys():
         return "Random rest lengths: the box and the state that is recorded matter"
-    there, printed = rows["transition"], rows["box_N_b"]
-    curves = min(of_state(ds, state).sizes["seed"] for state in rows)
+    there, printed = at["transition"], at["box_N_b"]
+    size, n = int(ds.n_vertices.values[-1]), plural(printed["networks"], "network")
     return (
         f"At $s$ = {PRINTED_SPREAD} the box of side $\\sqrt{{N_b}}$ stresses {printed['stressed']:.1f} % of the edges "
         f"and leaves a gap of {printed['gap']:.0f} %,\n"
-        f"the transition {there['stressed']:.1f} % and {there['gap']:.0f} % "
-        f"({int(ds.n_vertices.values[-1]):,} vertices; medians of {plural(printed['networks'], 'network')}; curves: "
-        f"{curves}\nor more, bands of 80 %; dotted: what the paper says, and its spread)"
+        f"the transition {there['stressed']:.1f} % and {there['gap']:.0f} % (medians of {n} of {size:,} vertices)\n"
+        "Curves: medians, bands hold 80 %; dotted: what the paper says, and its spread"
     )
 
 
@@ -300,7 +304,7 @@ def claims(ds):
     )  # fmt: skip
     power = shown((threshold_power(sizes, half_points(ds, "transition")), *threshold_interval(ds)))
     yield Claim("percolation-size", "its power of the size, at the transition", "", power, "measured", sample=n)
-    at = {row["state"]: row for row in rows if abs(row["spread"] - PRINTED_SPREAD) < 1e-9}
+    at = _at_printed_spread(ds)
     box = at.get("box_N_b")
     if box is None:
         return
@@ -320,7 +324,8 @@ def claims(ds):
 
 
 def _by_size(sizes, halves):
-    return ", ".join(f"s = {half:.3f} (N_v = {size})" for half, size in zip(halves, sizes, strict=True))
+    known = [f"s = {half:.3f}" if np.isfinite(half) else "no spread of this run" for half in halves]
+    return ", ".join(f"{text} (N_v = {size})" for text, size in zip(known, sizes, strict=True))
 
 
 def _listed(at, name):
