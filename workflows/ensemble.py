@@ -159,7 +159,7 @@ def _panels(ds, names, title, note):
         axes.set_ylabel(label, fontsize=TEXT)
         axes.set_title(letter, loc="left", fontweight="bold", fontsize=TEXT, y=1.0)
         small = _axes(figure, 0.12 + n * (_DRAWING + 0.15), low + 0.08, _DRAWING, _DRAWING)
-        if one := _example(ds, name, word):
+        if one := example_of(ds, name, word):
             part = np.sqrt(min(1.0, _SHOWN_VERTICES / ds.sizes["vertex"]))
             _draw(small, one[0], f"{letter}: {word} {one[1]}", TEXT, width=1.0, part=part)
         else:
@@ -219,7 +219,7 @@ def _axes(figure, left, bottom, width, height):
     return figure.add_axes((left / across, bottom / up, width / across, height / up))
 
 
-def _example(ds, name, word):
+def example_of(ds, name, word):
     """The network nearest to the median of the population with the least or largest median, and its caption."""
     medians = _medians(ds, name)
     if not medians:

@@ -7,8 +7,10 @@ from critflow.command.main import main
 from critflow.engine import stable_rng
 from critflow.engine.code_digest import load_study
 from workflows.benchmarks import reference
+from workflows.ensemble import example_of, structure_figure
 from workflows.paper.statements import STATEMENTS
 from workflows.shared.measurements import BOUNDED
+from workflows.shared.populations import LABELS
 
 STUDY = "ensemble"
 # The population in which every small network has slack edges; the same rest lengths in the printed box compress some.
@@ -49,7 +51,7 @@ def test_the_file_alone_says_what_its_numbers_are(dataset):
     assert dataset.C_B_fit.attrs["ancillary_variables"] == "C_B_fit_standard_error"
     for name, words in (("kappa_phys", "κ = "), ("kappa_force", "κ = "), ("B_0", "state: "), ("length", "state: ")):
         assert words in dataset[name].attrs["comment"], name
-    for name, words in (("length", "(V/N_v)^(1/2)"), ("position", "(V/N_v)^(1/2)"), ("energy", "k (V/N_v)")):
+    for name, words in (("length", "(V/N_v)^(1/2)"), ("position", "(V/N_v)^(1/2)"), ("energy", "k V/N_v")):
         assert words in dataset[name].attrs["long_name"], name
 
 
@@ -129,6 +131,23 @@ def test_the_statements_of_the_paper_follow_the_arrays(dataset):
         changed = dataset.copy(deep=True)
         changed[name].loc[{"population": population}] *= factor
         assert {claim.key: claim.verdict for claim in claims(changed)}[key] == "differs", key
+
+
+def test_titles_of_figures_state_what_the_data_show(dataset):
+    """A finding where it holds, and the subject alone where other data do not show it."""
+    figure = structure_figure(dataset)
+    changed = dataset.copy(deep=True)
+    changed["kappa_force"].loc[{"population": "max_G_0"}] *= 0.5
+    assert "only max $G_0$" in figure.get_suptitle()
+    assert structure_figure(changed).get_suptitle().startswith("Structure of")
+    (lengths,) = (axes for axes in figure.axes if axes.get_title("left") == "A")
+    assert lengths.get_yticklabels()[0].get_text() == "0"  # V_L = 0 stands below the break of the axis
+
+
+def test_the_drawn_network_is_of_the_population_with_the_extreme_median(dataset):
+    for name, word, population in (("V_L", "least", "min_V_L"), ("B_0", "largest", "max_B_0")):
+        one, caption = example_of(dataset, name, word)
+        assert one.population.item() == population and LABELS[population] in caption
 
 
 def test_the_scatter_about_a_line_is_no_error_and_the_error_bar_of_a_parabola_contains_the_coefficient(

@@ -256,12 +256,18 @@ _COMMENTS = {
     **dict.fromkeys(("B", "energy", "max_force"), (_DILATED,)),
     **dict.fromkeys(("G", "G_stress_corrected"), (_DILATED, _SHEAR)),
     "C_B": (_STATE, _NOT_UNIQUE, "C_B of max_B_0 is -B_0/2 for all of them"),
-    **dict.fromkeys(("C_G", "C_G_stress_corrected"), (_STATE, _NOT_UNIQUE)),
+    **dict.fromkeys(("C_G", "C_G_stress_corrected"), (_STATE, _SHEAR, _NOT_UNIQUE)),
     "kappa_phys": (_SHAPE, _STATE, _NOT_UNIQUE),
     "kappa_force": (_SHAPE, _STATE),
     **{f"{name}_fit{part}": (text.format(name=name),) for name in _FITTED for part, text in _FIT_COMMENTS.items()},
 }
 COMMENTS = {name: "; ".join(texts) for name, texts in _COMMENTS.items()}
+
+
+_SHAPES = {
+    "kappa_phys": "mean shape anisotropy κ of the faces",
+    "kappa_force": "mean shape anisotropy κ of the force triangles",
+}
 
 
 def _error_bound(name, dims):
@@ -277,10 +283,6 @@ def table(planar):
     in_k, power = ", in units of k", "1/2" if planar else "1/3"
     of_modulus = in_k if planar else ", in units of k per length"
     in_length = f", in units of (V/N_v)^({power})"
-    shapes = {
-        "kappa_phys": "mean shape anisotropy κ of the faces",
-        "kappa_force": "mean shape anisotropy κ of the force triangles",
-    }
     rows = (
         *NETWORK,
         *numbers(
@@ -289,9 +291,7 @@ def table(planar):
             length="edge length of the critical configuration" + in_length,
             rest_length="rest length as drawn, of the populations of random rest lengths",
         ),
-        *numbers(
-            (*member, "vertex", "axis"), position="coordinates of the vertices, critical configuration" + in_length
-        ),
+        *numbers((*member, "vertex", "axis"), position=f"coordinates of the critical configuration{in_length}"),
         *numbers(
             member,
             B_0="bulk modulus of the critical configuration" + of_modulus,
@@ -302,7 +302,7 @@ def table(planar):
             B="bulk modulus V d2E/dV2" + of_modulus,
             G="shear modulus (1/V) d2E/dε2, energy convention" + of_modulus,
             G_stress_corrected="shear modulus less half of dE/dV" + of_modulus,
-            energy=f"elastic energy{in_k} (V/N_v)^({'1' if planar else '2/3'})",
+            energy=f"elastic energy{in_k} {'V/N_v' if planar else '(V/N_v)^(2/3)'}",
             max_force=f"largest unbalanced force component{in_k} (V/N_v)^({power})",
         ),
         *numbers(each, "i2", newton_steps="Newton steps of the relaxation"),
@@ -312,7 +312,7 @@ def table(planar):
             **_growths(of_modulus),
             V_L="variance of the lengths over their squared mean, V_L",
             V_tau="variance of the tensions over their squared mean, V_τ",
-            **shapes if planar else {},
+            **_SHAPES if planar else {},
             stressed_fraction="part of the edges with stress of any sign",
             tension_fraction="part of the edges under tension",
         ),
