@@ -774,8 +774,8 @@ def start_of(start: Start, law: SpringLaw | None, taut_only: bool) -> Beginning:
 
 @start_of.register
 def _(start: Solution, law: SpringLaw | None, taut_only: bool) -> Beginning:
-    """That of the value; slack edges are no failure."""
-    if start.status is not Status.slack_edges:
+    """That of the value; slack or compressed edges are no failure."""
+    if start.status not in (Status.slack_edges, Status.compressed_edges):
         start.or_raise("no path starts from this solution")
     return start_of(start.value, law, taut_only)
 

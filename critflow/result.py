@@ -34,6 +34,7 @@ class Status(IntEnum):
     infeasible = 13
     not_reached = 14
     out_of_range = 15
+    compressed_edges = 16
 
     def __str__(self) -> str:
         return self.name
@@ -58,6 +59,7 @@ _MESSAGES = {
     Status.singular: "the prestress matrix is singular here, so the stress has no configuration: move it away",
     Status.edge_collapse: "edges shrink to zero length towards the infimum: its value is a limit, not attained",
     Status.slack_edges: "some edges carry no tension at the transition: narrow the spread of the rest lengths",
+    Status.compressed_edges: "some edges are compressed and none is slack: narrow the spread of the rest lengths",
     Status.unstable: "the equilibrium is a saddle of the energy: perturb it, or take smaller strain steps",
     Status.failed: "the case raised an error, which is stored with it",
     Status.missing: "not computed yet: run the study again",

@@ -42,6 +42,7 @@ def test_stored_integers_never_change():
         "infeasible": 13,
         "not_reached": 14,
         "out_of_range": 15,
+        "compressed_edges": 16,
     }
     assert all(status.message for status in Status)
 

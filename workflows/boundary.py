@@ -16,7 +16,7 @@ from critflow.pictures import COLOURS
 
 from .shared.checks import voronoi_check
 from .shared.reports import PAPER
-from .shared.tables import NETWORK, networks, numbers, of_network, outcomes
+from .shared.tables import NETWORK, PLANE, networks, numbers, of_network, outcomes
 from .shared.verification import contradictions, forces
 
 
@@ -229,7 +229,7 @@ study = Study(
     references=PAPER,
     axes=(networks(10),),
     parameters={"n_vertices": 30, "shears": decimals("0:2:0.5")},
-    coordinates=(Coordinate("shear", "shears", "simple shear of the boundary"),),
+    coordinates=(Coordinate("shear", "shears", "simple shear of the boundary"), *PLANE),
     case=case,
     check=voronoi_check(),
     variables=VARIABLES,

@@ -72,7 +72,7 @@ class Assembly:
         self.undefined = [variable for variable in study.variables if variable.undefined_at]
         if len(self.codes) > 1:
             self.variables = (*self.variables, _code_variable(selection, self.codes, states))
-        self.inner = {c.name: len(selection.parameters[c.parameter]) for c in study.coordinates}  # sizes
+        self.inner = {c.name: len(c.labels(selection.parameters)) for c in study.coordinates}  # sizes
         # Inner sizes are those of the first cases.
         dims = {dim for variable in self.variables for dim in variable.dims} - selection.axes.keys()
         cases = self._cases()
@@ -168,7 +168,7 @@ class Assembly:
                 texts = [label.texts[word] for word in values]
                 labelled[label.name] = xr.Variable(axis.name, texts, _meaning(label.long_name, "1"))
         for c in study.coordinates:
-            labels = np.asarray(selection.parameters[c.parameter])
+            labels = np.asarray(c.labels(selection.parameters))
             labelled[c.name] = xr.Variable(c.name, labels, _meaning(c.long_name, c.units))
         for one in labelled.values():
             one.encoding["_FillValue"] = None  # xarray would add one
@@ -211,8 +211,9 @@ class Assembly:
             attributes["comment"] = comment
         if variable.symbol:
             attributes["symbol"] = variable.symbol
-        if (bound := f"{variable.name}_error_bound") in {one.name for one in self.variables}:
-            attributes["ancillary_variables"] = bound
+        errors = {f"{variable.name}{ending}" for ending in ("_error_bound", "_standard_error")}
+        if stored := [one.name for one in self.variables if one.name in errors]:
+            attributes["ancillary_variables"] = " ".join(stored)
         return attributes
 
     def origin_attributes(self) -> dict[str, str]:
@@ -338,7 +339,7 @@ def summary_text(
     settings = ", ".join(f"{key}={spelled(value)}" for key, value in selection.parameters.items())
     lines = [
         f"{study.title} (study {study.name}, version {study.version})",
-        *textwrap.wrap(" ".join(about.split()), _WIDTH, max_lines=3, placeholder=" ..."),
+        *(part for line in about.splitlines() for part in textwrap.wrap(line, _WIDTH) or [""]),
         f"cases: {selection.sizes} = {selection.count}{f'; in each {inner}' if inner else ''}",
         *textwrap.wrap(f"made by: {' '.join(words)}", _WIDTH, subsequent_indent="  "),
         *textwrap.wrap(f"settings: {settings or 'none'}", _WIDTH, subsequent_indent="  ", max_lines=3),

@@ -20,7 +20,7 @@ from PIL import Image
 
 from critflow.engine.dataset import opened_dataset
 from critflow.engine.store import Folder, replacing
-from critflow.engine.study import DIFFERENCES, KINDS, Claim, Study
+from critflow.engine.study import DIFFERENCES, KINDS, VALID, Claim, Study, Validity, valid_members
 from critflow.result import CritflowError, StudyError
 
 FORMATS = ("png", "pdf", "svg")
@@ -122,12 +122,18 @@ def text_files(study: Study, folder: Folder) -> dict[str, list[Path]]:
 
 
 def texts(study: Study, name: str, dataset: xr.Dataset) -> list[bytes]:
-    """The contents of the files of a part that is text: equal datasets give equal bytes."""
+    """The contents of the files of a part that is text: equal datasets give equal bytes.
+
+    Members with `valid` = 0 enter neither claims nor summary.
+    """
+    axis, valid = study.axes[0], dataset[VALID] == Validity.valid
+    dataset = valid_members(dataset)
     if name == "summary" and study.summary is not None:
         summary = _plain(study.summary(dataset))
         return [(json.dumps(summary, indent=1, allow_nan=False, ensure_ascii=False) + "\n").encode()]
-    axis = study.axes[0]
-    sample = axis.counted(dataset.sizes[axis.name])
+    sound = int(valid.any([dim for dim in valid.dims if dim != axis.name]).sum())
+    total = axis.counted(valid.sizes[axis.name])
+    sample = total if sound == valid.sizes[axis.name] else f"{sound} of {total}"
     claims = [replace(c, sample=c.sample or sample) for c in (study.claims(dataset) if study.claims else ())]
     listed = json.dumps([asdict(claim) for claim in claims], indent=1, ensure_ascii=False) + "\n"
     # In Markdown a list for each kind; the note on the dataset stands below the title.

@@ -133,7 +133,7 @@ def select(study: Study, words: Sequence[str] = ()) -> Selection:
     if study.complete is not None:
         parameters = study.complete(parameters)
     for coordinate in study.coordinates:
-        labels = parameters[coordinate.parameter]
+        labels = coordinate.labels(parameters)
         if not isinstance(labels[0], str) and any(later <= earlier for earlier, later in itertools.pairwise(labels)):
             raise StudyError(f"{coordinate.parameter} must increase from each value to the next")
     selection = Selection.of(study, _variables(study, given.get("variables", "all")), parameters, axes)

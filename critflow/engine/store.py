@@ -42,7 +42,7 @@ from critflow.engine.settings import SEED_ENTROPY, Case, Selection
 from critflow.engine.study import Study
 from critflow.result import CritflowError, EnvironmentFailure, InputError, IntegrityError, Status, StudyError
 
-SCHEMA_VERSION = 4
+SCHEMA_VERSION = 5
 # States of a case; `OTHER` is complete, computed by other code.
 DONE, FAILED, MISSING, DAMAGED, CHANGED, OTHER = "done", "failed", "missing", "damaged", "changed", "other"
 

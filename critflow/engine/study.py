@@ -38,8 +38,8 @@ LONGEST = 1_000_000  # values of one setting, and cases of one run: a larger num
 _NAME, _STUDY_NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*"), re.compile(r"[A-Za-z0-9][A-Za-z0-9_-]*")
 VALID = "valid"  # the variable by which a dataset is masked, which this engine adds to every study
 _ALWAYS = ("status", VALID)  # variables that every selection of members needs
-# Outcomes with sound numbers: edges may be slack, and where an edge shrinks to zero length the limit is near.
-SOUND = (Status.ok, Status.slack_edges, Status.edge_collapse)
+# Outcomes with sound numbers: edges may be slack or compressed, and where one shrinks to zero length the limit is near.
+SOUND = (Status.ok, Status.slack_edges, Status.compressed_edges, Status.edge_collapse)
 _DTYPES = ("f4", "f8", "i1", "i2", "i4", "i8", "u1", "u2", "u4")
 
 
@@ -121,12 +121,17 @@ class Axis:
 
 @dataclass(frozen=True)
 class Coordinate:
-    """An inner dimension labelled by the values of a parameter, for example the strains of a path."""
+    """An inner dimension labelled by the values of a parameter, for example strains, or by fixed words."""
 
     name: str
     parameter: str
     long_name: str
     units: str = "1"
+    words: Sequence[str] = ()  # labels in place of those of a parameter, such as x and y
+
+    def labels(self, parameters: Mapping[str, Any]) -> Sequence[Any]:
+        """One label for each place of the dimension."""
+        return self.words or parameters[self.parameter]
 
 
 @dataclass(frozen=True)
@@ -197,10 +202,23 @@ class Validity(IntEnum):
 
 def _validity(dims: tuple[str, ...], sound: Sequence[Status]) -> Variable:
     """The variable `valid`, over the axes of a study."""
-    text = "1 where the numbers of the case are sound, slack edges and limits with an edge of zero length included"
+    text = "1 where the numbers of the case are sound; edges may be slack, compressed, or in the limit of zero length"
     if sound != SOUND:
         text = f"1 where the numbers of the case are sound: the status is {', '.join(one.name for one in sound)}"
     return Variable(VALID, dims, "i1", long_name=text, flags=Validity, fill=Validity.invalid)
+
+
+def valid_members(dataset: xr.Dataset) -> xr.Dataset:
+    """The dataset with NaN in place of the numbers of members that are not sound."""
+    sound = dataset[VALID] == Validity.valid
+    if sound.all():
+        return dataset
+    of_members = {
+        name: values.where(sound)
+        for name, values in dataset.data_vars.items()
+        if values.dtype.kind == "f" and set(sound.dims) <= set(values.dims)
+    }
+    return dataset.assign(of_members)
 
 
 # Kinds of claims, verdicts, and why a statement of the paper and the measurement disagree.
@@ -342,7 +360,7 @@ class Study:
         for reserved in {"code", "stored_case"} & {*labels, *(dim for v in self.variables for dim in v.dims)}:
             raise StudyError(f"{name} uses the name {reserved!r}, which the engine writes: choose another")
         for c in self.coordinates:
-            listed = isinstance(parameters.get(c.parameter), tuple)
+            listed = c.words or isinstance(parameters.get(c.parameter), tuple)
             require(listed, f"coordinate {c.name!r} needs a parameter {c.parameter!r} with a list")
         axes = set(self.axis_names)
         for v in self.variables:
@@ -428,7 +446,7 @@ class Study:
             raise StudyError(f"the case function returned {name!r}, which no variable declares: {hint}")
         if status is Status.ok and (missing := [name for name in names if name not in returned]):
             raise StudyError(f"the case function returned status ok without {', '.join(missing)}")
-        sizes = {coordinate.name: len(parameters[coordinate.parameter]) for coordinate in self.coordinates}
+        sizes = {coordinate.name: len(coordinate.labels(parameters)) for coordinate in self.coordinates}
         arrays = {}
         for variable in (one for one in self.variables if one.name in returned):
             array, dims = variable.cast(returned[variable.name]), self.inner_dims[variable.name]

@@ -20,10 +20,11 @@ from critflow.studies.shared.populations import (
     PAPER_POPULATIONS,
     POPULATION_LABELS,
     configuration,
+    drawn_lengths,
     prepared,
 )
 from critflow.studies.shared.reports import PAPER, finite, parameters
-from critflow.studies.shared.tables import networks
+from critflow.studies.shared.tables import SPACE, networks
 
 from critflow.engine import Axis, Claim, Coordinate, Study, decimals
 from critflow.engine.study import plural
@@ -43,7 +44,8 @@ def case(parameters, *, seed, population, wanted):
     found = configuration(manifold, parameters, seed, population, method)
     if not np.isfinite(found.value.coordinates).all():
         return identified(manifold.network, found)
-    return measured(manifold, found, parameters, wanted)
+    drawn = drawn_lengths(seed, manifold.network.n_edges, parameters["spread"], population)
+    return {**measured(manifold, found, parameters, wanted), "rest_length": drawn}
 
 
 def check(parameters, axes):
@@ -126,7 +128,8 @@ MEASURED = {
     "C_G_stress_corrected": "C_G, stress-corrected [k / length]",
     "V_L": "V_L",
     "V_tau": "V_τ",
-    "stressed_fraction": "part of the edges under tension",
+    "stressed_fraction": "part of the edges with stress of any sign",
+    "tension_fraction": "part of the edges under tension",
 }
 
 
@@ -143,7 +146,7 @@ def claims(ds):
 
 study = Study(
     name="three_dimensions",
-    version=2,
+    version=3,
     title="Populations of critical configurations in three dimensions, strained past the rigidity transition",
     references=f"{PAPER}, whose networks are planar",
     axes=(
@@ -157,7 +160,7 @@ study = Study(
         "strains": decimals("0.001:0.010:0.001"),
         "fit_window": 0.01,
     },
-    coordinates=(Coordinate("strain", "strains", "volumetric strain past the transition"),),
+    coordinates=(Coordinate("strain", "strains", "strain γ past the transition, V = V(0) (1 + γ)"), *SPACE),
     case=case,
     check=check,
     variables=table(planar=False),

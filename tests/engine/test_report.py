@@ -2,6 +2,8 @@
 
 import json
 
+import xarray as xr
+
 from critflow.command.main import main
 from critflow.engine.report import entries
 from critflow.engine.study import Claim
@@ -39,6 +41,18 @@ def test_a_claim_without_a_sample_was_measured_on_the_values_of_the_first_axis(t
     for seeds, sample in (("0:2", "2 networks"), ("0", "1 network")):
         assert run(tmp_path / sample, f"seeds={seeds}") == 0
         assert {claim["sample"] for claim in json.loads((tmp_path / sample / "claims.json").read_text())} == {sample}
+
+
+def test_members_that_are_not_sound_enter_neither_claims_nor_summary(tmp_path, run, source):
+    """Of the largest residual, here that of a case at its step limit, the summary says nothing."""
+    stalled = source('"status": Status.ok,', '"status": Status.step_limit if seed == 3 else Status.ok,')
+    assert run(tmp_path / "out", "populations=random", study=stalled) == 0
+    with xr.open_dataset(tmp_path / "out" / "tiny.nc") as ds:
+        residual = ds.residual.values.squeeze()
+        assert residual.argmax() == 3 and ds.valid.values.ravel().tolist() == [1, 1, 1, 0]
+    summary, claims = (json.loads((tmp_path / "out" / f"{name}.json").read_text()) for name in ("summary", "claims"))
+    assert summary["largest"] == residual[:3].max()
+    assert {claim["sample"] for claim in claims} == {"3 of 4 networks"}
 
 
 def test_an_entry_has_its_place_its_variants_and_the_kind_of_its_difference():

@@ -98,6 +98,15 @@ def test_labels_of_inner_dimensions_keep_the_requested_order():
         select(study, ["kinds=a,a"])
 
 
+def test_labels_of_inner_dimensions_may_be_fixed_words():
+    """An array of another size is refused."""
+    ends = Coordinate("end", "", "end of an edge", words=("tail", "head"))
+    study = small_study(coordinates=[ends], variables=[STATUS, Variable("x", ("seed", "end"), "f8", long_name="x")])
+    assert study.arrays({"status": Status.ok, "x": [1.0, 2.0]}, {})["x"].tolist() == [1.0, 2.0]
+    with pytest.raises(StudyError, match="length 3 in 'end', not 2"):
+        study.arrays({"status": Status.ok, "x": [1.0, 2.0, 3.0]}, {})
+
+
 def test_default_parameters_become_plain_python_values():
     study = small_study(parameters={"a": np.float64(0.5), "b": np.arange(3), "c": [1, 0.5], "d": np.bool_(True)})
     assert repr(dict(study.parameters)) == "{'a': 0.5, 'b': (0, 1, 2), 'c': (1.0, 0.5), 'd': True}"

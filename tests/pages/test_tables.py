@@ -76,7 +76,7 @@ def test_a_table_follows_its_summary(tmp_path):
     shown = "0.25 (0.2 to 0.3)"
     assert "| population | n | B_0 | C_B | G_0 | C_G, energy | C_G, stress-corrected |\n" in page
     assert f"| max B_0 | 3, 2 | {shown} | {shown} | < 2e-15 | -0.5 (-0.6 to -0.4) | {shown} |\n" in page
-    assert f"| max B_0 | 3 | {shown} | {shown} | {shown} | 2 ok, 1 edge_collapse |\n" in page
+    assert f"| max B_0 | 3 | {shown} | {shown} | {shown} | {shown} | 2 ok, 1 edge_collapse |\n" in page
     assert "3 networks of 60 vertices" in page and "old" not in page
     assert page.startswith("before\n<!-- measures: generated -->\n") and page.endswith("after\n")
     assert filled(page, package) == page

@@ -2,29 +2,71 @@
 
 import numpy as np
 
-from critflow import CriticalManifold, Status, voronoi_network
+from critflow import CriticalManifold, Status, critical_from_lengths, voronoi_network
 from critflow.command.main import main
 from critflow.engine import stable_rng
 from critflow.engine.code_digest import load_study
 from workflows.benchmarks import reference
+from workflows.ensemble import example_of, structure_figure
 from workflows.paper.statements import STATEMENTS
 from workflows.shared.measurements import BOUNDED
+from workflows.shared.populations import LABELS
 
 STUDY = "ensemble"
-# The population in which every small network has slack edges; the same rest lengths in the printed box leave some.
-SLACK, FEWER_SLACK = "random_lengths_transition", "random_lengths"
+# The population in which every small network has slack edges; the same rest lengths in the printed box compress some.
+SLACK, COMPRESSED = "random_lengths_transition", "random_lengths"
 
 
 def test_every_population_was_found(dataset):
     for population in dataset.population.values:
         statuses = dataset.status.sel(population=population)
-        if population == FEWER_SLACK:
-            assert statuses.isin([Status.ok, Status.slack_edges]).all()
-            fraction = dataset.stressed_fraction
-            assert (fraction.sel(population=FEWER_SLACK) > fraction.sel(population=SLACK)).all()
+        if population == COMPRESSED:
+            sigma = dataset.sigma.sel(population=population)
+            compressed = (sigma < 0).any("edge").values
+            assert (sigma != 0).all() and compressed.any()
+            np.testing.assert_array_equal(statuses, np.where(compressed, Status.compressed_edges, Status.ok))
         else:
             assert (statuses == (Status.slack_edges if population == SLACK else Status.ok)).all(), population
     assert (dataset.valid == 1).all()
+
+
+def test_stressed_edges_have_any_sign_and_those_under_tension_one(dataset):
+    """Of the two, rigidity percolation is of the stressed ones: in the printed box every edge of these networks is."""
+    sigma = dataset.sigma
+    np.testing.assert_allclose(dataset.stressed_fraction, (abs(sigma) > 1e-8).mean("edge"), rtol=0, atol=1e-15)
+    np.testing.assert_allclose(dataset.tension_fraction, (sigma > 1e-8).mean("edge"), rtol=0, atol=1e-15)
+    (claim,) = (one for one in load_study(STUDY).study.claims(dataset) if one.key == "full-percolation")
+    assert claim.verdict == "undecided" and [row["verdict"] for row in claim.rows] == ["holds", "differs"]
+    assert (dataset.tension_fraction.sel(population=COMPRESSED) < 1).any()
+
+
+def test_the_file_alone_says_what_its_numbers_are(dataset):
+    """The definitions of both random populations, the units, the strain, the shapes, labels and errors."""
+    summary = dataset.attrs["summary"]
+    for words in ("random_lengths ", "random_lengths_transition ", "√(V/N_v)", "V = V(0) (1 + γ)", "F = 1 + ε A"):
+        assert words in summary, words
+    assert "..." not in summary
+    labels = {"end": ["tail", "head"], "axis": ["x", "y"], "cell_vector": ["a", "b"]}
+    assert {name: dataset[name].values.tolist() for name in labels} == labels
+    assert dataset.C_B_fit.attrs["ancillary_variables"] == "C_B_fit_standard_error"
+    for name, words in (("kappa_phys", "κ = "), ("kappa_force", "κ = "), ("B_0", "state: "), ("length", "state: ")):
+        assert words in dataset[name].attrs["comment"], name
+    for name, words in (("length", "(V/N_v)^(1/2)"), ("position", "(V/N_v)^(1/2)"), ("energy", "k V/N_v")):
+        assert words in dataset[name].attrs["long_name"], name
+
+
+def test_the_stored_rest_lengths_give_both_random_configurations_again(dataset):
+    network = voronoi_network(60, seed=0)
+    drawn = dataset.rest_length.sel(seed=0)
+    transition, box = (drawn.sel(population=p).values for p in (SLACK, COMPRESSED))
+    np.testing.assert_array_equal(transition, box)
+    again = critical_from_lengths(network, transition, throw=False).value.sigma
+    np.testing.assert_allclose(again, dataset.sigma.sel(seed=0, population=SLACK), rtol=0, atol=1e-9)
+    one = dataset.sel(seed=0, population=COMPRESSED)
+    sigma = 1 - box * np.sqrt(network.volume / network.n_edges) / one.length.values
+    sigma *= np.sqrt(network.n_edges / np.sum(sigma**2))
+    np.testing.assert_allclose(sigma, one.sigma, rtol=0, atol=1e-9)
+    assert np.isnan(drawn.drop_sel(population=[SLACK, COMPRESSED])).all()
 
 
 def test_coefficients_are_undefined_where_an_edge_collapses(run_study, tmp_path):
@@ -75,6 +117,7 @@ def test_the_statements_of_the_paper_follow_the_arrays(dataset):
     # Signs and order of other populations need larger networks.
     assert {verdicts[name] for name in ("equal-lengths", "B_0-order", "linear-growth", "G_0-gain")} == {"holds"}
     for name, population, factor, key in (
+        ("stressed_fraction", "random_lengths", 0.5, "full-percolation"),
         ("V_L", "min_V_L", 1e30, "equal-lengths"),
         ("V_tau", "min_V_tau", 2, "least-V_tau"),
         ("B_0", "min_V_tau", 0.5, "B_0-order"),
@@ -90,6 +133,23 @@ def test_the_statements_of_the_paper_follow_the_arrays(dataset):
         changed = dataset.copy(deep=True)
         changed[name].loc[{"population": population}] *= factor
         assert {claim.key: claim.verdict for claim in claims(changed)}[key] == "differs", key
+
+
+def test_titles_of_figures_state_what_the_data_show(dataset):
+    """A finding where it holds, and the subject alone where other data do not show it."""
+    figure = structure_figure(dataset)
+    changed = dataset.copy(deep=True)
+    changed["kappa_force"].loc[{"population": "max_G_0"}] *= 0.5
+    assert "only max $G_0$" in figure.get_suptitle()
+    assert structure_figure(changed).get_suptitle().startswith("Structure of")
+    (lengths,) = (axes for axes in figure.axes if axes.get_title("left") == "A")
+    assert lengths.get_yticklabels()[0].get_text() == "0"  # V_L = 0 stands below the break of the axis
+
+
+def test_the_drawn_network_is_of_the_population_with_the_extreme_median(dataset):
+    for name, word, population in (("V_L", "least", "min_V_L"), ("B_0", "largest", "max_B_0")):
+        one, caption = example_of(dataset, name, word)
+        assert one.population.item() == population and LABELS[population] in caption
 
 
 def test_the_scatter_about_a_line_is_no_error_and_the_error_bar_of_a_parabola_contains_the_coefficient(
@@ -112,7 +172,7 @@ def test_the_scatter_about_a_line_is_no_error_and_the_error_bar_of_a_parabola_co
 def test_what_is_not_unique_says_so(dataset):
     for name in ("sigma", "position", "length", "C_B"):
         assert "isogonal" in dataset[name].attrs["comment"]
-    assert "comment" not in dataset.B_0.attrs
+    assert "isogonal" not in dataset.B_0.attrs["comment"]
 
 
 def test_show_draws_a_case_and_prints_its_status_and_moduli(dataset, folder, tmp_path, capsys, assert_picture):

@@ -13,8 +13,9 @@ STUDY = "percolation"
 
 def test_narrow_rest_lengths_stress_every_edge(dataset):
     for state in dataset.state.values:
-        full, n = curve(dataset, state)
-        assert n == 3 and (full[:, 0] == 1).all() and (full[:, -1] < 1).all()
+        (full, n), (tense, _) = curve(dataset, state), curve(dataset, state, "tension_fraction")
+        assert n == 3 and (full[:, 0] == 1).all() and (tense <= full).all() and (tense[:, -1] < 1).all()
+    assert (curve(dataset)[0][:, -1] < 1).all()
     assert (dataset.solve_status.isel(spread=0) == Status.ok).all()
 
 
@@ -22,11 +23,24 @@ def test_the_printed_box_stresses_more_edges_and_has_the_smaller_gap(dataset):
     wide = dataset.isel(spread=-1, n_vertices=-1)
     transition, box = wide.sel(state="transition"), wide.sel(state="box_N_b")
     assert (box.stressed_fraction > transition.stressed_fraction).all()
+    assert (box.tension_fraction <= box.stressed_fraction).all() and (box.tension_fraction < 1).any()
     assert (box.B_0_part > transition.B_0_part).all()
     # The protocol in the box V = N_v ends slightly past the exact transition.
     narrow = dataset.isel(spread=0, n_vertices=-1).B_0_part
     assert np.abs(narrow.sel(state="box_N_v") / narrow.sel(state="transition") - 1).max() < 0.03
     assert (narrow.sel(state="box_N_b") / narrow.sel(state="transition") > 1.01).all()
+
+
+def test_the_numbers_at_the_printed_spread_are_those_of_the_ensemble(runs, run_study, tmp_path):
+    """The same networks and rest lengths; here the protocol runs for all networks at that spread."""
+    ensemble = runs("ensemble")[1]
+    ds = run_study(STUDY, tmp_path, "n_vertices=60", "spreads=0.3", "protocol_networks=0").isel(n_vertices=0, spread=0)
+    for state, population in (("transition", "random_lengths_transition"), ("box_N_b", "random_lengths")):
+        one, other = ds.sel(state=state), ensemble.sel(population=population)
+        for name in ("stressed_fraction", "tension_fraction", "V_L", "V_tau", "kappa_phys", "kappa_force"):
+            np.testing.assert_array_equal(one[name], other[name], err_msg=name)
+        best = ensemble.B_0.sel(population="max_B_0")
+        np.testing.assert_allclose(one.B_0_part, other.B_0 / best, rtol=1e-12)
 
 
 def test_equal_rest_lengths_are_min_V_L_at_the_transition_and_near_it_in_the_boxes(run_study, tmp_path):

@@ -8,9 +8,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 import xarray as xr
+from matplotlib.figure import Figure
 
 from critflow import CriticalManifold, Status, voronoi_network
 from critflow.engine.code_digest import load_study, named_studies
+from workflows.shared.figures import violins
 from workflows.shared.populations import LABELS, NAMES, POPULATIONS
 from workflows.shared.reports import finite, spread, status_counts
 from workflows.shared.verification import balance_error, bond_vectors, contradictions, forces
@@ -58,6 +60,13 @@ def test_a_study_imports_no_other_study():
         for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
             if isinstance(node, ast.ImportFrom) and node.level > 1:
                 assert (node.module or "").split(".")[0] not in folders, path
+
+
+def test_a_violin_on_a_logarithmic_axis_marks_the_median_of_the_values():
+    """Of two values the median is their mean, which has another logarithm than theirs."""
+    axes = Figure().add_subplot()
+    violins(axes, [np.array([1.0, 100.0])], ["two"], log=True)
+    assert axes.lines[-1].get_ydata()[0] == pytest.approx(np.log10(50.5), rel=1e-14)
 
 
 def test_numbers_that_are_not_finite_are_left_out():

@@ -109,7 +109,7 @@ def _draw(axes, one, ds, limits):
     panel, letter = str(one.panel.values), "ABCDEFGHIJKLM"[PANELS.index(str(one.panel.values))]
     name, number = (text.format(**_numbers(one, ds)) for text in CAPTIONS[panel])
     status = Status(int(one.status))
-    if status not in (Status.ok, Status.slack_edges):
+    if status not in (Status.ok, Status.slack_edges, Status.compressed_edges):
         number += f" ({status.name.replace('_', ' ')})"
     axes.set_title(f"$\\bf{{{letter}}}$  {name}\n{number}", fontsize=7.5, pad=3, linespacing=1.25)
     if not np.isfinite(one.sigma.values).all():

@@ -27,7 +27,7 @@ from ..shared.checks import check_positive
 from ..shared.measurements import moduli_with_bounds, of_configuration
 from ..shared.own_network import check_planar, with_digest
 from ..shared.reports import PAPER
-from ..shared.tables import NETWORK, bounded, networks, numbers, of_network, outcomes
+from ..shared.tables import NETWORK, PLANE, bounded, networks, numbers, of_network, outcomes
 from .report import PANELS, claims, gallery, verify
 
 # Distance between the faces that panels C and F inflate, in units of the root of the mean area of a vertex.
@@ -151,7 +151,8 @@ VARIABLES = (
         V_L="variance of the lengths over their squared mean, V_L",
         V_tau="variance of the tensions over their squared mean, V_τ",
         B_0_affine="bulk modulus if the dilation stayed affine, in units of k",
-        stressed_fraction="part of the edges under tension",
+        stressed_fraction="part of the edges with stress of any sign",
+        tension_fraction="part of the edges under tension",
         flat_directions="null directions of the Hessian of B_0 over the stresses, at its maxima",
         flat_largest="largest eigenvalue counted as null, over the largest of all",
         curved_smallest="smallest eigenvalue not counted as null, over the largest of all",
@@ -188,6 +189,7 @@ study = Study(
         "shortest": 0.15,
         "network": "",
     },
+    coordinates=PLANE,
     case=case,
     check=check,
     complete=with_digest,

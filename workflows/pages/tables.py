@@ -38,6 +38,7 @@ STRUCTURE = {
     "V_L": "V_L",
     "V_tau": "V_τ",
     "stressed_fraction": "stressed edges",
+    "tension_fraction": "edges under tension",
 }
 # Other programs in the study of speed; the names of their methods begin with these.
 PROGRAMS = ("LAMMPS", "ASE", "matscipy", "jax_fdm")

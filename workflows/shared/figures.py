@@ -84,14 +84,10 @@ def heading(figure, letter, text):
     figure.suptitle(f"$\\bf{{{letter}}}$  {text}", fontsize=TEXT, x=0.01, ha="left")
 
 
-def violins(
-    axes: Axes, groups: Sequence[Array], labels: Sequence[str], *, log: bool = False, beside: Sequence[Array] = ()
-) -> None:
+def violins(axes: Axes, groups: Sequence[Array], labels: Sequence[str], *, log: bool = False) -> None:
     """Distributions side by side with their medians: violins, or points where there are few values or no spread.
 
     Values that are not finite are omitted and counted under the label.
-
-    beside  a second value of each group, which is drawn paler and to the right of the first
     """
     shown_labels = []
     for place, (group, label) in enumerate(zip(groups, labels, strict=True)):
@@ -101,10 +97,11 @@ def violins(
         if len(finite) == 0:
             axes.text(place, 0.5, "none", transform=axes.get_xaxis_transform(), ha="center", fontsize=TEXT, color="0.4")
             continue
-        shift = 0.21 if len(beside) else 0.0
-        _distribution(axes, place, np.log10(np.maximum(finite, 1e-300)) if log else finite, -shift)
-        if len(beside):
-            _distribution(axes, place, beside[place][np.isfinite(beside[place])], shift)
+        # The mark is the median of the values, not of their logarithms.
+        median = float(np.median(finite))
+        if log:
+            finite, median = np.log10(np.maximum(finite, 1e-300)), np.log10(max(median, 1e-300))
+        _distribution(axes, place, finite, median)
     axes.set_xticks(range(len(groups)), shown_labels)
     axes.set_xlim(-0.6, len(groups) - 0.4)
     readable(axes)
@@ -118,21 +115,16 @@ def points_at(axes: Axes, place: float, values: Array, colour: str) -> None:
     axes.plot(place + shift, values, "o", color=colour, markersize=3, alpha=0.6, markeredgewidth=0)
 
 
-def _distribution(axes: Axes, place: int, values: Array, shift: float = 0.0) -> None:
-    """One distribution at its place, or half as wide beside it: a violin of many values that differ, else points."""
-    colour, median = COLOURS[place % len(COLOURS)], float(np.median(values))
-    half, pale = (0.18, 0.5 if shift > 0 else 1.0) if shift else (0.425, 1.0)
-    at = place + shift
+def _distribution(axes: Axes, place: int, values: Array, median: float) -> None:
+    """One distribution at its place: a violin of many values that differ, else points next to each other."""
+    colour = COLOURS[place % len(COLOURS)]
     if len(values) >= LEAST_VIOLIN and np.ptp(values) > 1e-9 * max(abs(median), 1e-300):
-        parts = axes.violinplot([values], [at], widths=2 * half, showextrema=False)
+        parts = axes.violinplot([values], [place], widths=0.85, showextrema=False)
         for body in parts["bodies"]:  # type: ignore[attr-defined]
-            body.set(facecolor=colour, edgecolor=colour, alpha=0.45 * pale, linewidth=0.8)
+            body.set(facecolor=colour, edgecolor=colour, alpha=0.45, linewidth=0.8)
     else:
-        points_at(axes, at, values, colour)
-    width = min(half, 0.3)
-    axes.plot(
-        [at - width, at + width], [median, median], color=colour, alpha=pale, linewidth=2.0, solid_capstyle="butt"
-    )
+        points_at(axes, place, values, colour)
+    axes.plot([place - 0.3, place + 0.3], [median, median], color=colour, linewidth=2.0, solid_capstyle="butt")
 
 
 def _decades(axes: Axes) -> None:

@@ -46,7 +46,7 @@ def identified(network, found):
 
 
 def of_configuration(critical):
-    """Arrays of a configuration, its variances, its stressed part and its residual force."""
+    """Arrays of a configuration, its variances, the fractions of its stressed edges and its residual force."""
     return {
         "sigma": critical.sigma,
         "length": critical.lengths,
@@ -54,7 +54,7 @@ def of_configuration(critical):
         "position_error_bound": critical.error_bound,
         "V_L": relative_variance(critical.lengths),
         "V_tau": relative_variance(critical.tensions),
-        "stressed_fraction": stressed_fraction(critical.sigma),
+        **edge_fractions(critical.sigma),
         "residual": critical.residual,
     }
 
@@ -138,9 +138,10 @@ def coefficients(critical):
     return [np.array([each.bulk_0, each.shear_0, each.C_B, each.C_G]) for each in both]
 
 
-def stressed_fraction(sigma):
-    """Fraction of the edges under tension: σ above rounding of its mean."""
-    return float(np.mean(sigma > NO_STRESS * np.mean(np.abs(sigma))))
+def edge_fractions(sigma):
+    """Fractions of the edges with stress of any sign, and under tension: above rounding of the mean |σ|."""
+    least = NO_STRESS * np.mean(np.abs(sigma))
+    return {"stressed_fraction": np.mean(np.abs(sigma) > least), "tension_fraction": np.mean(sigma > least)}
 
 
 def tightening(critical, deformation):
@@ -227,10 +228,45 @@ _FIT_COMMENTS = {
     ),
     "_deviation": "what the fit misses, {name}_fit less {name}",
 }
-COMMENTS = {
-    **dict.fromkeys(("sigma", "length", "position", "V_L", "kappa_phys", "C_G", "C_G_stress_corrected"), _NOT_UNIQUE),
-    "C_B": f"{_NOT_UNIQUE}; C_B of max_B_0 is -B_0/2 for all of them",
-    **{f"{name}_fit{part}": text.format(name=name) for name in _FITTED for part, text in _FIT_COMMENTS.items()},
+_STATE = (
+    "state: exactly at the transition; of random_lengths the one that the protocol of the paper records in its box, "
+    "far past the transition of rest_length, and critical as well if `length` are the rest lengths"
+)
+_DILATED = "strained from the stored configuration with `length` as rest lengths, V = V(0) (1 + γ) in a dilation"
+_SHEAR = "shear F = 1 + ε A with A = (e_x e_y + e_y e_x)/2, vertices relaxed"
+_SHAPE = (
+    "κ = 2 (λ_1^4 + λ_2^4)/(λ_1^2 + λ_2^2)^2 - 1, with λ_1 and λ_2 the eigenvalues of the gyration tensor of the "
+    "corners about their centre: 0 for regular polygons, 1 for a line"
+)
+_LENGTHS = "generated networks have V = N_v, so that the unit of length is (V/N_v)^(1/d)"
+_DRAWN_LENGTHS = (
+    "mean 1, in the unit of length of the paper's box of volume N_b; critical_from_lengths of them is "
+    "random_lengths_transition, and if the state of random_lengths is rigid without strain, its sigma is proportional "
+    "to 1 - rest_length (V/N_b)^(1/d) / length"
+)
+_COMMENTS = {
+    "sigma": (_STATE, _NOT_UNIQUE),
+    "length": (_STATE, _LENGTHS, _NOT_UNIQUE),
+    "position": (_STATE, _LENGTHS, _NOT_UNIQUE),
+    "rest_length": (_DRAWN_LENGTHS,),
+    "V_L": (_STATE, _NOT_UNIQUE),
+    "V_tau": (_STATE,),
+    "B_0": (_STATE,),
+    "G_0": (_STATE, _SHEAR),
+    **dict.fromkeys(("B", "energy", "max_force"), (_DILATED,)),
+    **dict.fromkeys(("G", "G_stress_corrected"), (_DILATED, _SHEAR)),
+    "C_B": (_STATE, _NOT_UNIQUE, "C_B of max_B_0 is -B_0/2 for all of them"),
+    **dict.fromkeys(("C_G", "C_G_stress_corrected"), (_STATE, _SHEAR, _NOT_UNIQUE)),
+    "kappa_phys": (_SHAPE, _STATE, _NOT_UNIQUE),
+    "kappa_force": (_SHAPE, _STATE),
+    **{f"{name}_fit{part}": (text.format(name=name),) for name in _FITTED for part, text in _FIT_COMMENTS.items()},
+}
+COMMENTS = {name: "; ".join(texts) for name, texts in _COMMENTS.items()}
+
+
+_SHAPES = {
+    "kappa_phys": "mean shape anisotropy κ of the faces",
+    "kappa_force": "mean shape anisotropy κ of the force triangles",
 }
 
 
@@ -244,32 +280,30 @@ def table(planar):
     """The stored variables with their comments; shapes of faces in the plane only."""
     member, each = ("population", "seed"), ("population", "seed", "strain")
     # CF has no unit of stiffness: quantities in units of k are dimensionless, and their long names contain the unit.
-    in_k = ", in units of k"
+    in_k, power = ", in units of k", "1/2" if planar else "1/3"
     of_modulus = in_k if planar else ", in units of k per length"
-    shapes = {
-        "kappa_phys": "mean shape anisotropy of the faces, λ the eigenvalues of the gyration tensor",
-        "kappa_force": "mean shape anisotropy of the force triangles, λ likewise",
-    }
+    in_length = f", in units of (V/N_v)^({power})"
     rows = (
         *NETWORK,
         *numbers(
             (*member, "edge"),
             sigma="geometric stress (tension per length), sum of squares N_b",
-            length="edge length at the transition",
+            length="edge length of the critical configuration" + in_length,
+            rest_length="rest length as drawn, of the populations of random rest lengths",
         ),
-        *numbers((*member, "vertex", "axis"), position="coordinates of the vertices at the transition"),
+        *numbers((*member, "vertex", "axis"), position=f"coordinates of the critical configuration{in_length}"),
         *numbers(
             member,
-            B_0="bulk modulus at the transition" + of_modulus,
-            G_0="shear modulus at the transition" + of_modulus,
+            B_0="bulk modulus of the critical configuration" + of_modulus,
+            G_0="shear modulus of the critical configuration" + of_modulus,
         ),
         *numbers(
             each,
             B="bulk modulus V d2E/dV2" + of_modulus,
             G="shear modulus (1/V) d2E/dε2, energy convention" + of_modulus,
             G_stress_corrected="shear modulus less half of dE/dV" + of_modulus,
-            energy="elastic energy" + in_k,
-            max_force="largest unbalanced force component" + in_k,
+            energy=f"elastic energy{in_k} {'V/N_v' if planar else '(V/N_v)^(2/3)'}",
+            max_force=f"largest unbalanced force component{in_k} (V/N_v)^({power})",
         ),
         *numbers(each, "i2", newton_steps="Newton steps of the relaxation"),
         *outcomes(each, path_status="outcome of the strain step"),
@@ -278,8 +312,9 @@ def table(planar):
             **_growths(of_modulus),
             V_L="variance of the lengths over their squared mean, V_L",
             V_tau="variance of the tensions over their squared mean, V_τ",
-            **shapes if planar else {},
-            stressed_fraction="part of the edges under tension",
+            **_SHAPES if planar else {},
+            stressed_fraction="part of the edges with stress of any sign",
+            tension_fraction="part of the edges under tension",
         ),
         *outcomes(member, status="outcome of finding the configuration"),
         *numbers(
@@ -321,8 +356,9 @@ def _checks(one, window, degree):
     )
     yield "tension everywhere", int(one.status) != Status.ok or sigma.min() > 0
     yield "sigma", np.isclose(np.sum(sigma**2), len(sigma), rtol=1e-10)
-    stressed = np.mean(sigma > 1e-9 * np.abs(sigma).mean())
-    yield "stressed_fraction", np.isclose(stressed, one.stressed_fraction, rtol=1e-12)
+    least = 1e-9 * np.abs(sigma).mean()
+    for name, above in (("stressed_fraction", np.abs(sigma) > least), ("tension_fraction", sigma > least)):
+        yield name, np.isclose(np.mean(above), one[name], rtol=1e-12)
     yield "energy along the path", not (np.diff(one.energy.values) < 0).any()
     for name, modulus in _FITTED.items():
         line = fitted(one.strain.values, one[modulus].values, window, degree)

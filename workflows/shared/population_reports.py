@@ -20,7 +20,7 @@ CONVENTIONS = {"C_G_fit": "as printed, (1/V) d²E/dγ²", "C_G_stress_corrected_
 CHANCE = 0.05  # part of all orders of the medians, below which one is not by chance
 CLOSE = 1.05  # first over second median that follows closely
 METRICS = {"V_L": "V_L", "kappa_phys": "κ_phys", "V_tau": "V_τ", "kappa_force": "κ_force"}
-# The two states of random rest lengths that the text admits.
+# The two states of random rest lengths that the text admits: in its box, and "at the critical strain".
 READINGS = {
     "random_lengths": "box of side √N_b, as the protocol records it",
     "random_lengths_transition": "V = N_v, exactly at the transition",
@@ -48,12 +48,18 @@ def listed(ds, name):
     return "; ".join(f"{NAMES[p]} {described(v)}" for p in PAPER_POPULATIONS if len(v := of(ds, name, p)))
 
 
+def sample(ds, number):
+    """How many of how many networks, as in "99 of 100 networks"."""
+    total = plural(ds.sizes["seed"], "network")
+    return total if number == ds.sizes["seed"] else f"{number} of {total}"
+
+
 def counts(ds, name, populations=PAPER_POPULATIONS):
-    """Number of networks of each population with a value, as a sample; one number where all are equal."""
+    """How many networks of each population have a value, as a sample; one number where all are equal."""
     n = {p: len(of(ds, name, p)) for p in populations}
     if len(set(n.values())) == 1:
-        return f"{plural(n[populations[0]], 'network')} each"
-    return ", ".join(f"{NAMES[p]} {number}" for p, number in n.items())
+        return f"{sample(ds, n[populations[0]])} each"
+    return f"{', '.join(f'{NAMES[p]} {number}' for p, number in n.items())} of {plural(ds.sizes['seed'], 'network')}"
 
 
 def _medians(ds, name):
@@ -86,15 +92,15 @@ def population_measurements(ds) -> Iterator[Measurement]:
 
 
 def percolation_measurements(ds) -> Iterator[Measurement]:
-    """Whether random rest lengths leave every edge stressed."""
+    """Whether random rest lengths leave every edge stressed, by a stress of any sign."""
     for p, words, printed in _readings(ds):
-        fraction = of(ds, "stressed_fraction", p)
-        whole = int(np.sum(fraction == 1.0))
+        stressed, tense = (of(ds, name, p) for name in ("stressed_fraction", "tension_fraction"))
+        whole, under_tension = (int(np.sum(fraction == 1.0)) for fraction in (stressed, tense))
         yield Measurement(
-            "full-percolation", whole / len(fraction),
-            f"all edges in {whole} of {plural(len(fraction), 'network')}, "
-            f"{described(100 * fraction, ' %')} of the edges",
-            plural(len(fraction), "network"), words, counts=printed,
+            "full-percolation", whole / len(stressed),
+            f"all edges stressed in {whole} of {plural(len(stressed), 'network')}, all under tension in "
+            f"{under_tension}; {described(100 * stressed, ' %')} of the edges stressed",
+            sample(ds, len(stressed)), words, counts=printed,
         )  # fmt: skip
 
 
@@ -102,13 +108,13 @@ def _variances(ds):
     V_L = of(ds, "V_L", "min_V_L")
     yield Measurement(
         "equal-lengths", float(np.mean(V_L <= 1e-7)),
-        f"in {np.sum(V_L <= 1e-7)} of {len(V_L)}, at most {V_L.max():.1g}", plural(len(V_L), "network"),
+        f"in {np.sum(V_L <= 1e-7)} of {len(V_L)}, at most {V_L.max():.1g}", sample(ds, len(V_L)),
     )  # fmt: skip
     V_tau, status = of(ds, "V_tau", "min_V_tau"), ds.status.sel(population="min_V_tau").values
-    missed = int(np.sum(status != Status.ok))
+    missed = int(np.sum(status == Status.edge_collapse))
     note = f"in {plural(missed, 'network')} the infimum is not attained: edges shrink to zero length"
     yield Measurement(
-        "least-V_tau", float(np.median(V_tau)), described(V_tau), plural(len(V_tau), "network"),
+        "least-V_tau", float(np.median(V_tau)), described(V_tau), sample(ds, len(V_tau)),
         note=note if missed else "",
     )  # fmt: skip
     yield from _fracture(ds)
@@ -144,7 +150,7 @@ def _structure(ds):
                   for name, order in ranked.items()), counts(ds, "V_tau"),
     )  # fmt: skip
     kappa = of(ds, "kappa_force", "max_G_0")
-    yield Measurement("kappa-force", float(np.median(kappa)), described(kappa), plural(len(kappa), "network"))
+    yield Measurement("kappa-force", float(np.median(kappa)), described(kappa), sample(ds, len(kappa)))
 
 
 def _alike(ds, statement, one, other, words="", printed=True):
@@ -175,8 +181,9 @@ def _above(ds, name, population, words="", printed=True):
     """How far max B_0 lies above another population in the same networks [%]."""
     best, other = (ds.B_0.sel(population=p) for p in ("max_B_0", population))
     above = finite(100 * (best / other - 1))
-    n = plural(len(above), "network")
-    return Measurement(name, float(np.median(above)), described(above, " %"), n, words, counts=printed)
+    return Measurement(
+        name, float(np.median(above)), described(above, " %"), sample(ds, len(above)), words, counts=printed
+    )
 
 
 def _shear_gain(ds):
@@ -197,7 +204,7 @@ def _linear_change(ds):
     for p in PAPER_POPULATIONS:
         if len(known := finite(off.sel(population=p))):
             text = f"{described(known, ' %')} at γ = {float(first.strain):g}"
-            yield Measurement("linear-growth", float(np.median(known)), text, plural(len(known), "network"), NAMES[p])
+            yield Measurement("linear-growth", float(np.median(known)), text, sample(ds, len(known)), NAMES[p])
 
 
 def _opposed_ranks(ds):
@@ -254,6 +261,7 @@ def summary(ds):
                     "n": len(known), "mean": float(known.mean()), "std": float(known.std()),
                     "q05": float(low), "median": float(median), "q95": float(high),
                 }  # fmt: skip
+        rows["valid"] = int((one.valid == 1).sum())
         rows["status"] = status_counts(one.status.values)
         rows["max_force"] = float(one.max_force.max())
         table[str(population)] = rows

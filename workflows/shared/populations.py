@@ -18,6 +18,7 @@ from .strain_protocol import critical_in_printed_box
 
 # Settings of the populations in the paper: threshold r of max G_0, spread s of random rest lengths.
 SETTINGS = {"threshold": 0.1, "spread": 0.3}
+_WIDE = "random_lengths_wide"  # stream of the random rest lengths
 
 
 def random_lengths(rng, n_edges, spread):
@@ -41,6 +42,12 @@ def _at_transition(manifold, parameters, rng):
 
 def _random_stress(manifold, parameters, rng):
     return manifold.solve(np.abs(rng.standard_normal(manifold.network.n_edges)))
+
+
+def drawn_lengths(seed, n_edges, spread, population="random_lengths"):
+    """Rest lengths ℓ of one network, as drawn (N_b,): the same in every state; NaN for populations without them."""
+    known = POPULATIONS[population].stream == _WIDE
+    return random_lengths(stable_rng(seed, _WIDE), n_edges, spread) if known else np.full(n_edges, np.nan)
 
 
 @dataclass(frozen=True)
@@ -69,9 +76,7 @@ POPULATIONS = {
         Population("min_V_tau", "min V_τ", "min $V_\\tau$", COLOURS[1], "V_tau", "tension_variance", in_paper=True),
         Population("max_B_0", "max B_0", "max $B_0$", COLOURS[2], "B_0", "bulk_modulus", in_paper=True),
         Population("max_G_0", "max G_0", "max $G_0$", COLOURS[3], "G_0", "shear_modulus", in_paper=True),
-        Population(
-            "random_lengths", "random ℓ", "random $\\ell$", COLOURS[4], _recorded, "random_lengths_wide", in_paper=True
-        ),
+        Population("random_lengths", "random ℓ", "random $\\ell$", COLOURS[4], _recorded, _WIDE, in_paper=True),
         Population(
             "random_stress", "random σ", "random $\\sigma$", COLOURS[5], _random_stress, "random_stress", in_paper=True
         ),
@@ -81,7 +86,7 @@ POPULATIONS = {
             "random $\\ell$, transition",
             COLOURS[6],
             _at_transition,
-            "random_lengths_wide",
+            _WIDE,
         ),
     )
 }

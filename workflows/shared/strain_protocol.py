@@ -23,6 +23,7 @@ STRAIN_STEPS = 2000  # steps after which the protocol stops: a strain of 20 in t
 class FromStrain(FromLengths):
     """The critical configuration of rest lengths ℓ by the strain protocol.
 
+    status        `Status.slack_edges` where springs carry nothing, `Status.compressed_edges` where some push alone
     strain        γ of the recorded state, whose rest lengths are ℓ/(1 + γ)
     energy        energy of the recorded state
     rest_lengths  ℓ/(1 + γ), (N_b,)
@@ -72,8 +73,9 @@ def critical_by_strain(
     # Edges of a part without stress are at their rest lengths, to rounding.
     sigma = np.where(np.abs(sigma) <= NO_STRESS * np.mean(np.abs(sigma)), 0.0, sigma)
     value = critical_configuration(network, sigma, state.coordinates)
-    slack = np.flatnonzero(value.sigma <= NO_STRESS * np.mean(np.abs(value.sigma)))
-    status = Status.slack_edges if solution.ok and len(slack) else solution.status
+    slack, status = np.flatnonzero(value.sigma == 0), solution.status
+    if solution.ok and (value.sigma <= 0).any():
+        status = Status.slack_edges if len(slack) else Status.compressed_edges
     return FromStrain(
         value=value if solution.ok else unknown_configuration(network),
         status=status,

@@ -3,7 +3,7 @@
 import numpy as np
 
 from critflow import Status
-from critflow.engine import Axis, Study, Variable
+from critflow.engine import Axis, Coordinate, Study, Variable
 
 from .reports import PAPER
 
@@ -56,6 +56,16 @@ NETWORK = (
     *numbers(("seed", "edge", "axis"), "i2", offsets="cell image in which the head of each edge lies"),
     *numbers(("seed", "cell_vector", "axis"), cell="cell vectors as rows"),
     *numbers(("seed", "edge"), stiffness="stiffness k of each edge; 1 but for a network of a file"),
+)
+
+# Labels of its inner dimensions, in the plane and in space.
+PLANE, SPACE = (
+    (
+        Coordinate("end", "", "end of an edge", words=("tail", "head")),
+        Coordinate("axis", "", "component of a vector", words=("x", "y", "z")[:d]),
+        Coordinate("cell_vector", "", "vector of the periodic cell", words=("a", "b", "c")[:d]),
+    )
+    for d in (2, 3)
 )
 
 

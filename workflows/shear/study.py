@@ -27,7 +27,7 @@ from ..paper.verdicts import committed_run
 from ..shared.checks import check_known, check_network
 from ..shared.populations import MEANING, POPULATIONS, SETTINGS, configuration, prepared
 from ..shared.reports import PAPER
-from ..shared.tables import NETWORK, networks, numbers, of_network, outcomes
+from ..shared.tables import NETWORK, PLANE, networks, numbers, of_network, outcomes
 from .compression import least_compressed_length
 from .figures import animation, ascent_figure, compression_figure, scaling_figure
 from .report import claims, verify
@@ -307,6 +307,7 @@ study = Study(
         Coordinate("fraction", "fractions", "part of the closed-form bound that is reached"),
         Coordinate("population", "populations", MEANING),
         Coordinate("threshold", "thresholds", "least stress r that the penalty allows, where the mean square is one"),
+        *PLANE,
     ),
     case=case,
     check=check,
