@@ -66,7 +66,7 @@ def plan_run(folder: Folder, requested: Selection, retry_failed: bool, other: st
     Raises `IntegrityError` for such cases where they are refused.
     """
     selection, messages = _dataset_selection(folder, requested)
-    states = folder.states(selection, read=True)
+    states = folder.states(selection)
     if other == "refuse" and (counts := Counter(one.reason for one in states if one.state == OTHER)):
         stored = plural(sum(one.record is not None for one in states), "stored case")
         codes = "; ".join(f"{count} by {code}" for code, count in sorted(counts.items()))
