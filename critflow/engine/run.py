@@ -117,6 +117,10 @@ def run_study(
             counts = "; ".join(f"{code}: {count} cases" for code, count in sorted(others.items()))
             label = f"cases of other code than {code_version(study)} are kept: {counts}"
             say(f"critflow: {label}: the variable `code` has them")
+        libraries = Counter(one.record.environment for one in states if one.record)
+        if len(libraries) > 1:
+            counts = "; ".join(f"{text}: {count} cases" for text, count in sorted(libraries.items()))
+            say(f"critflow: cases of different libraries ({counts}): the variable `environment` has them")
         say(f"{study.name}: drawing the figures and testing the claims")
         try:
             return kept, failed, write_report(study, folder)

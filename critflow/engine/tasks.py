@@ -39,7 +39,7 @@ from critflow.engine.store import (
     write_shard,
     write_text,
 )
-from critflow.engine.study import Study
+from critflow.engine.study import THREADS, Study
 from critflow.result import EnvironmentFailure, IntegrityError, Status, StudyError
 
 _MINUTE = 60.0
@@ -97,7 +97,7 @@ def compute_network(job: Job, cases: Sequence[Mapping[str, int | str]], careful:
     since, of this network alone.
     """
     outcomes, new = list[Outcome](), list[tuple[Case, float]]()  # new cases are not stored yet; seconds
-    with _one_at_a_time, threadpool_limits(limits=1):  # the number of threads must not change a digit
+    with _one_at_a_time, threadpool_limits(limits=THREADS):
         selection, folder = job.selection(), Folder(Path(job.folder))
         study, first = selection.study, selection.case(**cases[0])
         written = time.perf_counter()
