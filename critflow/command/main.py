@@ -173,8 +173,6 @@ def run(
     """Compute a study, and write its dataset, figures and claims.
 
     Cases that are stored are not computed again. `critflow list NAME` prints the settings of a study.
-    \f
-    Many parameters: each is an option of the command.
     """
     from critflow.engine.run import plan_run, run_study
 
@@ -188,8 +186,8 @@ def run(
         raise InputError("--workers counts local processes: leave it out with --scheduler")
     if scheduler and loaded.study.workers is not None:
         raise InputError(f"study {loaded.study.name!r} measures time and cannot run on a cluster")
-    count = loaded.study.worker_count(workers, os.cpu_count() or 1)
-    place = Workers(count, scheduler, insecure, time_limit, memory_limit)
+    processes = loaded.study.worker_count(workers, os.cpu_count() or 1)
+    place = Workers(processes, scheduler, insecure, time_limit, memory_limit)
     requested = select(loaded.study, settings)
     folder = Folder(Path(out or f"results/{loaded.study.name}"))
     folder.check_owner(loaded)

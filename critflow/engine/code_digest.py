@@ -227,9 +227,8 @@ def _scene_digest(used: frozenset[str]) -> str:
     """Digest of the scene and of some modules of packages that joined."""
     files = numeric_modules() | {name: path for name in sorted(used) if (path := _file(name))}
     lines = [f"{name}\0{_file_digest(path)}\n" for name, path in files.items()]
-    for node in ast.walk(_parsed(_PACKAGE / "engine" / "study.py")):
-        names = {getattr(node, "name", ""), *(getattr(one, "id", "") for one in getattr(node, "targets", ()))}
-        lines += [_text(node)] * bool(names & _CASTS)
+    nodes = ast.walk(_parsed(_PACKAGE / "engine" / "study.py"))
+    lines += [_text(node) for node in nodes if _CASTS & {getattr(node, "name", ""), *_targets(node)}]
     return _digest("".join(lines).encode())[:_LENGTH]
 
 
@@ -341,15 +340,20 @@ def _definitions(module: str) -> dict[str, list[ast.stmt]]:
                 (alias.asname or alias.name.split(".")[0], type(statement)(**{**vars(statement), "names": [alias]}))
                 for alias in statement.names
             ]
-        elif isinstance(statement, (ast.Assign, ast.AnnAssign)):
-            targets = statement.targets if isinstance(statement, ast.Assign) else [statement.target]
-            nodes = [node for target in targets for node in ast.walk(target)]
-            # An assignment to an attribute or an item changes what other definitions see.
-            if not any(isinstance(node, (ast.Attribute, ast.Subscript)) for node in nodes):
-                parts = [(node.id, statement) for node in nodes if isinstance(node, ast.Name)]
+        elif names := _targets(statement):
+            parts = [(name, statement) for name in names]
         for name, part in parts:
             bound.setdefault(name, []).append(part)
     return bound
+
+
+def _targets(node: ast.AST) -> list[str]:
+    """The names that an assignment binds: none where it changes what other definitions see, an attribute or an item."""
+    single = [node.target] if isinstance(node, ast.AnnAssign) else []
+    targets = node.targets if isinstance(node, ast.Assign) else single
+    nodes = [one for target in targets for one in ast.walk(target)]
+    changed = any(isinstance(one, (ast.Attribute, ast.Subscript)) for one in nodes)
+    return [] if changed else [one.id for one in nodes if isinstance(one, ast.Name)]
 
 
 def _file(module: str) -> Path | None:

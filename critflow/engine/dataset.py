@@ -226,11 +226,11 @@ class Assembly:
         The code that computed the cases may be older than the code that wrote the dataset.
         """
         volatile = " shards_sha256" * any(v.volatile for v in self.variables)
-        codes = _counted(Counter(record.code for record in self.records.values()))
+        codes = counted_cases(Counter(record.code for record in self.records.values()))
         attributes = {
             "summary": summary_text(self.selection, self.inner, self.outcomes, codes),
             "cases_code": codes,
-            "cases_environment": _counted(self.environments),
+            "cases_environment": counted_cases(self.environments),
             "shards_sha256": f"{self.checksum % 2**256:064x}",
             "volatile_attributes": f"history{volatile}",
         }
@@ -314,7 +314,7 @@ def opened_dataset(path: Path) -> Iterator[xr.Dataset]:
         yield dataset
 
 
-def _counted(texts: Counter[str]) -> str:
+def counted_cases(texts: Counter[str]) -> str:
     return "; ".join(f"{text}: {count} cases" for text, count in sorted(texts.items()))
 
 

@@ -119,10 +119,10 @@ def verified_checksum(path: Path, content: bytearray | None = None) -> str:
             seal = file.read()
     except OSError as error:
         raise EnvironmentFailure(f"cannot read {path}: {error.strerror}: correct this and run again") from error
-    if not seal.startswith(_MARK):
-        raise IntegrityError(f"{path} is damaged: it is cut short, its seal is missing")
     if seal != _MARK + checksum.encode():
-        raise IntegrityError(f"{path} is damaged: its contents do not match its checksum")
+        cut = not seal.startswith(_MARK)
+        reason = "it is cut short, its seal is missing" if cut else "its contents do not match its checksum"
+        raise IntegrityError(f"{path} is damaged: {reason}")
     return checksum
 
 

@@ -97,8 +97,8 @@ def compute_network(job: Job, cases: Sequence[Mapping[str, int | str]], careful:
     since, of this network alone.
     """
     outcomes, new = list[Outcome](), list[tuple[Case, float]]()  # new cases are not stored yet; seconds
-    with _one_at_a_time, threadpool_limits(limits=THREADS):
-        selection, folder = job.selection(), Folder(Path(job.folder))
+    selection, folder = job.selection(), Folder(Path(job.folder))
+    with _one_at_a_time, threadpool_limits(limits=THREADS):  # of libraries that are loaded, those of the study too
         study, first = selection.study, selection.case(**cases[0])
         written = time.perf_counter()
         # What the shard has.
