@@ -63,8 +63,11 @@ def main(words: Sequence[str] | None = None) -> int:
         return fail(f"{message}: {'write --set before KEY=VALUE' if forgotten else f'see {path} --help'}", 2)
     except CritflowError as error:
         return fail(str(error), next((code for kind, code in EXIT_CODES if isinstance(error, kind)), 1))
-    except (OSError, MemoryError) as error:
-        return fail(f"the operating system refused: {str(error) or 'out of memory'}", 6)
+    except MemoryError:
+        return fail("out of memory: give a --memory-limit, fewer --workers or smaller settings", 6)
+    except OSError as error:
+        where = f" {error.filename}" if error.filename else ""
+        return fail(f"the operating system refused{where}: {error.strerror or repr(error)}: correct this, run again", 6)
     except (ImportError, SyntaxError) as error:
         return fail(f"a module cannot be imported: {error}: install critflow, or what joined it, again", 6)
     except Exception as error:
@@ -149,9 +152,8 @@ def refuse_batch(context: click.Context, option: click.Parameter, value: str | N
     "--memory-limit", type=float, metavar="GB", help="Memory limit of a worker process; an equal share by default."
 )
 @click.option("--retry-failed", is_flag=True, help="Compute failed cases again.")
-@click.option(
-    "--recompute/--keep", default=None, help="Compute stored cases of other code again, or keep and label them."
-)
+@click.option("--recompute", is_flag=True, help="Compute stored cases of other code again.")
+@click.option("--keep", is_flag=True, help="Keep stored cases of other code and label them.")
 @click.option("--dry-run", is_flag=True, help="Print the plan and write nothing.")
 @click.option("--cluster", "--jobs", "--part", hidden=True, expose_value=False, callback=refuse_batch)
 def run(
@@ -164,31 +166,32 @@ def run(
     time_limit: float,
     memory_limit: float | None,
     retry_failed: bool,
-    recompute: bool | None,
+    recompute: bool,
+    keep: bool,
     dry_run: bool,
 ) -> int:
     """Compute a study, and write its dataset, figures and claims.
 
     Cases that are stored are not computed again. `critflow list NAME` prints the settings of a study.
-    \f
-    Many parameters: each is an option of the command.
     """
     from critflow.engine.run import plan_run, run_study
 
     if out is not None and not (out.strip() and out.isprintable()):
         raise InputError("--out must be a non-empty path")
+    if recompute and keep:
+        raise InputError("--recompute and --keep contradict each other: give one of them")
     timestamp()  # an invalid SOURCE_DATE_EPOCH is refused before the computation
     loaded = load_study(study)
     if scheduler and workers is not None:
         raise InputError("--workers counts local processes: leave it out with --scheduler")
     if scheduler and loaded.study.workers is not None:
         raise InputError(f"study {loaded.study.name!r} measures time and cannot run on a cluster")
-    count = loaded.study.worker_count(workers, os.cpu_count() or 1)
-    place = Workers(count, scheduler, insecure, time_limit, memory_limit)
+    processes = loaded.study.worker_count(workers, os.cpu_count() or 1)
+    place = Workers(processes, scheduler, insecure, time_limit, memory_limit)
     requested = select(loaded.study, settings)
     folder = Folder(Path(out or f"results/{loaded.study.name}"))
     folder.check_owner(loaded)
-    other = "refuse" if recompute is None else "recompute" if recompute else "keep"
+    other = "recompute" if recompute else "keep" if keep else "refuse"
     if dry_run:
         plan = plan_run(folder, requested, retry_failed, other)
         todo = {case.id for case in plan.todo}
@@ -299,7 +302,7 @@ def verify(folder: Path, sample: int) -> int:
     """Read every byte of a folder, and recompute its physics.
 
     The physics of the stored arrays, and a sample of the cases."""
-    from critflow.engine.verify import verify_folder
+    from critflow.engine.verify import OTHER_CODE, verify_folder
 
     results = Folder(folder)
     problems, stored, physics, computed = verify_folder(results, sample)
@@ -307,7 +310,8 @@ def verify(folder: Path, sample: int) -> int:
         warn(problem)
     if problems:
         count = plural(len(problems), "problem")
-        return fail(f"{count} in {results.path}: run the study again to correct them", INTEGRITY)
+        again = " with --recompute" * any(f" {OTHER_CODE}: " in problem for problem in problems)
+        return fail(f"{count} in {results.path}: run the study again{again} to correct them", INTEGRITY)
     end = ", and the physics in it was recomputed" if physics else "; the study recomputes no physics in it"
     print(f"{results.path}: {stored} stored cases agree with the dataset to the last byte{end}")
     which = "; ".join(", ".join(f"{k} {v}" for k, v in case.values.items()) for case in computed)

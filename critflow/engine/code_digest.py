@@ -3,11 +3,14 @@
 The digest covers
 
     scene   every module of critflow that can decide numbers, and those of critflow-extras that the study uses:
-            what its definitions import, and what `Study.extras` and its settings name, with all imports of these
+            what its definitions import, and what `Study.extras` and its settings name, with all imports of these;
+            of the engine, how a case is called and its numbers are cast
     study   the case function and the definitions that it reaches, in its files, this engine and `critflow.studies`
 
-Comments, docstrings and layout invalidate no stored case, nor do figures, claims and other definitions that the case
-function does not reach, even in the same file.  No name of a machine, user or folder is stored anywhere.
+Comments, docstrings, the texts of refusals and layout invalidate no stored case, nor do figures, claims and other
+definitions that the case function does not reach, even in the same file.  Libraries, to which the solvers of
+critflow-extras belong, are stored with each case and told apart.  No name of a machine, user or folder is stored
+anywhere.
 """
 
 from __future__ import annotations
@@ -47,6 +50,8 @@ _NOT_NUMERIC = ("command", "pictures.py", "engine", "studies", "__init__.py", "_
 _STUDIES = f"{__package__.partition('.')[0]}.studies"
 _ALL = "*"  # all that a module defines
 _LENGTH = 12  # digits of a digest
+_CASTS = {"computed", "arrays", "cast", "THREADS"}  # of `study.py`: what is between a case function and its shard
+_SOLVERS = ("installed_solvers", "fastest_solver", "CondensedSaddle")  # of critflow-extras
 _PACKAGES = ("numpy", "scipy", "qdldl", "clarabel", "pypardiso", "pyamg")  # that numbers may depend on
 
 
@@ -221,7 +226,9 @@ def numeric_modules() -> dict[str, Path]:
 def _scene_digest(used: frozenset[str]) -> str:
     """Digest of the scene and of some modules of packages that joined."""
     files = numeric_modules() | {name: path for name in sorted(used) if (path := _file(name))}
-    lines = (f"{name}\0{_file_digest(path)}\n" for name, path in files.items())
+    lines = [f"{name}\0{_file_digest(path)}\n" for name, path in files.items()]
+    nodes = ast.walk(_parsed(_PACKAGE / "engine" / "study.py"))
+    lines += [_text(node) for node in nodes if _CASTS & {getattr(node, "name", ""), *_targets(node)}]
     return _digest("".join(lines).encode())[:_LENGTH]
 
 
@@ -333,15 +340,20 @@ def _definitions(module: str) -> dict[str, list[ast.stmt]]:
                 (alias.asname or alias.name.split(".")[0], type(statement)(**{**vars(statement), "names": [alias]}))
                 for alias in statement.names
             ]
-        elif isinstance(statement, (ast.Assign, ast.AnnAssign)):
-            targets = statement.targets if isinstance(statement, ast.Assign) else [statement.target]
-            nodes = [node for target in targets for node in ast.walk(target)]
-            # An assignment to an attribute or an item changes what other definitions see.
-            if not any(isinstance(node, (ast.Attribute, ast.Subscript)) for node in nodes):
-                parts = [(node.id, statement) for node in nodes if isinstance(node, ast.Name)]
+        elif names := _targets(statement):
+            parts = [(name, statement) for name in names]
         for name, part in parts:
             bound.setdefault(name, []).append(part)
     return bound
+
+
+def _targets(node: ast.AST) -> list[str]:
+    """The names that an assignment binds: none where it changes what other definitions see, an attribute or an item."""
+    single = [node.target] if isinstance(node, ast.AnnAssign) else []
+    targets = node.targets if isinstance(node, ast.Assign) else single
+    nodes = [one for target in targets for one in ast.walk(target)]
+    changed = any(isinstance(one, (ast.Attribute, ast.Subscript)) for one in nodes)
+    return [] if changed else [one.id for one in nodes if isinstance(one, ast.Name)]
 
 
 def _file(module: str) -> Path | None:
@@ -355,9 +367,12 @@ def _file(module: str) -> Path | None:
 
 
 def _parsed(path: Path) -> ast.Module:
-    """The syntax tree of a file without docstrings."""
+    """The syntax tree of a file without docstrings, and without the words of the errors that it raises."""
     tree = ast.parse(path.read_bytes())
     for node in ast.walk(tree):
+        if isinstance(node, ast.Raise):
+            for text in (one for one in ast.walk(node) if isinstance(one, ast.Constant) and isinstance(one.value, str)):
+                text.value = ""
         if isinstance(body := getattr(node, "body", None), list):
             texts = [s for s in body if isinstance(s, ast.Expr) and isinstance(s.value, ast.Constant)]
             node.body = [s for s in body if s not in texts or not isinstance(s.value.value, str)]  # type: ignore
@@ -396,7 +411,11 @@ def environment() -> str:
 
 
 def _versions() -> dict[str, str]:
-    return {name: version(name) for name in _PACKAGES if any(distributions(name=name))}
+    """Versions of packages, and the digest of what critflow-extras has to solve linear systems."""
+    installed = {name: version(name) for name in _PACKAGES if any(distributions(name=name))}
+    solvers = _with_imports(module for name in _SOLVERS if (module := module_of(name)))
+    texts = [_file_digest(path) for name in sorted(solvers) if (path := _file(name))]
+    return installed | ({"solvers": _digest("".join(texts).encode())[:_LENGTH]} if texts else {})
 
 
 def environment_versions() -> dict[str, str]:

@@ -15,7 +15,7 @@ import time
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import CancelledError
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from itertools import islice
 from multiprocessing import resource_tracker
 from pathlib import Path
@@ -38,6 +38,7 @@ ATTEMPTS = 3
 _GRACE = 60.0  # seconds beyond the time limit before the scheduler restarts a silent worker
 _WORKERS_START = 60.0  # seconds: local workers that died are back earlier
 _ANSWER = 10.0  # seconds in which a scheduler answers
+_BUSY = 60.0  # the same of one that has much to do
 _LOOK = 1.0  # seconds between two looks at the workers of a scheduler
 _AGAIN = "run the same command again to resume"
 _SUBMITTED = 1000  # tasks at the scheduler at once, where each takes 20 kB
@@ -125,7 +126,7 @@ def _present(client: Client, address: str) -> Iterator[None]:
         if address and now - asked >= _LOOK:
             asked = now
             try:
-                workers = client.nthreads(callback_timeout=_WORKERS_START)
+                workers = client.nthreads(callback_timeout=_BUSY)
             except TimeoutError as error:
                 raise EnvironmentFailure(f"the scheduler does not answer: {_AGAIN}") from error
             present = now if workers else present
@@ -202,7 +203,8 @@ def _local_client(workers: Workers, processes: int) -> Iterator[Client]:
                     os.kill(nanny.pid, signal.SIGKILL)
             raise
         finally:
-            cluster.close(timeout=10)
+            with suppress(TimeoutError):  # its processes end with this one, and every case is stored
+                cluster.close(timeout=10)
 
 
 @contextmanager

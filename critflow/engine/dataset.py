@@ -49,6 +49,10 @@ _COMMENT = (
     "Attributes named in volatile_attributes, and variables with such a comment, differ from run to run; shards_sha256 "
     "adds up, modulo 2**256, the SHA-256 of a line for each stored network: the name and the checksum of its shard."
 )
+_ORIGINS = {  # of a case: a variable of the dataset where it differs
+    "code": "code that computed the case",
+    "environment": "interpreter, processor and libraries that computed the case",
+}
 _CHUNK = 2**24  # bytes of a chunk of the largest variable; a piece in memory is one chunk of each
 _LARGEST_CHUNK = 2**26
 _LAZY = 2**26  # bytes of a variable of a large dataset that is read in parts
@@ -60,18 +64,19 @@ class Assembly:
 
     states  those of its cases; without a shard a case has fill values and the status `missing` or `failed`
 
-    Cases of different code have a further variable, `code`.
+    Where the code of the cases differs there is a further variable, `code`; where their libraries do, `environment`.
     """
 
     def __init__(self, selection: Selection, shards: Path, states: Sequence[CaseState]):
         study, self.selection, self.shards = selection.study, selection, shards
         self.records = {one.case.id: one.record for one in states if one.record}
         self.failed = {one.case.id for one in states if one.state == FAILED}
-        self.codes = sorted({record.code for record in self.records.values()})
+        self.origins = {name: sorted({getattr(one, name) for one in self.records.values()}) for name in _ORIGINS}
         self.first, self.variables = study.axis_names[0], study.variables
         self.undefined = [variable for variable in study.variables if variable.undefined_at]
-        if len(self.codes) > 1:
-            self.variables = (*self.variables, _code_variable(selection, self.codes, states))
+        for name, texts in self.origins.items():
+            if len(texts) > 1:
+                self.variables = (*self.variables, _origin_variable(selection, name, texts, states))
         self.inner = {c.name: len(c.labels(selection.parameters)) for c in study.coordinates}  # sizes
         # Inner sizes are those of the first cases.
         dims = {dim for variable in self.variables for dim in variable.dims} - selection.axes.keys()
@@ -150,7 +155,7 @@ class Assembly:
                 arrays = {
                     **stored.arrays,
                     VALID: np.array(sound),
-                    "code": np.array(self.codes.index(stored.code), "i2"),
+                    **{k: np.array(texts.index(getattr(stored, k)), "i2") for k, texts in self.origins.items()},
                 }
                 for variable in (v for v in self.undefined if status in v.undefined_at and v.name in arrays):
                     arrays[variable.name] = np.full_like(arrays[variable.name], variable.filler)
@@ -222,11 +227,11 @@ class Assembly:
         The code that computed the cases may be older than the code that wrote the dataset.
         """
         volatile = " shards_sha256" * any(v.volatile for v in self.variables)
-        codes = _counted(Counter(record.code for record in self.records.values()))
+        codes = counted_cases(Counter(record.code for record in self.records.values()))
         attributes = {
             "summary": summary_text(self.selection, self.inner, self.outcomes, codes),
             "cases_code": codes,
-            "cases_environment": _counted(self.environments),
+            "cases_environment": counted_cases(self.environments),
             "shards_sha256": f"{self.checksum % 2**256:064x}",
             "volatile_attributes": f"history{volatile}",
         }
@@ -273,17 +278,17 @@ def write_dataset(assembly: Assembly, path: Path, origin: Mapping[str, str]) -> 
         append_seal(partial)
 
 
-def _code_variable(selection: Selection, codes: Sequence[str], states: Sequence[CaseState]) -> Variable:
-    """The variable that tells cases of different code apart, along the fewest axes that do."""
-    known = [(one.case.values, one.record.code) for one in states if one.record]
+def _origin_variable(selection: Selection, name: str, texts: Sequence[str], states: Sequence[CaseState]) -> Variable:
+    """The variable that tells cases of different code or libraries apart, along the fewest axes that do."""
+    known = [(one.case.values, getattr(one.record, name)) for one in states if one.record]
     dims = next(variable for variable in selection.study.variables if variable.name == "status").dims
     for axis in dims:
         fewer = tuple(dim for dim in dims if dim != axis)
-        labelled = {(tuple(values[dim] for dim in fewer), code) for values, code in known}
+        labelled = {(tuple(values[dim] for dim in fewer), text) for values, text in known}
         if len({place for place, _ in labelled}) == len(labelled):
             dims = fewer
-    flags = IntEnum("Code", [(re.sub(r"\W+", "_", code), n) for n, code in enumerate(codes)])  # type: ignore[misc]
-    return Variable("code", dims, "i2", long_name="code that computed the case", flags=flags, fill=-1)
+    flags = IntEnum(name, [(re.sub(r"\W+", "_", text), n) for n, text in enumerate(texts)])  # type: ignore[misc]
+    return Variable(name, dims, "i2", long_name=_ORIGINS[name], flags=flags, fill=-1)
 
 
 @contextmanager
@@ -310,7 +315,7 @@ def opened_dataset(path: Path) -> Iterator[xr.Dataset]:
         yield dataset
 
 
-def _counted(texts: Counter[str]) -> str:
+def counted_cases(texts: Counter[str]) -> str:
     return "; ".join(f"{text}: {count} cases" for text, count in sorted(texts.items()))
 
 

@@ -24,7 +24,7 @@ from types import FrameType
 
 from critflow.calls import rename, running, say
 from critflow.engine.code_digest import StudyFile, code_version, environment, timestamp
-from critflow.engine.dataset import Assembly, write_dataset
+from critflow.engine.dataset import Assembly, counted_cases, write_dataset
 from critflow.engine.report import ReportError, write_report
 from critflow.engine.settings import LONGEST, Case, Selection, Workers, spelled
 from critflow.engine.store import (
@@ -66,7 +66,7 @@ def plan_run(folder: Folder, requested: Selection, retry_failed: bool, other: st
     Raises `IntegrityError` for such cases where they are refused.
     """
     selection, messages = _dataset_selection(folder, requested)
-    states = folder.states(selection, read=True)
+    states = folder.states(selection)
     if other == "refuse" and (counts := Counter(one.reason for one in states if one.state == OTHER)):
         stored = plural(sum(one.record is not None for one in states), "stored case")
         codes = "; ".join(f"{count} by {code}" for code, count in sorted(counts.items()))
@@ -114,9 +114,11 @@ def run_study(
         write_dataset(Assembly(plan.selection, folder.shards, states), path, origin)
         failed = {one.case.id: one.reason for one in states if one.state == FAILED and one.case.id in plan.requested}
         if others := Counter(one.reason for one in states if one.state == OTHER):
-            counts = "; ".join(f"{code}: {count} cases" for code, count in sorted(others.items()))
-            label = f"cases of other code than {code_version(study)} are kept: {counts}"
+            label = f"cases of other code than {code_version(study)} are kept: {counted_cases(others)}"
             say(f"critflow: {label}: the variable `code` has them")
+        if len(libraries := Counter(one.record.environment for one in states if one.record)) > 1:
+            counts = counted_cases(libraries)
+            say(f"critflow: cases of different libraries ({counts}): the variable `environment` has them")
         say(f"{study.name}: drawing the figures and testing the claims")
         try:
             return kept, failed, write_report(study, folder)

@@ -8,8 +8,8 @@
 A shard is a netCDF file (CDF-5) of named arrays; those that differ between its cases have the dimension `stored_case`,
 and the attribute `cases` lists the cases with their status and the code that computed each.  It ends with a seal, the
 SHA-256 of all bytes before it, which netCDF tools ignore.  Every file is written under a temporary name, synced and
-renamed, so that it is either complete or absent; a shard is also read back before it is renamed.  The seal is verified
-before the netCDF library sees an array.
+renamed, so that it is either complete or absent; a shard is also read back before it is renamed.  Whoever opens a shard
+reads it once, and verifies the seal before the netCDF library sees a byte: a damaged header can crash it.
 
 A shard counts before a failed text of the same case.  The existence of a failed text alone says that the case failed:
 its contents are for the reader, and damage in them changes no result.
@@ -30,7 +30,7 @@ from dataclasses import dataclass, field
 from hashlib import sha256
 from itertools import groupby
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, BinaryIO, NamedTuple
 from uuid import uuid4
 
 import netCDF4
@@ -49,8 +49,7 @@ DONE, FAILED, MISSING, DAMAGED, CHANGED, OTHER = "done", "failed", "missing", "d
 _PARTIAL = ".partial"  # suffix of temporary files; no pattern for results matches it
 _MARK = b"\nsealed sha256 "
 _SEAL_LENGTH = len(_MARK) + 64
-# Errors of the machine, which say nothing about the file; -61 is NC_ENOMEM of the netCDF library.
-_MACHINE = {errno.EMFILE, errno.ENFILE, errno.ENOMEM, errno.EACCES, errno.EIO, errno.ESTALE, -61}
+_NO_MEMORY = (errno.ENOMEM, -61)  # of the system, and NC_ENOMEM of the netCDF library
 _netcdf = threading.Lock()  # the netCDF library is not thread-safe
 _CASE = "stored_case"  # dimension
 _MOST_REASONS = 20  # lines
@@ -103,37 +102,38 @@ def write_text(path: Path, text: str) -> None:
 
 def append_seal(path: Path) -> None:
     """End a file with the seal of its bytes."""
-    checksum = _checksum(path, path.stat().st_size)
-    with open(path, "ab") as file:
-        file.write(_MARK + checksum.encode())
+    with open(path, "rb+") as file:
+        file.write(_MARK + _checksum(file, path.stat().st_size).encode())
 
 
-def verified_checksum(path: Path) -> str:
-    """Checksum of a sealed file; `IntegrityError` unless the seal is that of its bytes."""
+def verified_checksum(path: Path, content: bytearray | None = None) -> str:
+    """Checksum of a sealed file, which is read once; `IntegrityError` unless the seal is that of its bytes.
+
+    content  receives the bytes before the seal
+    """
     try:
         if not path.is_file():  # reading a pipe would block
             raise IntegrityError(f"{path} is damaged: it is not a file")
-        length = max(path.stat().st_size - _SEAL_LENGTH, 0)
         with open(path, "rb") as file:
-            file.seek(length)
+            checksum = _checksum(file, max(os.fstat(file.fileno()).st_size - _SEAL_LENGTH, 0), content)
             seal = file.read()
-        if not seal.startswith(_MARK):
-            raise IntegrityError(f"{path} is damaged: it is cut short, its seal is missing")
-        checksum = _checksum(path, length)
     except OSError as error:
         raise EnvironmentFailure(f"cannot read {path}: {error.strerror}: correct this and run again") from error
     if seal != _MARK + checksum.encode():
-        raise IntegrityError(f"{path} is damaged: its contents do not match its checksum")
+        cut = not seal.startswith(_MARK)
+        reason = "it is cut short, its seal is missing" if cut else "its contents do not match its checksum"
+        raise IntegrityError(f"{path} is damaged: {reason}")
     return checksum
 
 
-def _checksum(path: Path, length: int) -> str:
+def _checksum(file: BinaryIO, length: int, content: bytearray | None = None) -> str:
     """SHA-256 of the first bytes of a file, read in pieces."""
     whole = sha256()
-    with open(path, "rb") as file:
-        while piece := file.read(min(length, 2**20)):
-            whole.update(piece)
-            length -= len(piece)
+    while piece := file.read(min(length, 2**20)):
+        whole.update(piece)
+        length -= len(piece)
+        if content is not None:
+            content += piece
     return whole.hexdigest()
 
 
@@ -191,16 +191,13 @@ def write_shard(folder: Path, study: Study, case: Case, stored: Mapping[str, Sto
     return checksum
 
 
-def read_shard(
-    path: Path, study: Study, case: Case, sealed: bool = True, with_arrays: bool = True
-) -> tuple[dict[str, StoredCase], str]:
-    """The cases of the shard of a case by their ids, and its checksum; `IntegrityError` if it is damaged.
-
-    sealed  every byte is verified; without it there is no checksum
-    """
-    checksum = verified_checksum(path) if sealed else ""
+def read_shard(path: Path, study: Study, case: Case, with_arrays: bool = True) -> tuple[dict[str, StoredCase], str]:
+    """The cases of the shard of a case by their ids, and its checksum; `IntegrityError` if it is damaged."""
+    content = bytearray()
+    checksum = verified_checksum(path, content)
+    content += bytes(len(content))  # the library reads a header by halves of the memory, and refuses to pass its end
     try:
-        with _netcdf, netCDF4.Dataset(path) as file:
+        with _netcdf, netCDF4.Dataset(path, memory=content) as file:
             file.set_auto_maskandscale(False)
             for name, expected in _identity(study, case).items():
                 if (value := file.getncattr(name)) != expected:
@@ -221,7 +218,7 @@ def read_shard(
             }
             return cases, checksum
     except (OSError, RuntimeError, ValueError, TypeError, LookupError, AttributeError) as error:
-        if isinstance(error, OSError) and error.errno in _MACHINE:
+        if isinstance(error, OSError) and error.errno in _NO_MEMORY:
             raise EnvironmentFailure(f"cannot read {path}: {error.strerror}: correct this and run again") from error
         raise IntegrityError(f"{path} is damaged: it is not a readable shard: {error}") from error
 
@@ -406,11 +403,8 @@ class Folder:
             raise StudyError(f"study {study.name!r} has other settings now than {self.path}: run it again there")
         return loaded, Selection.of(study, note["variables"], note["parameters"], note["axes"])
 
-    def states(self, selection: Selection, read: bool = False) -> list[CaseState]:
-        """State of every case: the single decision whether a case is stored.
-
-        read  every shard is read and verified to the last byte; without it only the list of its cases
-        """
+    def states(self, selection: Selection) -> list[CaseState]:
+        """State of every case: the single decision whether a case is stored.  Every shard is read and verified."""
         study, code = selection.study, code_version(selection.study)
         shards, failed = _names(self.shards, ".nc"), _names(self.failed, ".txt")
         states = list[CaseState]()
@@ -418,8 +412,7 @@ class Folder:
             cases, records, absent = list(group), dict[str, StoredCase](), (MISSING, "not computed yet")
             try:
                 if shard in shards:
-                    path = shard_path(self.shards, cases[0])
-                    records, _ = read_shard(path, study, cases[0], sealed=read, with_arrays=False)
+                    records, _ = read_shard(shard_path(self.shards, cases[0]), study, cases[0], with_arrays=False)
             except OtherTable:
                 absent = (CHANGED, "stored with another table of variables")
             except IntegrityError as error:

@@ -35,6 +35,8 @@ if TYPE_CHECKING:  # a case function needs neither library
 
 LONGEST = 1_000_000  # values of one setting, and cases of one run: a larger number is a typing error
 
+THREADS = 1  # of BLAS in a case: their number changes digits
+
 _NAME, _STUDY_NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*"), re.compile(r"[A-Za-z0-9][A-Za-z0-9_-]*")
 VALID = "valid"  # the variable by which a dataset is masked, which this engine adds to every study
 _ALWAYS = ("status", VALID)  # variables that every selection of members needs
@@ -357,7 +359,10 @@ class Study:
         for names in (labels, ["variables", *(axis.key for axis in self.axes), *parameters]):
             twice = sorted({word for word in names if names.count(word) > 1})
             require(not twice, f"{name} uses the name {''.join(twice[:1])!r} twice")
-        for reserved in {"code", "stored_case"} & {*labels, *(dim for v in self.variables for dim in v.dims)}:
+        for reserved in {"code", "environment", "stored_case"} & {
+            *labels,
+            *(dim for v in self.variables for dim in v.dims),
+        }:
             raise StudyError(f"{name} uses the name {reserved!r}, which the engine writes: choose another")
         for c in self.coordinates:
             listed = c.words or isinstance(parameters.get(c.parameter), tuple)

@@ -39,7 +39,7 @@ from critflow.engine.store import (
     write_shard,
     write_text,
 )
-from critflow.engine.study import Study
+from critflow.engine.study import THREADS, Study
 from critflow.result import EnvironmentFailure, IntegrityError, Status, StudyError
 
 _MINUTE = 60.0
@@ -97,8 +97,8 @@ def compute_network(job: Job, cases: Sequence[Mapping[str, int | str]], careful:
     since, of this network alone.
     """
     outcomes, new = list[Outcome](), list[tuple[Case, float]]()  # new cases are not stored yet; seconds
-    with _one_at_a_time, threadpool_limits(limits=1):  # the number of threads must not change a digit
-        selection, folder = job.selection(), Folder(Path(job.folder))
+    selection, folder = job.selection(), Folder(Path(job.folder))
+    with _one_at_a_time, threadpool_limits(limits=THREADS):  # of libraries that are loaded, those of the study too
         study, first = selection.study, selection.case(**cases[0])
         written = time.perf_counter()
         # What the shard has.

@@ -21,11 +21,12 @@ from critflow.engine.dataset import REWRITE, SMALL, Assembly, opened_dataset
 from critflow.engine.report import text_files, texts
 from critflow.engine.settings import Case
 from critflow.engine.store import CHANGED, DAMAGED, DONE, OTHER, Folder, read_shard, shard_path
-from critflow.engine.study import Study, plural
+from critflow.engine.study import THREADS, Study, plural
 from critflow.result import IntegrityError, StudyError
 
 # Attributes that state the data of a file, and their origin; others state the present code.
 _COMPARED = ("study", "study_version", "schema_version", "axes", "parameters")
+OTHER_CODE = "of other code"  # in a line about cases that only --recompute corrects
 _CLOSE = 1e-6  # of the largest number of a variable
 _ORIGINS = ("summary", "cases_code", "cases_environment", "shards_sha256")
 
@@ -41,7 +42,7 @@ def verify_folder(folder: Folder, sample: int) -> tuple[list[str], int, bool, li
     """
     _, selection = folder.selection()
     study, path = selection.study, folder.dataset(selection.study.name)
-    states = folder.states(selection, read=True)
+    states = folder.states(selection)
     bad = [one for one in states if one.state in (DAMAGED, CHANGED)]
     # The cases of a shard have one line.
     lines = (f"{shard_path(folder.shards, one.case)} is {one.state}: {one.reason}" for one in bad)
@@ -63,7 +64,7 @@ def verify_folder(folder: Folder, sample: int) -> tuple[list[str], int, bool, li
         problems.append(str(error))
     others = Counter(one.reason for one in states if one.state == OTHER)
     now = code_version(study)
-    problems += [f"{plural(count, 'case')} of other code: {code}, now {now}" for code, count in others.items()]
+    problems += [f"{plural(count, 'case')} {OTHER_CODE}: {code}, now {now}" for code, count in others.items()]
     done = sorted((one.case for one in states if one.state == DONE), key=lambda case: sha256(case.id.encode()).digest())
     for case in done[:sample]:
         problems += _recomputed(folder, study, case)
@@ -74,7 +75,7 @@ def _recomputed(folder: Folder, study: Study, case: Case) -> Iterator[str]:
     """A line for each variable of a case that is another one when it is computed again."""
     stored = read_shard(shard_path(folder.shards, case), study, case)[0][case.id]
     volatile = {v.name for v in study.variables if v.volatile}
-    with threadpool_limits(limits=1):
+    with threadpool_limits(limits=THREADS):
         try:
             arrays = study.computed(case.parameters, case.values)
         except Exception as error:

@@ -15,7 +15,7 @@ from packaging.requirements import Requirement
 from packaging.utils import canonicalize_name
 
 from critflow.command.main import main
-from critflow.engine import code_digest
+from critflow.engine import code_digest, study
 from critflow.engine.code_digest import (
     code_version,
     load_file,
@@ -136,6 +136,8 @@ def case(parameters, *, seed):
     return {"status": Status.ok, "n": helper(seed)}
 
 def helper(seed):
+    if seed < 0:
+        raise ValueError("negative")
     return seed * one() * SCALE["good"] * _tools.three
 
 def figure(ds):
@@ -174,6 +176,7 @@ def version(tmp_path):
 COUNTS = [
     ("numbers.py", "helper(seed)}", "helper(seed) + 1}"),
     ("numbers.py", "return seed *", "return 2 * seed *"),
+    ("numbers.py", "seed < 0", "seed < 1"),
     ("numbers.py", '{"good": 1.0}', '{"good": 3.0}'),
     ("numbers.py", 'SCALE["bad"] = 2.0', 'SCALE["good"] = 2.0'),
     ("_numbers.py", "stable_rng(1)", "stable_rng(2)"),
@@ -181,6 +184,8 @@ COUNTS = [
 ]
 COUNTS_NOT = [
     ("numbers.py", '"""A number."""', '"""A number and its status."""'),
+    ("numbers.py", '"""A study in a file."""', '"""Another word."""'),
+    ("numbers.py", 'ValueError("negative")', 'ValueError("below zero")'),
     ("numbers.py", "    return seed * one()", "    # The weight\n    return  seed *one()"),
     ("numbers.py", '"n"\n', '"another"\n'),
     ("numbers.py", "return drawn(ds, ", "return drawn(ds, 3, "),
@@ -207,11 +212,11 @@ def test_a_name_that_nobody_has_cannot_be_declared(version):
 
 
 def test_the_scene_counts_and_the_engine_and_figures_do_not(tmp_path, monkeypatch):
-    names = ("manifold.py", "arguments.py")
+    names = ("manifold.py", "arguments.py", "engine/study.py")
     names += ("engine/run.py", "pictures.py", "command/main.py", "studies/ensemble.py")
     for name in names:
         (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
-        (tmp_path / name).write_text("x = 1")
+        (tmp_path / name).write_text("THREADS = 1")
     monkeypatch.setattr(code_digest, "_PACKAGE", tmp_path)
     monkeypatch.setattr(code_digest, "_file_digest", code_digest._file_digest.__wrapped__)
 
@@ -220,13 +225,25 @@ def test_the_scene_counts_and_the_engine_and_figures_do_not(tmp_path, monkeypatc
 
     first, changes = digest(), {}
     for name in names:
-        for text in ("x = 1  # one", '"""What it is."""\nx = 1'):
+        for text in ("THREADS = 1  # one", '"""What it is."""\nTHREADS = 1'):
             (tmp_path / name).write_text(text)
             assert digest() == first
-        (tmp_path / name).write_text("x = 2")
+        (tmp_path / name).write_text("THREADS = 2")
         changes[name] = digest() != first
-        (tmp_path / name).write_text("x = 1")
-    assert [name for name in names if changes[name]] == list(names[:2])
+        (tmp_path / name).write_text("THREADS = 1")
+    assert [name for name in names if changes[name]] == list(names[:3])
+
+
+@pytest.mark.parametrize("change", ["given.astype(target)", "self.arrays(self.case("])
+def test_how_the_numbers_of_a_case_are_cast_counts(tmp_path, monkeypatch, change):
+    first, text = code_digest._scene_digest.__wrapped__(frozenset()), Path(study.__file__).read_text()
+    (tmp_path / "engine").mkdir()
+    assert text.count(change) == 1
+    (tmp_path / "engine" / "study.py").write_text(text.replace(change, f"1 * {change}"))
+    modules = code_digest.numeric_modules()
+    monkeypatch.setattr(code_digest, "numeric_modules", lambda: modules)
+    monkeypatch.setattr(code_digest, "_PACKAGE", tmp_path)
+    assert code_digest._scene_digest.__wrapped__(frozenset()) != first
 
 
 def test_the_ensemble_depends_on_its_measurements_and_on_no_figure():
@@ -251,7 +268,10 @@ def test_a_run_over_cases_of_other_code_stops_before_it_computes(tmp_path, run, 
         assert all(word in err for word in ("--recompute", "--keep", "--out"))
     assert stamps_of(out) == before
     assert "8 other of 8 cases" in said(["status", str(out)]).out
-    assert first in said(["verify", str(out)], 4).err
+    err = said(["verify", str(out)], 4).err
+    assert first in err and "run the study again with --recompute to correct" in err
+    both = output_of(out, "seeds=0:5", study=path, more=("--keep", "--recompute"), code=2).err
+    assert "contradict" in both and stamps_of(out) == before
     assert run(out, "seeds=0:5", study=path, more=("--recompute",)) == 0
     assert xr.load_dataset(out / "tiny.nc").attrs["cases_code"] == f"{now}: 10 cases"
     assert main(["verify", str(out)]) == 0
@@ -278,6 +298,31 @@ def test_kept_cases_of_other_code_are_told_apart(tmp_path, run, source, said, ou
     assert "2 versions of the code" in (out / "claims.md").read_text()
     assert "other code" in said(["verify", str(out)], 4).err
     assert run(out, *more, study=path) == 4
+
+
+@pytest.mark.parametrize(
+    ("more", "dims"), [(("seeds=0:4",), ("seed",)), (("populations=random,floppy",), ("population",))]
+)
+def test_cases_of_other_libraries_are_told_apart(tmp_path, output_of, monkeypatch, said, more, dims):
+    few = {"seed": "seeds=0:3", "population": "populations=random"}[dims[0]]
+    assert "libraries" not in output_of(tmp_path, few).err
+    monkeypatch.setattr("critflow.engine.tasks.environment", lambda: "python 9.9, numpy 8.8")
+    err = output_of(tmp_path, *more).err
+    assert "cases of different libraries" in err and "python 9.9, numpy 8.8: " in err
+    with xr.open_dataset(tmp_path / "tiny.nc") as ds:
+        assert ds.environment.dims == dims and "code" not in ds
+        last = ds.environment.values[-1] if dims == ("seed",) else ds.environment.sel(population="floppy").item()
+        assert ds.environment.attrs["flag_meanings"].split()[last] == "python_9_9_numpy_8_8"
+    assert "to the last byte" in said(["verify", str(tmp_path), "--sample=0"]).out
+
+
+def test_the_solvers_of_the_extras_are_a_library(monkeypatch):
+    """Their table of sizes chooses the solver of a large network, and with it the last digits."""
+    if not code_digest.has_extras():
+        pytest.skip("critflow-extras is not installed")
+    solvers = code_digest._versions()["solvers"]
+    monkeypatch.setattr(code_digest, "_file_digest", lambda path: "changed" * path.match("large/choice.py"))
+    assert code_digest._versions()["solvers"] != solvers
 
 
 ROOT = Path(__file__).parents[2]

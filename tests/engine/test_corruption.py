@@ -89,6 +89,13 @@ def change_number(file):
     file["total"][1] = 77.0
 
 
+def enormous(path):
+    """The length of a dimension in the header, as large as the netCDF library finds no memory for."""
+    whole = bytearray(path.read_bytes())
+    whole[16] ^= 2
+    path.write_bytes(whole)
+
+
 def flip_number(path):
     """One bit of a number, which the netCDF library cannot detect."""
     whole = path.read_bytes()
@@ -101,7 +108,13 @@ REPORTS = ("claims.json", "claims.md", "summary.json")
 KINDS = {
     "shard": ANY
     | {f"bit at {part:.0%}": flip(part) for part in (0.2, 0.4, 0.6, 0.8, 0.95)}
-    | {"last byte": flip(-1), "number": flip_number, "another case": another_case, "another run": another_run},
+    | {
+        "last byte": flip(-1),
+        "enormous": enormous,
+        "number": flip_number,
+        "another case": another_case,
+        "another run": another_run,
+    },
     "dataset": ANY
     | {
         "number": flip_number,

@@ -10,7 +10,7 @@ import ssl
 import subprocess
 import sys
 import time
-from contextlib import suppress
+from contextlib import nullcontext, suppress
 from copy import deepcopy
 from http.client import HTTPException
 from pathlib import Path
@@ -23,7 +23,7 @@ import numpy as np
 import psutil
 import pytest
 import xarray as xr
-from distributed import LocalCluster
+from distributed import Client, LocalCluster
 from distributed.security import Security
 from disturbed import begun, ended, messages, numbers_of, stored_files, stored_whole, wait_until
 from problems import forbidden
@@ -31,7 +31,7 @@ from problems import forbidden
 from critflow.command.main import main
 from critflow.engine import dask_workers
 from critflow.engine.code_digest import load_file
-from critflow.engine.settings import select
+from critflow.engine.settings import Workers, select
 from critflow.result import Status
 
 pytestmark = pytest.mark.timeout(300)
@@ -108,6 +108,21 @@ def test_deaths_are_counted_by_case_and_stored_cases_are_not_computed_again(tmp_
     assert tally.read_text() == "01021212"  # a case that died is the last one of its task
     dataset = xr.load_dataset(tmp_path / "out" / "poisoned.nc")
     assert dataset.status.values.ravel().tolist() == [Status.ok, Status.failed, Status.failed]
+
+
+def test_a_cluster_that_is_slow_to_close_ends_no_run(monkeypatch):
+    """All cases are stored then; the dataset is to be written."""
+    closed = []
+
+    def close(timeout):
+        closed.append(timeout)
+        raise TimeoutError
+
+    monkeypatch.setattr(dask_workers, "LocalCluster", lambda **_: SimpleNamespace(close=close, workers={}))
+    monkeypatch.setattr(dask_workers, "Client", lambda *_, **__: nullcontext())
+    with dask_workers._local_client(Workers(1), 1):
+        assert not closed
+    assert closed == [10]
 
 
 def fatal():
@@ -299,7 +314,10 @@ def remote(tmp_path):
     environment = os.environ | {"PYTHONPATH": os.pathsep.join(path for path in sys.path if path)}
     environment["CRITFLOW_TEST_PAUSE"] = "0.1"
     processes["worker"] = subprocess.Popen([*DASK, "worker", *words], **options, env=environment)
-    yield json.loads(file.read_text())["address"], processes
+    address = json.loads(file.read_text())["address"]
+    with Client(address, set_as_default=False) as client:
+        client.wait_for_workers(1, timeout=100)  # which takes seconds to start
+    yield address, processes
     for process in processes.values():
         process.kill()
         process.wait()

@@ -79,6 +79,23 @@ def test_a_folder_without_permission_to_write_is_reported(tmp_path, which):
     assert_completed(folder)
 
 
+@pytest.mark.parametrize(
+    ("error", "words"),
+    [
+        (OSError(errno.EIO, "Input/output error", "some file"), "refused some file: Input/output error: correct"),
+        (TimeoutError(), "refused: TimeoutError()"),
+        (MemoryError(), "out of memory: give"),
+    ],
+)
+def test_what_the_system_refuses_is_one_sentence_without_its_number(monkeypatch, said, error, words):
+    def refused(*more):
+        raise error
+
+    monkeypatch.setattr("critflow.command.main.load_study", refused)
+    err = said(["list", "tiny"], 6).err
+    assert words in err and "[Errno" not in err
+
+
 @pytest.mark.parametrize("suffix", [".nc", "study.json"])
 @pytest.mark.parametrize("number", [errno.EMFILE, errno.EIO, errno.EACCES])
 def test_a_file_that_the_machine_does_not_read_is_not_taken_for_damaged(tmp_path, number, suffix, tally):

@@ -168,7 +168,7 @@ def mixed(tmp_path, source):
 
 
 def test_status_dry_run_and_run_agree_on_what_is_stored(mixed, said, tally):
-    """`status` lists files; `run` and `verify` read them, and find the damage too; to look changes nothing."""
+    """All of them read every shard, and find the damage; to look changes nothing."""
     out, words = mixed
 
     def state():
@@ -177,12 +177,13 @@ def test_status_dry_run_and_run_agree_on_what_is_stored(mixed, said, tally):
 
     before = state()
     found = json.loads(said(["status", str(out), "--json"]).out)
-    assert found["total"] == {"done": 3, "failed": 1, "missing": 1}
-    assert [(case["seed"], case["state"]) for case in found["to_compute"]] == [(1, "missing"), (2, "failed")]
+    assert found["total"] == {"done": 2, "failed": 1, "missing": 1, "damaged": 1}
+    states = [(case["seed"], case["state"]) for case in found["to_compute"]]
+    assert states == [(1, "missing"), (2, "failed"), (4, "damaged")]
     assert main(["verify", str(out), "--sample=0"]) == 4
     dry = [*words, "--dry-run"]
     for looking, parts in (
-        (["status", str(out)], ("3 done, 1 failed, 1 missing of 5 cases", "broken on demand")),
+        (["status", str(out)], ("2 done, 1 failed, 1 missing, 1 damaged of 5 cases", "broken on demand")),
         (dry, ("2 of 5 cases to compute", "damaged: seed 4")),
         ([*dry, "--retry-failed"], ("3 of 5 cases to compute",)),
         ([*dry, "--set=scale=2"], ("replaces the dataset of scale=1.0",)),

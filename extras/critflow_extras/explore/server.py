@@ -36,6 +36,7 @@ LOOPBACK = "127.0.0.1"
 LONGEST_DELAYS = (0.15, 0.5)
 # Pages of closed tabs that are kept for a reload.
 _KEPT = 12
+_MOST_MESSAGES = 100  # of a tab that wait for their answer; the page sends one after the answer to the last
 _STATIC = {"": "page.html", **{name: name for name in ("raster.js", "picture.js", "plots.js", "page.js", "page.css")}}
 _KINDS = {".html": "text/html", ".js": "text/javascript", ".css": "text/css"}
 _UNREADABLE = "the message is no list of values by name that the server can read: reload the page"
@@ -234,6 +235,8 @@ class _Socket(WebSocketHandler):
             await self._send(Reply({"fault": _UNREADABLE}))
         elif message.get("do") == "stop":
             self.page.stopping = True
+        elif self.messages.qsize() >= _MOST_MESSAGES:
+            self.close(1008, "too many messages wait: load the page again")
         else:
             self.messages.put_nowait(message)
 

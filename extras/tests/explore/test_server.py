@@ -5,6 +5,7 @@ import contextlib
 import json
 import os
 import socket
+import time
 from pathlib import Path
 from urllib.parse import unquote, urlsplit
 
@@ -200,6 +201,20 @@ async def test_a_message_that_cannot_be_read_is_answered_with_a_sentence(server,
     await connection.write_message(json.dumps({"do": "look", "seq": 5}))
     while (await server.reply(connection)).get("seq") != 5:
         pass
+
+
+async def test_a_tab_with_too_many_messages_is_closed(server, monkeypatch):
+    monkeypatch.setattr("critflow_extras.explore.server._MOST_MESSAGES", 3)
+    connection = await server.tab()
+    await server.reply(connection)
+    (tab,) = server.explorer.open_tabs.values()
+    monkeypatch.setattr(tab.page, "handle", lambda message: time.sleep(0.2))
+    for _ in range(6):
+        await connection.write_message(json.dumps({"do": "look"}))
+    async with asyncio.timeout(20):
+        while await connection.read_message() is not None:
+            pass
+    assert connection.close_code == 1008 and "load the page again" in connection.close_reason
 
 
 async def raw(server, head):
