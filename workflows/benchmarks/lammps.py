@@ -73,6 +73,8 @@ class Lammps:
     def __init__(self, state: SpringState):
         self.program = silent()
         self.dimension = state.network.dimension
+        self._folder = TemporaryDirectory()  # of the log
+        self._log = Path(self._folder.name, "log")
         with TemporaryDirectory() as folder:
             data = Path(folder, "springs.data")
             data.write_text("\n".join(_data(state)), encoding="utf-8")
@@ -97,17 +99,19 @@ class Lammps:
         start = np.array(self.program.gather_atoms("x", 1, 3))
         self._start = (ctypes.c_double * len(start))(*start)
 
-    def relax(self, style: str, options: str, max_force: float, most_steps: int) -> tuple[Array, int, float]:
-        """Wrapped coordinates (N_v, d), iterations and the largest force component, from the start."""
+    def relax(self, style: str, options: str, max_force: float, most: int) -> tuple[Array, int, float]:
+        """Wrapped coordinates (N_v, d), force evaluations, at most `most`, and the largest force, from the start."""
         run = self.program
-        begin = run.extract_global("ntimestep")
         run.scatter_atoms("x", 1, 3, self._start)
         run.commands_string(
-            f"""min_style {style}
+            f"""log {self._log}
+            min_style {style}
             min_modify norm inf {options}
-            minimize 0.0 {max_force!r} {most_steps} {10 * most_steps}"""
+            minimize 0.0 {max_force!r} {most} {most}"""
         )
-        return self.per_vertex("x"), run.extract_global("ntimestep") - begin, run.get_thermo("fmax")
+        # LAMMPS writes the number to its log alone.
+        evaluations = self._log.read_text(encoding="utf-8").split("force evaluations =")[1].split()[1]
+        return self.per_vertex("x"), int(evaluations), run.get_thermo("fmax")
 
     def per_vertex(self, name: str) -> Array:
         """Coordinates "x" or forces "f", (N_v, d)."""
