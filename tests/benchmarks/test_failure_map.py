@@ -114,7 +114,8 @@ def small(tmp_path_factory):
     folder = tmp_path_factory.mktemp("failures")
     settings = (
         "difficulties=near_singular,small_strain,extra_edges,stress_spread", "seeds=0:1", "n_vertices=12",
-        "n_steps=4", "quantities=configuration,transition_moduli,rigidity,equilibrium_newton,max_G_0_auto,FIRE,LAMMPS cg,matscipy",
+        "n_steps=4", "quantities=configuration,transition_moduli,rigidity,equilibrium_newton,max_G_0_auto,FIRE,"
+        "LAMMPS cg,matscipy",
     )  # fmt: skip
     words = [word for setting in settings for word in ("--set", setting)]
     assert main(["run", "failure_map", "--workers", "0", "--out", str(folder), *words]) == 0
