@@ -153,9 +153,9 @@ def test_peers_are_counted_apart(small):
     dataset, folder = small
     summary = json.loads((folder / "summary.json").read_text())
     fire = summary["peers"]["FIRE"]
-    assert fire["points"] == fire["right"] + fire["wrong"] + fire["reported"] == 8
+    assert fire["points"] == fire["right"] + fire["wrong"] + fire["reported"] == 4
     # Far from the transition FIRE is right; where forces begin below its tolerance it is wrong by the whole step.
-    assert fire["right"] >= 2 and fire["wrong"] >= 2 and fire["largest_error"] > 0.5
+    assert fire["right"] >= 1 and fire["wrong"] >= 2 and fire["largest_error"] > 0.5
     outcome = dataset.outcome.sel(quantity="FIRE")
     assert (outcome.sel(difficulty="extra_edges") == Outcome.absent).all()
     assert "FIRE" not in summary["outcomes"] and summary["violations"] == 0

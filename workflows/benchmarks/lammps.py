@@ -73,8 +73,6 @@ class Lammps:
     def __init__(self, state: SpringState):
         self.program = silent()
         self.dimension = state.network.dimension
-        self._folder = TemporaryDirectory()  # of the log
-        self._log = Path(self._folder.name, "log")
         with TemporaryDirectory() as folder:
             data = Path(folder, "springs.data")
             data.write_text("\n".join(_data(state)), encoding="utf-8")
@@ -103,14 +101,17 @@ class Lammps:
         """Wrapped coordinates (N_v, d), force evaluations, at most `most`, and the largest force, from the start."""
         run = self.program
         run.scatter_atoms("x", 1, 3, self._start)
-        run.commands_string(
-            f"""log {self._log}
-            min_style {style}
-            min_modify norm inf {options}
-            minimize 0.0 {max_force!r} {most} {most}"""
-        )
-        # LAMMPS writes the number to its log alone.
-        evaluations = self._log.read_text(encoding="utf-8").split("force evaluations =")[1].split()[1]
+        with TemporaryDirectory() as folder:
+            log = Path(folder, "log")
+            run.commands_string(
+                f"""log {log}
+                min_style {style}
+                min_modify norm inf {options}
+                minimize 0.0 {max_force!r} {most} {most}
+                log none"""
+            )
+            # LAMMPS writes the number of evaluations there alone.
+            evaluations = log.read_text(encoding="utf-8").split("force evaluations =")[1].split()[1]
         return self.per_vertex("x"), int(evaluations), run.get_thermo("fmax")
 
     def per_vertex(self, name: str) -> Array:
