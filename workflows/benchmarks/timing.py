@@ -1,25 +1,28 @@
-"""Processor times and errors of methods for one problem, in one process on one core, in random order.
+"""Processor times, calls and errors of methods for one problem, in one process on one core.
 
-A task is one chart.  Other packages are imported by `peer` when a method runs; a method whose `package` is not
-installed is not run.
+A task is one row of the chart.  Other packages are imported by `peer` when a method runs; a method whose `package` is
+not installed is not run.
 """
 
 from __future__ import annotations
 
 import os
 import time
+from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass, field, replace
 from enum import IntEnum
-from functools import partial
 from importlib import import_module
 from importlib.metadata import PackageNotFoundError, version
 from typing import Any
+from unittest.mock import patch
 
 import numpy as np
 
 from critflow import Status
+from critflow.sparse import Factor, FixedPattern
+from critflow.springs import SpringState
 
 
 class Backend(IntEnum):
@@ -75,16 +78,17 @@ class Method:
 
 @dataclass(frozen=True)
 class Task:
-    """One chart of error against time.
+    """One task: its chart is a row of error against cost.
 
     word     value of the axis, as in "strain_step"
-    title    the computed quantity, as in "σ → configuration, with its gradient"
+    title    the computed quantity, as in "σ → configuration"
     error    definition of the error, for the axis of the chart, as in "largest relative error of a bond vector"
     sizes    sizes N_v of the task
     names    its methods at all sizes; methods of other packages begin with the name of the package
     default  the method of critflow without options
-    methods  (n_vertices, seed) -> the methods at this size, with problem and reference in their closures; the
-             reference is at least 1,000 times more accurate than the best method
+    methods  (n_vertices, seed, gamma) -> the methods, with problem and reference in their closures; the reference is at
+             least 1,000 times more accurate than the best method
+    strained whether it is past the transition, at each γ > 0; else at γ = 0
     """
 
     word: str
@@ -93,16 +97,26 @@ class Task:
     sizes: tuple[int, ...]
     names: tuple[str, ...]
     default: str
-    methods: Callable[[int, int], Sequence[Method]]
+    methods: Callable[[int, int, float], Sequence[Method]]
+    strained: bool = False
 
 
 # The level of the first use of a method.
 COLD = -1
+# Calls that no machine changes, of which a run is made, and the functions of critflow that are one each.  Methods of
+# other packages add theirs to the tally.
+CALLS = {
+    "factorisations": "factorisations of a run",
+    "solves": "solves with a factor in a run",
+    "evaluations": "evaluations of forces, and products with a matrix, in a run",
+}
+_COUNTED = ((FixedPattern, "factorize"), (Factor, "solve"), (SpringState, "moved"))
+TALLY: Counter[str] = Counter()
 
 
 @dataclass(frozen=True)
 class Timing:
-    """Processor and wall seconds of every repeat at one level of one method, and the answer with its error.
+    """Processor and wall seconds of every repeat at one level of one method, and the answer with its error and calls.
 
     level   of the method, or `COLD`: its preparation and a run at the roughest level
     memory  peak resident memory in MB, of stages alone
@@ -110,17 +124,12 @@ class Timing:
 
     method: Method
     level: int
-    work: Callable[[], Any]
     status: Status = Status.missing
     error: float = np.nan
     seconds: tuple[float, ...] = ()
     wall: tuple[float, ...] = ()
+    calls: dict[str, int] = field(default_factory=dict)
     memory: float = np.nan
-
-    @property
-    def quartiles(self) -> tuple[float, float, float]:
-        """Median, lower and upper quartile of the processor seconds."""
-        return tuple(np.quantile(self.seconds, (0.5, 0.25, 0.75))) if self.seconds else (np.nan,) * 3
 
     def repeated(self, wall: float, busy: float) -> Timing:
         """The timing with one more repeat."""
@@ -164,58 +173,62 @@ def stopwatch(work: Callable[..., Any], *arguments: Any) -> tuple[Any, float, fl
     return result, time.perf_counter() - begin, time.process_time() - begin_busy
 
 
-def benchmark(
-    methods: Sequence[Method], repeats: int = 7, patience: float = 2.0, budget: float = np.inf
-) -> list[Timing]:
-    """Time the first use and all levels of all methods in repeated rounds; the first round yields the errors alone.
+@contextmanager
+def counting() -> Iterator[None]:
+    """Count the calls of functions of critflow."""
+    TALLY.clear()
+    with ExitStack() as patches:
+        for kind, (owner, name) in zip(CALLS, _COUNTED, strict=True):
+            patches.enter_context(patch.object(owner, name, _counted(getattr(owner, name), kind)))
+        yield
 
-    All levels of a method share one preparation, and a run before any is timed.  Each round has a random order, so that
-    effects of a method on caches and threads are spread over all methods.  A method ends after `repeats` rounds or
-    `patience` seconds; no round begins `budget` seconds after the first one.  If the first run of a level exceeds the
-    patience, its time is used and finer levels are left out.  The status of a method that raises is `failed`; that of a
-    method whose package is not installed is `missing`.
+
+def _counted(function: Callable[..., Any], kind: str) -> Callable[..., Any]:
+    def call(*arguments: Any, **options: Any) -> Any:
+        TALLY[kind] += 1
+        return function(*arguments, **options)
+
+    return call
+
+
+def benchmark(methods: Sequence[Method], patience: float = 2.0, least: float = 0.0) -> list[Timing]:
+    """Time the first use and the levels of all methods, from rough to fine.
+
+    All levels of a method share one preparation, and a run before any is timed.  A run is repeated until `least`
+    seconds are spent.  The sweep of a method ends at the first level that it does not reach, or after a run that takes
+    longer than the patience: the next level then counts as beyond its step limit.  The status of a method that raises
+    is `failed`; that of a method whose package is not installed is `missing`.
     """
-    rng = np.random.default_rng(0)
     with one_core():
-        timings = [timing for method in methods for timing in _first_round(method, patience)]
-        begin = time.perf_counter()
-        for n_round in range(repeats):
-            for n in rng.permutation(len(timings)):
-                known = timings[n]
-                over = sum(known.seconds) > patience or known.status in (Status.failed, Status.missing)
-                late = n_round and time.perf_counter() - begin > budget
-                if not over and not late:
-                    _, *spent = stopwatch(known.work)
-                    timings[n] = known.repeated(*spent)
-    return timings
+        return [timing for method in methods for timing in _swept(method, patience, least)]
 
 
-def _first_round(method: Method, patience: float) -> Iterator[Timing]:
-    """The first round of one method: its first use, then its levels from rough to fine."""
-    first = Timing(method, COLD, method.cold)
+def _swept(method: Method, patience: float, least: float) -> Iterator[Timing]:
+    first = Timing(method, COLD)
     if not installed(method.package):
         yield first
         return
     try:
-        run, wall, busy = stopwatch(method.cold)
+        run, *spent = stopwatch(method.cold)
     except Exception:  # other packages may raise any exception
         yield from (replace(first, status=Status.failed, level=n) for n in (COLD, 0))
         return
-    first = replace(first, status=Status.ok)
-    if busy > patience:  # perhaps because it imports a package
-        run, wall, busy = stopwatch(method.cold)
-        first = first.repeated(wall, busy)
-    yield first
-    busy = 0.0
+    yield replace(first, status=Status.ok).repeated(*spent)
     for n, level in enumerate(method.levels):
-        timing = Timing(method, n, partial(run, level))
-        if busy > patience:
-            yield timing
-            continue
+        timing = Timing(method, n)
         try:
-            answer, wall, busy = stopwatch(timing.work)
-            timing = replace(timing, status=answer.status, error=method.error(answer.values))
+            with counting():
+                answer, *spent = stopwatch(run, level)
+            timing = replace(timing, status=answer.status, error=method.error(answer.values), calls=dict(TALLY))
+            timing = timing.repeated(*spent)
+            while sum(timing.seconds) < least:
+                timing = timing.repeated(*stopwatch(run, level)[1:])
         except Exception:  # other packages may raise any exception
-            yield replace(timing, status=Status.failed)
-            continue
-        yield timing.repeated(wall, busy) if busy > patience else timing
+            timing = replace(timing, status=Status.failed)
+        yield timing
+        if timing.status is not Status.ok:
+            return
+        if timing.seconds[0] > patience:
+            if n + 1 < len(method.levels):
+                yield Timing(method, n + 1, Status.step_limit)
+            return

@@ -9,6 +9,7 @@ import re
 import sys
 from collections.abc import Callable
 from pathlib import Path
+from textwrap import fill
 
 from ..paper.verdicts import COMMITTED
 from ..shared.populations import NAMES
@@ -132,6 +133,33 @@ def speed(package: Package) -> str:
     return "\n".join(lines)
 
 
+def speed_line(package: Package) -> str:
+    """Time and error of a strain step at 1,000 vertices, the nearest package, and where all others end."""
+    summary = _read(package, "speed", "summary")
+    cells = summary["tasks"]["strain_step"]["sizes"]["1000"]
+    (seconds, _, error), others = _best(cells), [one for one in _finest(cells).items() if one[0] in cells["packages"]]
+    text = f"A strain step of 1,000 vertices at γ = 0.001 takes {seconds}, with an error of {error}"
+    if others:
+        name, (ratio, _) = min(others, key=lambda one: one[1][0])
+        text += f"; the nearest package, {name}, needs {_number(ratio)} times as long for the finest error that it has"
+    its = dict(summary.get("gamma", {"tasks": {}})["tasks"].get("strain_step", {}))
+    its.pop("Newton", None)
+    reached = [g for one in its.values() for g, n in zip(one["gamma"], _failures(one), strict=True) if n <= 0.5]
+    if reached:
+        text += f". Below γ = {_power(min(reached))} no other method comes to within one percent"
+    return fill(f"{text}.", 120)
+
+
+def _failures(approach: dict) -> list[float]:
+    """Part of the networks in which a method fails, at each γ."""
+    rows = zip(approach["gave_up"], approach["wrong"], approach["networks"], strict=True)
+    return [(gave_up + wrong) / networks for gave_up, wrong, networks in rows]
+
+
+def _power(value: float) -> str:
+    return f"{value:.0e}".replace("-0", "−")
+
+
 def programs(_: Package) -> str:
     """One row a task and size that other programs solve as well: time of critflow, and theirs as multiples of it."""
     lines = head("task", "N_v", "critflow", "once", "error", "other programs at the same error, prepared / in all")
@@ -196,6 +224,27 @@ def failures(package: Package) -> str:
     return "\n".join(lines)
 
 
+def peers(package: Package) -> str:
+    """One row a method or program: points by outcome, error where it is silently wrong, and calls."""
+    lines = head("method", "points", "right", "status or message", "silently wrong", "error there", "calls")
+    for name, its in _read(package, "failure_map", "summary").get("peers", {}).items():
+        wrong = f"{_number(100 * its['error'])} %" if its["wrong"] else ""
+        counts = (f"{its[kind]:,}" for kind in ("points", "right", "reported", "wrong"))
+        lines.append(row(name, *counts, wrong, _number(its["calls"])))
+    return "\n".join(lines)
+
+
+def approach(package: Package) -> str:
+    """One row a method: median calls of a strain step to an error of one percent at each γ, or how it fails."""
+    towards = _read(package, "speed", "summary").get("gamma", {"gamma": (), "tasks": {}})
+    gammas = sorted(towards["gamma"], reverse=True)
+    lines = head("calls at γ = ", *map(_power, gammas))
+    for name, its in towards["tasks"].get("strain_step", {}).items():
+        at = dict(zip(its["gamma"], zip(_failures(its), its["calls_median"], strict=True), strict=True))
+        lines.append(row(name, *("fails" if at[g][0] > 0.5 else f"{at[g][1]:,.0f}" for g in gammas)))
+    return "\n".join(lines)
+
+
 # The equations of the paper
 
 
@@ -207,7 +256,8 @@ def equations(page: str) -> str:
 
 _OF_VERDICTS = (statement_counts, differences, holding, found, links, what_we_found)
 TABLES: dict[str, Callable[[Package], str]] = {
-    table.__name__: table for table in (measures, *_OF_VERDICTS, speed, programs, sizes, failures)
+    table.__name__: table
+    for table in (measures, *_OF_VERDICTS, speed, speed_line, programs, sizes, failures, peers, approach)
 } | {f"equations_{page}": lambda _, page=page: equations(page) for page in {e.page: None for e in EQUATIONS}}
 
 

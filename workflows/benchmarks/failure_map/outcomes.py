@@ -60,13 +60,14 @@ class Answer:
 
 @dataclass(frozen=True)
 class Finding:
-    """Outcome of an answer, with error and bound relative to its size."""
+    """Outcome of an answer, with error and bound relative to its size, and the calls of a peer."""
 
     outcome: Outcome
     error: float = np.nan
     bound: float = np.nan
     status: Status = Status.missing
     violation: Violation = Violation.none
+    calls: int = 0
 
 
 def assessed(compute, compare):

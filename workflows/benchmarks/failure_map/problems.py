@@ -160,6 +160,8 @@ LENGTHS = ("lengths_conic", "lengths_strain")
 METHODS = ("auto", "newton", "lbfgs", "fire")
 BEST = tuple(f"{optimum}_{method}" for optimum in OPTIMA for method in METHODS)
 QUANTITIES = (*CONFIGURATION, *SPRINGS, *LENGTHS, *BEST)
+# Difficulties that other methods and programs have too.
+WITH_PEERS = ("small_strain", "large_step", "contrast", "hard_core")
 
 
 def _standard(source, seed):

@@ -18,6 +18,7 @@ from ...shared.strain_protocol import critical_by_strain
 from .. import reference
 from ..reference import Unknown
 from .outcomes import Answer, Finding, Unavailable, assessed
+from .peers import PEERS, peer_finding
 from .problems import METHODS
 
 # Beyond this FIRE has failed; the default limit would take a minute a network.
@@ -25,7 +26,9 @@ _FIRE_STEPS = 20_000
 
 
 def finding(quantity: str, problem) -> Finding:
-    """The finding on one quantity of a problem."""
+    """The finding on one quantity of a problem, or on one peer."""
+    if quantity in PEERS:
+        return peer_finding(quantity, problem, _equilibrium_near)
     compute, compare = QUANTITIES[quantity]
     return assessed(lambda: compute(problem), lambda answer: compare(problem, answer))
 

@@ -15,6 +15,7 @@ from ...shared.populations import LABELS, OPTIMA
 from ...shared.reports import parameters
 from ..high_precision import DIGITS
 from .outcomes import Outcome, Violation
+from .peers import PEERS
 from .problems import DIFFICULTIES, METHODS
 
 # One cell of the map: colour and text of the legend.  Of several methods or networks in a cell the last is shown.
@@ -39,6 +40,7 @@ MAPS = {
         ("anisotropic_cell", "sheared_cell", "skew_cell"),
     ),
     "tasks": (("hard_core", "small_strain", "threshold"), ("contrast", "large_step", "rest_lengths")),
+    "peers": (("small_strain", "hard_core"), ("large_step", "contrast")),
 }
 RIGHT = (Outcome.exact, Outcome.bounded, Outcome.tolerated)
 # Difficulties and quantities whose error and bound are drawn.
@@ -48,7 +50,8 @@ WIDEST = 100.0
 
 
 def map_figure(ds, name):
-    """Every quantity at every strength of the difficulties of one map, coloured by its outcome."""
+    """Every quantity, or every peer, at every strength of the difficulties of one map, coloured by its outcome."""
+    ds = _part(ds, peers=name == "peers")
     made = [d for d in map(str, ds.difficulty.values) if d in DIFFICULTIES]
     columns = [[(d, *table) for d in column if d in made and (table := _rows(ds, d))[0]] for column in MAPS[name]]
     heights = [sum(len(rows) + 3 for _, rows, _ in column) for column in columns]
@@ -65,11 +68,17 @@ def map_figure(ds, name):
     outcome = ds.outcome.sel(difficulty=[d for column in columns for d, _, _ in column])
     wrong, points = int((outcome == Outcome.violation).sum()), int((outcome != Outcome.absent).sum())
     verdict = "no silent wrong answer" if not wrong else f"{wrong} SILENT WRONG ANSWERS"
-    head.suptitle(f"Difficult {name}: {verdict} in {points:,} points", fontsize=13, fontweight="bold")
+    subject = "Other methods and programs" if name == "peers" else f"Difficult {name}"
+    head.suptitle(f"{subject}: {verdict} in {points:,} points", fontsize=13, fontweight="bold")
     kinds = [o for o in list(Outcome)[1:] if (outcome == o).any() or o is Outcome.violation]
     handles = [Patch(facecolor=CELLS[o][0], edgecolor="0.5", label=CELLS[o][1]) for o in kinds]
     head.legend(handles=handles, loc="lower center", ncols=3, frameon=False, fontsize=9)
     return figure
+
+
+def _part(ds, peers=False):
+    """The quantities of the library, or the peers."""
+    return ds.isel(quantity=np.isin(ds["quantity"].values, PEERS) == peers)
 
 
 def _rows(ds, name):
@@ -185,7 +194,8 @@ def _draw_bounds(axes, ds, difficulty, quantity):
 
 
 def claims(ds):
-    """Silent wrong answers, and bounds against errors."""
+    """Silent wrong answers, bounds against errors, and the same of peers."""
+    everything, ds = ds, _part(ds)
     wrong = _violations(ds)
     places = ", ".join(f"{count} {where}" for where, count in wrong.items())
     points = int((ds.outcome != Outcome.absent).sum())
@@ -202,6 +212,13 @@ def claims(ds):
         "answered", "part of all points with a correct answer", "not stated",
         f"{share:.0f} %; the reference fails in {unknown}", "measured",
     )  # fmt: skip
+    for name, row in _peers(everything).items():
+        yield Claim(
+            f"peer-{name.replace(' ', '-')}", f"{name} on the same strained springs, with its usual tolerance",
+            "not stated",
+            f"right in {row['right']} of {row['points']} points, silently wrong in {row['wrong']}, with a "
+            f"status or message in {row['reported']}", "measured",
+        )  # fmt: skip
 
 
 def _violations(ds):
@@ -241,7 +258,8 @@ def _bound_claims(ds):
 
 
 def summary(ds):
-    """Scalars for tables: violations, and outcomes by quantity."""
+    """Scalars for tables: violations, outcomes by quantity, and peers."""
+    everything, ds = ds, _part(ds)
     counts = {}
     for quantity in map(str, ds.quantity.values):
         numbers = {o.name: int((ds.outcome.sel(quantity=quantity) == o).sum()) for o in list(Outcome)[1:]}
@@ -250,5 +268,27 @@ def summary(ds):
         "violations": sum(_violations(ds).values()),
         "violations_by_place": _violations(ds),
         "outcomes": counts,
+        "peers": _peers(everything),
         "parameters": parameters(ds),
     }
+
+
+def _peers(ds):
+    """Of each peer the points by outcome, the error where it is silently wrong, and the calls of all answers."""
+    found = {}
+    for name in (name for name in PEERS if name in ds["quantity"].values):
+        one = ds.sel(quantity=name)
+        outcome = one.outcome.values
+        ran = ~np.isin(outcome, (Outcome.absent, Outcome.unknown)) & (outcome >= 0)
+        wrong = outcome == Outcome.violation
+        if ran.any():
+            found[name] = {
+                "points": int(ran.sum()),
+                "right": int(np.isin(outcome, RIGHT).sum()),
+                "reported": int(np.isin(outcome, (Outcome.reported, Outcome.refused)).sum()),
+                "wrong": int(wrong.sum()),
+                "error": float(np.median(one.error.values[wrong])) if wrong.any() else None,
+                "largest_error": float(one.error.values[wrong].max()) if wrong.any() else None,
+                "calls": float(np.median(one.calls.values[ran])),
+            }
+    return found

@@ -1,7 +1,8 @@
 """Where methods fail: error, claimed bound and status of every answer against the strength of a difficulty.
 
 No answer may be silently wrong.  Every point is correct within its claimed bound, returns a status, or raises an error
-with the reason; every other outcome is a violation.
+with the reason; every other outcome is a violation.  Other methods and programs solve the same springs, and their
+silent wrong answers are counted apart.
 
 With `network=FILE` the difficulties are those of the network of a file; those with their own networks stay empty.
 """
@@ -19,7 +20,8 @@ from ...shared.checks import check_known, check_network
 from ...shared.own_network import check_own, own_network, with_digest
 from ...shared.tables import networks, padded
 from .outcomes import Finding, Outcome, Violation
-from .problems import DIFFICULTIES, GENERATED, QUANTITIES
+from .peers import PEERS
+from .problems import DIFFICULTIES, GENERATED, QUANTITIES, WITH_PEERS
 from .quantities import finding
 from .report import MAPS, bound_figure, claims, map_figure, summary
 
@@ -35,10 +37,10 @@ def case(parameters, *, difficulty, seed):
     findings = np.full((len(quantities), n_steps), Finding(Outcome.absent), dtype=object)
     for step, value in enumerate(strengths):
         for row, quantity in enumerate(quantities):
-            if quantity in chosen.quantities:
+            if quantity in (*chosen.quantities, *(PEERS if difficulty in WITH_PEERS else ())):
                 # A problem keeps what the methods of one quantity compute, so each has its own.
                 findings[row, step] = finding(quantity, chosen.problem(value, seed, own or parameters["n_vertices"]))
-    columns = {name: name for name in ("error", "bound", "outcome", "violation")} | {"answer_status": "status"}
+    columns = {name: name for name in ("error", "bound", "outcome", "violation", "calls")} | {"answer_status": "status"}
     lists = {name: [[getattr(found, of) for found in row] for row in findings] for name, of in columns.items()}
     return {"status": Status.ok, "strength": strength} | {name: np.array(values) for name, values in lists.items()}
 
@@ -52,7 +54,7 @@ def evenly(strengths, n_steps):
 
 def check(parameters, axes):
     """Refuse settings that could only fail, before anything runs."""
-    check_known("quantity", parameters["quantities"], QUANTITIES)
+    check_known("quantity", parameters["quantities"], (*QUANTITIES, *PEERS))
     if parameters["n_steps"] < 2:
         raise StudyError(f"n_steps={parameters['n_steps']} must be at least 2")
     if own := own_network(parameters):
@@ -75,7 +77,7 @@ study = Study(
         networks(2),
     ),
     parameters={
-        "quantities": QUANTITIES,
+        "quantities": (*QUANTITIES, *PEERS),
         "n_vertices": 16,
         "n_steps": 16,
         "network": "",
@@ -90,6 +92,7 @@ study = Study(
         Variable("bound", POINT, "f8", long_name="claimed bound on the error, relative to the same"),
         Variable("outcome", POINT, "i1", long_name="outcome of the point", flags=Outcome),
         Variable("violation", POINT, "i1", long_name="kind of a silent wrong answer", flags=Violation),
+        Variable("calls", POINT, "i4", long_name="evaluations, solves and factorisations of a peer"),
         Variable("answer_status", POINT, "i1", long_name="status of the answer", flags=Status),
         Variable("status", ("difficulty", "seed"), "i1", long_name="whether the case was computed", flags=Status),
     ),

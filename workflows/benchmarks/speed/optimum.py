@@ -22,71 +22,45 @@ from dataclasses import replace
 from functools import partial
 
 import numpy as np
-from scipy.optimize import minimize
 
 from critflow import CriticalManifold, Network, Status, optimize, voronoi_network
 from critflow.cones import fit_lengths
 from critflow.descent import Descent
 from critflow.engine import stable_rng
-from critflow.minimisers import Point
 from critflow.optima import objective_of
 from critflow.quantities import evaluate
 
 from ...shared.populations import LABELS, OPTIMA
-from ..timing import Answer, Method, Run, Task, peer
+from ..timing import TALLY, Answer, Method, Run, Task, peer
+from .scipy_methods import Solved, by_scipy, minimiser
 
 SIZES = (100, 1_000, 10_000)
-# Decades of the tolerances: close ones end where runs become long.
-CLOSE, FINEST = 8, 14
-SHORT = 1_000  # size from which methods with curvatures have one tolerance a decade
 CONE = (1e-4, 1e-6, 1e-8, 1e-10, 1e-12)
-STEPS = (30.0, 100.0, 300.0, 1_000.0, 3_000.0, 10_000.0)
-# Step limits of SciPy's methods, which also stop by other measures.
+# Step limits of SciPy's methods, which also stop by other measures, and steps of FIRE times the root of the vertices.
 SCIPY_STEPS = {"L-BFGS-B": 3_000, "trust-krylov": 100}
+FIRE_STEPS = 30_000
 
 
-def tolerances(n_vertices: int, a_decade: int = 4) -> tuple[float, ...]:
-    """Tolerances of the largest component of the gradient, from rough to fine, one a decade where runs are long.
+def tolerances(n_vertices: int) -> tuple[float, ...]:
+    """Tolerances of the largest component of the gradient, from rough to fine.
 
-    Components are of order 1/N_b, so the roughest tolerance is 1e-2 at 100 vertices and falls as 1/N_v.  Methods that
-    take the same steps are compared to a step or two: a few tolerances a decade skip most of the steps.
+    Components are of order 1/N_b, so the roughest tolerance is 1e-2 at 100 vertices and falls as 1/N_v.
     """
-    first = max(2.0, float(np.log10(n_vertices)))
-    close = first + np.arange(int(a_decade * (CLOSE - first))) / a_decade
-    return tuple((10.0 ** -np.concatenate([close, np.arange(CLOSE, FINEST + 1)])).tolist())
-
-
-Gradient = Callable[[np.ndarray], tuple[float, np.ndarray]]
+    return tuple((10.0 ** -np.arange(max(2.0, float(np.log10(n_vertices))), 15, 2)).tolist())
 
 
 def _by_scipy(network: Network, word: str, start: np.ndarray, method: str) -> Run:
-    """Value, gradient and products with the Hessian at the last θ are those of critflow."""
-    manifold, latest = CriticalManifold(replace(network)), list[Point]()
+    manifold = CriticalManifold(replace(network))
     objective = Descent(manifold, objective_of(manifold.network, word))
-
-    def function(theta: np.ndarray) -> tuple[float, np.ndarray]:
-        latest[:] = [objective.at(theta.copy())]
-        return latest[0].value, latest[0].gradient
-
-    def curvature(theta: np.ndarray, direction: np.ndarray) -> np.ndarray:
-        if not np.array_equal(theta, latest[0].x):
-            function(theta)
-        return objective.hessian_product(latest[0], direction)
-
-    return _minimiser(function, start, method, curvature if method == "trust-krylov" else None)
+    return _stresses(by_scipy(objective, method, np.log(start), SCIPY_STEPS[method]))
 
 
-def _minimiser(function: Gradient, start: np.ndarray, method: str, curvature: Callable | None = None) -> Run:
-    """Levels are the largest component of the gradient; L-BFGS-B is not to stop by the value."""
-    max_steps = SCIPY_STEPS[method]
-    own = {"ftol": 0.0, "maxcor": 15, "maxfun": 2 * max_steps} if method == "L-BFGS-B" else {}
+def _stresses(solved: Solved) -> Run:
+    """The run of a minimiser whose unknowns are θ = log σ."""
 
     def run(level: float) -> Answer:
-        options = {"gtol": level, "maxiter": max_steps, **own}
-        with np.errstate(all="ignore"):
-            end = minimize(function, np.log(start), jac=True, hessp=curvature, method=method, options=options)
-        status = Status.ok if end.success else Status.step_limit if end.nit >= max_steps else Status.stalled
-        return Answer(np.exp(end.x - end.x.max()), status)
+        theta, status = solved(level)
+        return Answer(np.exp(theta - theta.max()), status)
 
     return run
 
@@ -95,9 +69,8 @@ def _by_critflow(network: Network, word: str, method: str, start: np.ndarray | N
     manifold = CriticalManifold(replace(network))
 
     def run(level: float) -> Answer:
-        # Levels of FIRE are step limits: to any tolerance it would take minutes.
-        limits = {"tolerance": 1e-15, "max_steps": int(level)} if method == "fire" else {"tolerance": level}
-        solution = optimize(manifold, word, method, start=start, throw=False, **limits)
+        limit = int(FIRE_STEPS / np.sqrt(network.n_vertices)) if method == "fire" else None
+        solution = optimize(manifold, word, method, start=start, tolerance=level, max_steps=limit, throw=False)
         return Answer(solution.value.sigma, solution.status)
 
     return run
@@ -109,6 +82,7 @@ def _by_cone(network: Network) -> Run:
 
     def run(level: float) -> Answer:
         cone = fit_lengths(network.free_incidence, network.boundary_vectors, np.ones(network.n_edges), level)
+        TALLY["factorisations"] += cone.steps
         return Answer(cone.sigma, Status.ok if cone.solved else Status.stalled)
 
     return run
@@ -140,24 +114,24 @@ def _error(manifold: CriticalManifold, word: str, start: np.ndarray) -> Callable
     return error
 
 
-def _methods(n_vertices: int, seed: int, word: str, pinned: bool = False) -> list[Method]:
+def _methods(n_vertices: int, seed: int, gamma: float, word: str, pinned: bool = False) -> list[Method]:
     network = voronoi_network(n_vertices, seed)
     network = hung(network) if pinned else network
     start = np.ones(network.n_edges)
     if word == "B_0":
         start = np.exp(0.5 * stable_rng(seed, "contest", "start").standard_normal(len(start)))
     error = _error(CriticalManifold(network), word, start)
-    fine, curved = tolerances(n_vertices), tolerances(n_vertices, 4 if n_vertices < SHORT else 1)
+    fine = tolerances(n_vertices)
     # A closed form has one accuracy.
-    levels = {"auto": (1e-12,) if word == "B_0" else fine, "newton": curved, "lbfgs": fine, "fire": STEPS}
+    levels = {"auto": fine[-1:] if word == "B_0" else fine, "newton": fine, "lbfgs": fine, "fire": fine}
     methods = [
         Method(name, partial(_by_critflow, network, word, name, None if name == "auto" else start), error, values)
         for name, values in levels.items()
     ]
     if word == "V_L":
         methods.append(Method("cone", partial(_by_cone, network), error, CONE))
-    for name, values in (("L-BFGS-B", fine), ("trust-krylov", curved)):
-        methods.append(Method(f"SciPy {name}", partial(_by_scipy, network, word, start, name), error, values, "scipy"))
+    for name in SCIPY_STEPS:
+        methods.append(Method(f"SciPy {name}", partial(_by_scipy, network, word, start, name), error, fine, "scipy"))
     if pinned:
         methods.append(Method("jax_fdm", partial(_by_jax, network, start), error, fine, "jax-fdm"))
     return methods
@@ -199,10 +173,12 @@ def _by_jax(network: Network, start: np.ndarray) -> Run:
     compiled(jnp.zeros(network.n_edges))
 
     def function(theta):
+        # A factorisation, and a solve in each direction.
+        TALLY.update(factorisations=1, solves=2)
         value, gradient = compiled(theta)
         return float(value), np.asarray(gradient)
 
-    return _minimiser(function, start, "L-BFGS-B")
+    return _stresses(minimiser(function, np.log(start), "L-BFGS-B", SCIPY_STEPS["L-BFGS-B"]))
 
 
 _NAMES = ("auto", "newton", "lbfgs", "fire", "SciPy L-BFGS-B", "SciPy trust-krylov")
@@ -225,13 +201,13 @@ _MIN_V_L = _task("min_V_L", SIZES)
 TASKS = (
     _MIN_V_L,
     _task("min_V_tau", SIZES[:2]),
-    _task("max_B_0", SIZES),
-    _task("max_G_0", SIZES),
+    _task("max_B_0", SIZES[:2]),
+    _task("max_G_0", SIZES[:2]),
     replace(
         _MIN_V_L,
         word="min_V_L_pinned",
         title=f"{_MIN_V_L.title}, pinned",
-        sizes=SIZES[:2],
+        sizes=SIZES[:1],
         names=(*_MIN_V_L.names, "jax_fdm"),
         methods=partial(_methods, word="V_L", pinned=True),
     ),

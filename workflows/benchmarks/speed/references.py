@@ -68,8 +68,8 @@ def relative_error(value: float, reference: Extended) -> float:
 # At the transition
 
 
-def configuration(manifold: CriticalManifold, sigma: Array) -> tuple[Extended, Extended, Factor]:
-    """Free coordinates (n_free, 2) and bond vectors (N_b, 2) of a stress, and the factor of P."""
+def configuration(manifold: CriticalManifold, sigma: Array) -> tuple[Extended, Extended]:
+    """Free coordinates (n_free, 2) and bond vectors (N_b, 2) of a stress."""
     network, geometry = manifold.network, ExtendedGeometry(manifold.network)
     factor, stress = manifold.prestress.factorize(sigma), extended(sigma)
     x = extended(np.zeros((len(network.free), network.dimension)))
@@ -78,30 +78,8 @@ def configuration(manifold: CriticalManifold, sigma: Array) -> tuple[Extended, E
         correction = -factor.solve(geometry.divergence(scaled(stress, L)).high)
         x = add(x, extended(correction))
         if np.abs(correction).max() < _REFINED * np.abs(x.high).max():
-            return x, geometry.bond_vectors(x, network.boundary_vectors), factor
+            return x, geometry.bond_vectors(x, network.boundary_vectors)
     raise ArithmeticError("the refinement of the configuration does not converge")
-
-
-def bulk_modulus_gradient(manifold: CriticalManifold, sigma: Array) -> tuple[Extended, Extended]:
-    """Bond vectors L (N_b, 2) and dB_0/dσ (N_b,) for k = 1.
-
-    With q = Σσ|L|²/Σσ²|L|²: ∂B_0/∂σ = (q/2V)(1 − qσ)|L|² and ∂B_0/∂L = (q/2V)(2 − qσ)σL.
-    """
-    _, L, factor = configuration(manifold, sigma)
-    network, geometry, stress = manifold.network, ExtendedGeometry(manifold.network), extended(sigma)
-    square = dot(L, L)
-    work = multiply(stress, square)
-    q = divide(total(work), total(multiply(stress, work)))
-    scale, share = divide(q, constant(2 * network.volume)), multiply(q, stress)
-    by_sigma = multiply(multiply(scale, subtract(constant(1.0), share)), square)
-    by_L = scaled(multiply(multiply(scale, subtract(constant(2.0), share)), stress), L)
-    # y = P⁻¹ gᵀ ∂B_0/∂L
-    load, none = geometry.divergence(by_L), np.zeros_like(network.boundary_vectors)
-    y = extended(np.zeros((len(network.free), 2)))
-    for _ in range(_RESPONSE_STEPS + 2):
-        residual = subtract(load, geometry.divergence(scaled(stress, geometry.bond_vectors(y, none))))
-        y = add(y, extended(factor.solve(residual.high)))
-    return L, subtract(by_sigma, dot(L, geometry.bond_vectors(y, none)))
 
 
 # Past the transition

@@ -1,10 +1,12 @@
-"""Claims and summary of times at equal errors and of sizes, from the dataset."""
+"""Claims and summary of costs at equal errors, towards the transition, and of sizes, from the dataset."""
+
+import numpy as np
 
 from critflow.engine import Claim
 from critflow.engine.study import plural
 
 from ...shared.reports import parameters, status_counts
-from .curves import ERRORS, SAME, cases, ratios
+from .curves import ERRORS, SAME, TARGET, approaches, cases, middle, profiles, ratios
 from .sizes import size_claims, size_summary
 from .tasks import TASKS
 
@@ -13,13 +15,13 @@ _CRITERION = f"at least 1/{SAME:g} of the time at each error of {', '.join(f'{e:
 
 
 def claims(ds):
-    """Claims on every task against other packages, on the default against other methods, and on sizes."""
-    return [*_speed_claims(ds), *size_claims(ds)]
+    """Claims on every task against other packages, on the default against other methods, on γ, and on sizes."""
+    return [*_speed_claims(ds), *_approach_claims(ds), *size_claims(ds)]
 
 
 def _speed_claims(ds):
     compared: dict[str, list] = {}
-    for word, size, default, others in cases(ds):
+    for word, size, _, default, others in cases(ds):
         rows = compared.setdefault(word, [])
         rows += [(ratio, other, size) for other in others for ratio in reversed(ratios(default, other))]
     for word, rows in compared.items():
@@ -66,21 +68,44 @@ def _place(row):
 
 def _missing(ds):
     """Methods whose package is not installed."""
-    gone = (ds.presence == MISSING).any(("task", "n_vertices")).values
+    gone = (ds.presence == MISSING).any(("task", "n_vertices", "seed")).values
     return [str(name) for name, missing in zip(ds.contestant.values, gone, strict=True) if missing]
 
 
+def _approach_claims(ds):
+    """Where each method ends on the way to the transition."""
+    for word, task in ((word, task) for word, task in TASKS.items() if task.strained):
+        its = approaches(ds, word)
+        if task.default not in its:
+            continue
+        ends = {}
+        for name, one in its.items():
+            if name != task.default and one.failed.any():
+                wrong = int(one.wrong.sum())
+                said = f", silently in {wrong} of {int((one.wrong + one.gave_up).sum())}" if wrong else ""
+                ends[name] = f"{name} from γ = {one.gamma[one.failed].max():.0e}{said}"
+        failures = int((its[task.default].gave_up + its[task.default].wrong).sum())
+        yield Claim.tested(
+            f"gamma-{word}", f"{task.title}: the default reaches an error of {TARGET:g} at every γ", "not stated",
+            f"it fails in {failures} of {int(its[task.default].networks.sum())}; most networks fail with "
+            + ("; ".join(ends.values()) or "no other method"), not failures, "the default fails there",
+            criterion="no failure", sample=plural(int(its[task.default].networks.max()), "network"), kind="check",
+        )  # fmt: skip
+
+
 def summary(ds):
-    """For each task and size the default's points, and times of all others over its own at equal errors; stages."""
+    """For each task and size the default's points, and times of all others over its own at equal errors; γ; stages."""
     tables: dict = {}
-    for word, size, default, others in cases(ds):
+    for word, size, _, default, others in cases(ds):
         of_others = {
             other.name: {f"{r.error:.0e}": [_short(r.warm), _short(r.cold)] for r in ratios(default, other)}
             for other in others
         }
+        points = [[_short(middle(part[:, n])) for part in (default.seconds, default.errors)] for n in _levels(default)]
         tables.setdefault(word, {})[str(size)] = {
-            "default": [[_short(t), _short(e)] for t, e in zip(default.seconds, default.errors, strict=True)],
-            "preparation": _short(default.preparation),
+            "networks": len(default.seconds),
+            "default": points,
+            "preparation": _short(middle(default.preparation)),
             "others": {name: times for name, times in of_others.items() if times},
             "packages": [other.name for other in others if not other.own],
         }
@@ -91,8 +116,51 @@ def summary(ds):
             word: {"title": TASKS[word].title, "error": TASKS[word].error, "default": TASKS[word].default, "sizes": its}
             for word, its in tables.items()
         },
+        "gamma": _towards(ds),
+        "profile": {
+            f"{error:.0e}": {
+                name: {
+                    "problems": len(found),
+                    "solved": int(np.isfinite(found).sum()),
+                    "fastest": int((found == 1).sum()),
+                }
+                for name, found in profiles(ds, error).items()
+            }
+            for error in ERRORS
+        },
         "stages": size_summary(ds),
     }
+
+
+def _levels(curve):
+    """Levels that most networks have."""
+    return np.flatnonzero(2 * np.isfinite(curve.seconds).sum(axis=0) > len(curve.seconds))
+
+
+def _towards(ds):
+    """Strains as a list, and for each task and method the cost of the error `TARGET` with quartiles, and failures."""
+    tables = {word: approaches(ds, word) for word, task in TASKS.items() if task.strained}
+    return {
+        "gamma": [gamma for gamma in map(float, ds.gamma.values) if gamma],
+        "error": TARGET,
+        "tasks": {
+            word: {
+                name: {
+                    "gamma": list(one.gamma),
+                    **{
+                        f"{kind}_{part}": [_short(value) for value in getattr(one, kind)[:, n]]
+                        for kind in ("seconds", "calls")
+                        for n, part in enumerate(("median", "lower_quartile", "upper_quartile"))
+                    },
+                    "networks": one.networks.tolist(),
+                    "gave_up": one.gave_up.tolist(),
+                    "wrong": one.wrong.tolist(),
+                }
+                for name, one in its.items()
+            }
+            for word, its in tables.items() if its
+        },
+    }  # fmt: skip
 
 
 def _short(number):

@@ -32,7 +32,7 @@ def stages_of(ds):
     """The stages at the sizes where they were timed, (contestant, n_vertices); None if there are none."""
     if WORD not in ds.task.values or not set(STAGES) <= set(ds.contestant.values):
         return None
-    one = ds.sel(task=WORD, contestant=list(STAGES)).isel(level=0)
+    one = ds.sel(task=WORD, contestant=list(STAGES)).isel(level=0, gamma=0, seed=0)
     one = one.isel(n_vertices=np.isfinite(one.wall_seconds).all("contestant").values)
     return one if one.sizes["n_vertices"] else None
 
