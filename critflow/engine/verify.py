@@ -41,7 +41,7 @@ def verify_folder(folder: Folder, sample: int) -> tuple[list[str], int, bool, li
     """
     _, selection = folder.selection()
     study, path = selection.study, folder.dataset(selection.study.name)
-    states = folder.states(selection, read=True)
+    states = folder.states(selection)
     bad = [one for one in states if one.state in (DAMAGED, CHANGED)]
     # The cases of a shard have one line.
     lines = (f"{shard_path(folder.shards, one.case)} is {one.state}: {one.reason}" for one in bad)

@@ -96,7 +96,7 @@ def test_an_interrupted_task_begins_no_further_case_and_stores_the_others(tmp_pa
     os.kill(process.pid, signal.SIGINT)
     assert ended(process) == 130, messages(folder)
     study = load_file(path).study
-    done = [one.state for one in Folder(folder).states(select(study, ["seeds=0"]), read=True)]
+    done = [one.state for one in Folder(folder).states(select(study, ["seeds=0"]))]
     assert done[0] == "done" and done[-1] == "missing"
 
 
@@ -105,7 +105,7 @@ def test_a_case_that_is_stopped_at_once_does_not_lose_those_before_it(tmp_path, 
     stop = '    if part == "right":\n        raise KeyboardInterrupt\n    matrix = stable_rng'
     path = source("    matrix = stable_rng", stop, study="algebra")
     assert run(tmp_path / "out", "seeds=0", study=path) == 130
-    states = Folder(tmp_path / "out").states(select(load_file(path).study, ["seeds=0"]), read=True)
+    states = Folder(tmp_path / "out").states(select(load_file(path).study, ["seeds=0"]))
     assert [one.state for one in states] == ["done", "missing", "missing"]
 
 
