@@ -56,6 +56,7 @@ _COMMENT = (
 _CHUNK = 2**24  # bytes of a chunk of the largest variable; a piece in memory is one chunk of each
 _LARGEST_CHUNK = 2**26
 _PART = 4 * 10**9  # bytes of a file
+AS_ONE: Any = {"data_vars": "minimal", "coords": "minimal", "compat": "override"}  # of the parts of a dataset
 _AHEAD = 2**27  # bytes of shards that are read before they are needed
 _LAZY = 2**26  # bytes of a variable of a large dataset that is read in parts
 _WIDTH, _MOST_OUTCOMES = 118, 10  # columns of the summary, and its lines about the outcomes
@@ -268,9 +269,8 @@ def write_dataset(assembly: Assembly, path: Path, origin: Mapping[str, str]) -> 
                 _declare(assembly, file, part.stop - part.start)
                 for rows, arrays in pieces:
                     shared = {name: arrays.pop(name) for name in whole & arrays.keys()}  # with the last piece
-                    _fill(
-                        file, (assembly.first, slice(rows.start - part.start, rows.stop - part.start)), arrays, places
-                    )
+                    here = slice(rows.start - part.start, rows.stop - part.start)
+                    _fill(file, (assembly.first, here), arrays, places)
                     if rows.stop == part.stop:
                         break
         for partial, places in zip(partials, written, strict=True):
@@ -341,18 +341,17 @@ def opened_dataset(path: Path) -> Iterator[xr.Dataset]:
                 pass
             # All variables of a large dataset, read one after the other, may not fit in memory together.
             small = sum(file.stat().st_size for file in files) < SMALL
-            options: dict[str, Any] = {"engine": "netcdf4", "cache": small}
-            options |= {} if small or len(files) == 1 else {"chunks": {}}
-            parts = [stack.enter_context(xr.open_dataset(file, **options)) for file in files]
-            dataset = parts[0] if len(parts) == 1 else _joined(parts)
+            chunks: Any = None if small or len(files) == 1 else {}
+            parts = [
+                stack.enter_context(xr.open_dataset(file, engine="netcdf4", cache=small, chunks=chunks))
+                for file in files
+            ]
+            axis = str(parts[0].attrs.get("axes", "")).partition(" ")[0]
+            dataset = parts[0] if len(parts) == 1 else xr.concat(parts, axis, combine_attrs="no_conflicts", **AS_ONE)
             if not small:
-                large = {k for k, v in dataset.data_vars.items() if v.nbytes > _LAZY}
-                in_parts = {
-                    k: v.chunk("auto") if k in large else v.compute()
-                    for k, v in dataset.data_vars.items()
-                    if k in large or v.chunks
-                }
-                dataset = dataset.assign(in_parts)
+                in_memory = {k: v.compute() for k, v in dataset.data_vars.items() if v.chunks and v.nbytes <= _LAZY}
+                large = {k: v.chunk("auto") for k, v in dataset.data_vars.items() if v.nbytes > _LAZY}
+                dataset = dataset.assign(in_memory | large)
         except IntegrityError as error:
             raise IntegrityError(f"{error}: {REWRITE}") from error
         except (OSError, RuntimeError, ValueError) as error:
@@ -364,13 +363,6 @@ def opened_dataset(path: Path) -> Iterator[xr.Dataset]:
         if (number := int(dataset.attrs.get("parts", 1))) != len(files):
             raise IntegrityError(f"{path} has {len(files)} of its {number} parts: {REWRITE}")
         yield dataset
-
-
-def _joined(parts: Sequence[xr.Dataset]) -> xr.Dataset:
-    """The parts of a dataset along its first axis; `ValueError` where they are not of one run."""
-    first = str(parts[0].attrs.get("axes", "")).partition(" ")[0]
-    options: dict[str, Any] = {"data_vars": "minimal", "coords": "minimal", "compat": "override", "join": "exact"}
-    return xr.concat(parts, first, combine_attrs="no_conflicts", **options)
 
 
 def _counted(texts: Counter[str]) -> str:

@@ -27,14 +27,13 @@ import re
 import sys
 import threading
 import time
-from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from concurrent.futures import Future, ThreadPoolExecutor
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from functools import wraps
 from hashlib import sha256
-from itertools import groupby
+from itertools import groupby, islice
 from pathlib import Path
 from typing import Any, NamedTuple, ParamSpec, TypeVar
 from uuid import uuid4
@@ -109,21 +108,18 @@ def persistent(work: Callable[_P, _T]) -> Callable[_P, _T]:
 
 
 def several(work: Callable[[_Item], _T], items: Iterable[_Item], at_once: int = AT_ONCE) -> Iterator[_T]:
-    """Results of the items in their order; as many as `at_once` are made before they are needed."""
+    """Results of the items in their order, of which there are a few more than the next one."""
+    left = iter(items)
     with ThreadPoolExecutor(at_once) as pool:
-        ahead = deque[Future[_T]]()
-        for item in items:
-            ahead.append(pool.submit(work, item))
-            if len(ahead) > at_once:
-                yield ahead.popleft().result()
-        while ahead:
-            yield ahead.popleft().result()
+        while some := list(islice(left, 2 * at_once)):
+            yield from pool.map(work, some)
 
 
 def dataset_files(path: Path) -> list[Path]:
-    """The file of a dataset, or its parts, which are in place of a large one; a part stands for all of them."""
-    whole = path.with_name(f"{_PART.sub('', path.stem)}{path.suffix}")
-    return [whole] if whole.exists() else sorted(path.parent.glob(f"{glob.escape(whole.stem)}-part*{path.suffix}"))
+    """The file of a dataset, or the parts of a large one, for which its name and that of each part stand."""
+    stem = _PART.sub("", path.stem)
+    parts = sorted(path.parent.glob(f"{glob.escape(stem)}-part*{path.suffix}"))
+    return [path] if path.exists() and stem == path.stem else parts
 
 
 @contextmanager
@@ -497,8 +493,7 @@ class Folder:
     def _stored(self, case: Case) -> tuple[dict[str, StoredCase], tuple[str, str]]:
         """The cases of a shard, and the state of others of its network with the reason."""
         path, records, absent = shard_path(self.shards, case), dict[str, StoredCase](), (MISSING, "not computed yet")
-        found = path.stat() if path.exists() else None
-        stamps = found and (found.st_ino, found.st_mtime_ns, found.st_size)
+        stamps = path.exists() and ((found := path.stat()).st_ino, found.st_mtime_ns, found.st_size)
         if path not in self._read or self._read[path][0] != stamps:
             try:
                 records, _ = read_shard(path, case.study, case, with_arrays=False)

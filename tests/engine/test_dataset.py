@@ -181,8 +181,7 @@ def test_a_large_dataset_with_arrays_is_written_in_parts_that_are_one(tmp_path, 
     assert run(out, study=path) == 0
     parts = sorted(out.glob("*.nc"))
     assert [part.name for part in parts] == [f"tiny-part00{number}.nc" for number in range(4)]
-    options = {"data_vars": "minimal", "coords": "minimal", "compat": "override"}
-    with xr.open_dataset(whole / "tiny.nc") as one, xr.open_mfdataset(str(out / "*.nc"), **options) as ds:
+    with xr.open_dataset(whole / "tiny.nc") as one, xr.open_mfdataset(str(out / "*.nc"), **dataset_module.AS_ONE) as ds:
         del ds.attrs["parts"]
         assert ds.load().identical(one)
     for most in (dataset_module.SMALL, 0):

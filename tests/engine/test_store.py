@@ -281,10 +281,10 @@ def test_a_resumed_run_reads_each_shard_once_at_its_start_and_several_at_once(tm
     assert run(tmp_path, study="plain") == 0
     real, read, together = store.verified_checksum, [], threading.Barrier(2, timeout=20)
 
-    def counted(path):
+    def counted(path, *content):
         read.append(path)
         together.wait()
-        return real(path)
+        return real(path, *content)
 
     monkeypatch.setattr(store, "verified_checksum", counted)
     assert run(tmp_path, study="plain", more=("--dry-run",)) == 0
