@@ -30,6 +30,7 @@ from critflow.engine.store import (
     Folder,
     Interrupted,
     LockedError,
+    dataset_files,
     reason_lines,
 )
 from critflow.engine.study import plural
@@ -331,7 +332,7 @@ def figures(folder: Path, format: str) -> None:
 
     results = Folder(folder)
     _, selection = results.selection()
-    if not results.dataset(selection.study.name).exists():
+    if not dataset_files(results.dataset(selection.study.name)):
         warn(write_partial_dataset(results, {"history": "critflow figures"}))
     parts, verdicts = write_report(selection.study, results, format)
     for line in (*parts, *verdicts):

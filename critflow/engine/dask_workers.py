@@ -1,6 +1,6 @@
 """Worker processes by dask, local ones or those of a scheduler, and what follows if one dies.
 
-If a worker dies, its trace files name the case that ran.  The task is submitted again with this case as its last one,
+If a worker dies, a trace file names the case that ran.  The task is submitted again with this case as its last one,
 and the case fails after `ATTEMPTS` deaths.  A local cluster listens on the loopback address with temporary TLS
 certificates.
 """
@@ -8,6 +8,7 @@ certificates.
 from __future__ import annotations
 
 import logging
+import math
 import os
 import signal
 import threading
@@ -41,7 +42,8 @@ _ANSWER = 10.0  # seconds in which a scheduler answers
 _BUSY = 60.0  # the same of one that has much to do
 _LOOK = 1.0  # seconds between two looks at the workers of a scheduler
 _AGAIN = "run the same command again to resume"
-_SUBMITTED = 1000  # tasks at the scheduler at once, where each takes 20 kB
+_SUBMITTED = 1000  # tasks at the scheduler at once, where each takes 20 kB, and more where it has many threads
+_TASKS = 2  # submitted for each thread, so that none waits for the command
 _UNEXPLAINED = 20  # deaths in a row without a running case: the workers cannot start
 _NO_CASE = ""  # of a death in which no case ran
 # Of the workers; those of a scheduler elsewhere have settings of their own.
@@ -68,7 +70,7 @@ def compute_in_workers(
     with dask.config.set(_SETTINGS), _without_news(), connected as client:
         completed = as_completed([], loop=client.loop)  # `with_results` never returns a result that a death deleted
         running, deaths = dict[Future, Task](), Counter[str]()
-        waiting, cancelled, present = iter(tasks), False, _present(client, workers.scheduler)
+        waiting, cancelled, wanted = iter(tasks), False, _tasks_wanted(client, workers.scheduler)
 
         def submit(task: Task, careful: bool = False) -> None:
             # A new key for every attempt: dask answers a known key with the stored result.
@@ -79,7 +81,7 @@ def compute_in_workers(
         while True:
             # Submit as many tasks as the scheduler should have.
             if not stopped.is_set():
-                for task in islice(waiting, max(0, _SUBMITTED - len(running))):
+                for task in islice(waiting, max(0, next(wanted) - len(running))):
                     submit(task)
             if not running:
                 return
@@ -94,7 +96,7 @@ def compute_in_workers(
                     del running[future]
             ended = completed.next_batch(block=False)
             if not ended:
-                next(present)
+                next(wanted)
                 time.sleep(0.05)
                 yield []
             # Count what ended, and submit again what died.
@@ -108,33 +110,34 @@ def compute_in_workers(
                 except TimeoutError:  # its worker died with the result, and no other one is there
                     running[future] = task
                     completed.add(future)
-                    next(present)
+                    next(wanted)
                     continue
                 yield outcomes
                 if again:
                     submit(again, careful=True)
 
 
-def _present(client: Client, address: str) -> Iterator[None]:
-    """Raises `EnvironmentFailure` where a scheduler of the user had no worker for a time: a run would wait for ever.
+def _tasks_wanted(client: Client, address: str) -> Iterator[int]:
+    """How many tasks the scheduler should have now: more with more threads, which a batch system adds.
 
+    Raises `EnvironmentFailure` where a scheduler of the user had no worker for a time: a run would wait for ever.
     Local workers are restarted.
     """
-    present = asked = time.monotonic()
+    present, asked, threads = time.monotonic(), -math.inf, 0
     while True:
         now = time.monotonic()
         if address and now - asked >= _LOOK:
             asked = now
             try:
-                workers = client.nthreads(callback_timeout=_BUSY)
+                threads = sum(client.nthreads(callback_timeout=_BUSY).values())
             except TimeoutError as error:
                 raise EnvironmentFailure(f"the scheduler does not answer: {_AGAIN}") from error
-            present = now if workers else present
+            present = now if threads else present
             if now - present > _WORKERS_START:
                 raise EnvironmentFailure(
                     f"the scheduler at {address} has had no worker for {_WORKERS_START:.0f} s: start some, and {_AGAIN}"
                 )
-        yield
+        yield max(_SUBMITTED, _TASKS * threads)
 
 
 def _explained(
@@ -149,14 +152,14 @@ def _explained(
         raise EnvironmentFailure(f"{ended} ended: {_AGAIN}") from error
     selection, folder = job.selection(), Folder(Path(job.folder))
     failed, again, last = list[Outcome](), list[Mapping[str, int | str]](), list[Mapping[str, int | str]]()
+    dead, reason = take_trace(folder.trace(selection.case(**task[0])))
     for values in task:
         case = selection.case(**values)
-        trace = take_trace(folder, case)
-        deaths[case.id] += trace is not None
-        if trace and deaths[case.id] == ATTEMPTS:
-            failed.append(record_failure(job, selection.study, case, f"{trace}, in {ATTEMPTS} attempts"))
+        deaths[case.id] += case.id == dead
+        if case.id == dead and deaths[dead] == ATTEMPTS:
+            failed.append(record_failure(job, selection.study, case, f"{reason}, in {ATTEMPTS} attempts"))
         else:
-            (last if trace else again).append(values)
+            (last if case.id == dead else again).append(values)
     # Without a trace the task waited in a worker that died, or the worker cannot start.
     deaths[_NO_CASE] = 0 if failed or last else deaths[_NO_CASE] + 1
     if deaths[_NO_CASE] == _UNEXPLAINED:

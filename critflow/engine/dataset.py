@@ -10,11 +10,11 @@ import sys
 import textwrap
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from enum import IntEnum
 from hashlib import sha256
 from importlib.metadata import version
-from itertools import islice
+from itertools import groupby, islice
 from pathlib import Path
 from typing import Any
 
@@ -25,15 +25,19 @@ import xarray as xr
 from critflow.engine.code_digest import code_version, environment_versions, source_tree, timestamp
 from critflow.engine.settings import SEED_ENTROPY, Case, Selection, spelled
 from critflow.engine.store import (
+    AT_ONCE,
     FAILED,
     SCHEMA_VERSION,
     CaseState,
     StoredCase,
     append_seal,
+    dataset_files,
+    persistent,
     read_shard,
     refuse_sizes,
     refuse_values,
     replacing,
+    several,
     shard_path,
     sizes_of,
     verified_checksum,
@@ -55,6 +59,9 @@ _ORIGINS = {  # of a case: a variable of the dataset where it differs
 }
 _CHUNK = 2**24  # bytes of a chunk of the largest variable; a piece in memory is one chunk of each
 _LARGEST_CHUNK = 2**26
+_PART = 4 * 10**9  # bytes of a file
+AS_ONE: Any = {"data_vars": "minimal", "coords": "minimal", "compat": "override"}  # of the parts of a dataset
+_AHEAD = 2**27  # bytes of shards that are read before they are needed
 _LAZY = 2**26  # bytes of a variable of a large dataset that is read in parts
 _WIDTH, _MOST_OUTCOMES = 118, 10  # columns of the summary, and its lines about the outcomes
 
@@ -80,13 +87,17 @@ class Assembly:
         self.inner = {c.name: len(c.labels(selection.parameters)) for c in study.coordinates}  # sizes
         # Inner sizes are those of the first cases.
         dims = {dim for variable in self.variables for dim in variable.dims} - selection.axes.keys()
-        cases = self._cases()
+        cases, self.at_once = self._cases(), 1
         while not dims <= self.inner.keys() and next(cases, None):
             pass
         one_row = [
             np.dtype(v.dtype).itemsize * math.prod(self.shape(v, 1)) for v in self.variables if self.first in v.dims
         ]
-        self.rows = max(1, min(len(selection.axes[self.first]), _CHUNK // max(1, *one_row)))
+        n_rows, row = len(selection.axes[self.first]), max(1, sum(one_row))
+        self.rows = max(1, min(n_rows, _CHUNK // max(1, *one_row)))
+        self.at_once = max(1, min(AT_ONCE, _AHEAD // row))
+        # Numbers alone are one file; arrays are parts, each of whole pieces.
+        self.part_rows = max(1, _PART // row // self.rows) * self.rows if any(study.inner_dims.values()) else n_rows
 
     def shape(self, variable: Variable, rows: int | None = None) -> tuple[int, ...]:
         """The shape of a variable, or of some rows of it; a size is 0 where no case has the variable."""
@@ -138,13 +149,15 @@ class Assembly:
         study, known, shard = self.selection.study, "", dict[str, StoredCase]()
         self.environments, self.checksum = Counter[str](), 0
         self.outcomes = Counter[tuple[str, Status, bool]]()  # by the word of the last axis
+        stored_cases = (case for case in self.selection.cases if case.id in self.records)
+        networks = (next(group) for _, group in groupby(stored_cases, lambda case: case.shard))
+        read = several(lambda one: read_shard(shard_path(self.shards, one), study, one), networks, self.at_once)
         for case in self.selection.cases:
             status, sound = Status.failed if case.id in self.failed else Status.missing, False
             arrays = dict[str, Any]()
             if case.id in self.records:
                 if case.shard != known:
-                    shard, checksum = read_shard(shard_path(self.shards, case), study, case)
-                    known = case.shard
+                    (shard, checksum), known = next(read), case.shard
                     self.checksum += int.from_bytes(sha256(f"{known} {checksum}\n".encode()).digest())
                 stored = shard[case.id]
                 sizes = sizes_of(study, stored.arrays)
@@ -242,40 +255,72 @@ class Assembly:
 
 
 def write_dataset(assembly: Assembly, path: Path, origin: Mapping[str, str]) -> None:
-    """Write the file in pieces and read every byte of them back.
+    """Write the file, or its parts, in pieces and read every byte of them back; all are put in place together.
 
     origin: attributes about the command that writes it, which is its `history`, the only one that differs between
     equal runs
     """
-    written = list[tuple[str, tuple, bytes]]()
     stamped = assembly.coordinates().assign_attrs({**origin, "history": f"{timestamp()} {origin['history']}"})
-    with replacing(path) as partial:
-        stamped.to_netcdf(partial, engine="netcdf4", format="NETCDF4")
-        with netCDF4.Dataset(partial, "a") as file:
-            for variable in assembly.variables:
-                for dim, size in zip(variable.dims, assembly.shape(variable), strict=True):
-                    if dim not in file.dimensions:
-                        file.createDimension(dim, size)
-                # In chunks along the first axis; integers are compressed, which repeat.
-                number = variable.dtype[0] == "f"
-                options: dict[str, Any] = {"fill_value": np.nan if number else None}
-                if chunk := assembly.chunk(variable):
-                    options["chunksizes"] = chunk
-                    options |= {} if number else {"compression": "zlib", "complevel": 1, "shuffle": True}
-                created = file.createVariable(variable.name, variable.dtype, variable.dims, **options)
-                created.setncatts(assembly.variable_attributes(variable))
-            file.set_auto_maskandscale(False)
-            for rows, arrays in assembly.pieces():
-                for name, array in arrays.items():
-                    place = (*(rows if dim == assembly.first else slice(None) for dim in file[name].dimensions),)
-                    file[name][place] = array
-                    written.append((name, place, sha256(array.tobytes()).digest()))
-            file.setncatts(assembly.origin_attributes())
-        with netCDF4.Dataset(partial) as file:
-            file.set_auto_maskandscale(False)
-            if any(sha256(file[name][place].tobytes()).digest() != digest for name, place, digest in written):
-                raise OSError("it does not read back as written")
-        append_seal(partial)
+    n_rows, size = stamped.sizes[assembly.first], assembly.part_rows
+    parts = [slice(start, min(start + size, n_rows)) for start in range(0, n_rows, size)]
+    files = [path.with_stem(f"{path.stem}-part{number:03}") for number in range(len(parts))] if parts[1:] else [path]
+    stamped = stamped.assign_attrs(parts=len(parts)) if parts[1:] else stamped
+    pieces, written = assembly.pieces(), [list[tuple[str, tuple, bytes]]() for _ in parts]
+    whole = {variable.name for variable in assembly.variables if assembly.first not in variable.dims}
+    with ExitStack() as stack:
+        partials = [stack.enter_context(replacing(file)) for file in files]
+        for partial, part, places in zip(partials, parts, written, strict=True):
+            stamped.isel({assembly.first: part}).to_netcdf(partial, engine="netcdf4", format="NETCDF4")
+            with netCDF4.Dataset(partial, "a") as file:
+                _declare(assembly, file, part.stop - part.start)
+                for rows, arrays in pieces:
+                    shared = {name: arrays.pop(name) for name in whole & arrays.keys()}  # with the last piece
+                    here = slice(rows.start - part.start, rows.stop - part.start)
+                    _fill(file, (assembly.first, here), arrays, places)
+                    if rows.stop == part.stop:
+                        break
+        for partial, places in zip(partials, written, strict=True):
+            with netCDF4.Dataset(partial, "a") as file:
+                _fill(file, ("", slice(None)), shared, places)
+                file.setncatts(assembly.origin_attributes())
+            with netCDF4.Dataset(partial) as file:
+                file.set_auto_maskandscale(False)
+                if any(sha256(file[name][place].tobytes()).digest() != digest for name, place, digest in places):
+                    raise OSError("it does not read back as written")
+            append_seal(partial)
+        for other in {*dataset_files(path)} - {*files}:
+            other.unlink()
+
+
+def _declare(assembly: Assembly, file: netCDF4.Dataset, n_rows: int) -> None:
+    """The dimensions and variables of a file with these rows of the first axis."""
+    for variable in assembly.variables:
+        shape = assembly.shape(variable, n_rows)
+        for dim, size in zip(variable.dims, shape, strict=True):
+            if dim not in file.dimensions:
+                file.createDimension(dim, size)
+        # In chunks along the first axis; integers are compressed, which repeat.
+        number = variable.dtype[0] == "f"
+        options: dict[str, Any] = {"fill_value": np.nan if number else None}
+        if chunk := assembly.chunk(variable):
+            options["chunksizes"] = [min(pair) for pair in zip(chunk, shape, strict=True)]
+            options |= {} if number else {"compression": "zlib", "complevel": 1, "shuffle": True}
+        created = file.createVariable(variable.name, variable.dtype, variable.dims, **options)
+        created.setncatts(assembly.variable_attributes(variable))
+
+
+def _fill(
+    file: netCDF4.Dataset,
+    rows: tuple[str, slice],
+    arrays: Mapping[str, np.ndarray],
+    places: list[tuple[str, tuple, bytes]],
+) -> None:
+    """Write arrays at these rows of an axis, and note the place and the digest of each."""
+    file.set_auto_maskandscale(False)
+    for name, array in arrays.items():
+        place = (*(rows[1] if dim == rows[0] else slice(None) for dim in file[name].dimensions),)
+        file[name][place] = array
+        places.append((name, place, sha256(array.tobytes()).digest()))
 
 
 def _origin_variable(selection: Selection, name: str, texts: Sequence[str], states: Sequence[CaseState]) -> Variable:
@@ -293,25 +338,36 @@ def _origin_variable(selection: Selection, name: str, texts: Sequence[str], stat
 
 @contextmanager
 def opened_dataset(path: Path) -> Iterator[xr.Dataset]:
-    """A dataset of `critflow run`, every byte verified; one message if it cannot be read."""
-    if not path.exists():
+    """A dataset of `critflow run`, or all its parts as one, every byte verified; one message if it cannot be read."""
+    if not (files := dataset_files(path)):
         raise StudyError(f"there is no dataset {path}: run the study first")
-    try:
-        verified_checksum(path)
-        # All variables of a large dataset, read one after the other, may not fit in memory together.
-        small = path.stat().st_size < SMALL
-        dataset = xr.open_dataset(path, engine="netcdf4", cache=small)
-        if not small:
-            dataset = dataset.assign({k: v.chunk("auto") for k, v in dataset.data_vars.items() if v.nbytes > _LAZY})
-    except IntegrityError as error:
-        raise IntegrityError(f"{error}: {REWRITE}") from error
-    except (OSError, RuntimeError, ValueError) as error:
-        raise IntegrityError(f"{path} is not a readable dataset: {error}: {REWRITE}") from error
-    with dataset:
+    with ExitStack() as stack:
+        try:
+            for _ in several(persistent(verified_checksum), files):
+                pass
+            # All variables of a large dataset, read one after the other, may not fit in memory together.
+            small = sum(file.stat().st_size for file in files) < SMALL
+            chunks: Any = None if small or len(files) == 1 else {}
+            parts = [
+                stack.enter_context(xr.open_dataset(file, engine="netcdf4", cache=small, chunks=chunks))
+                for file in files
+            ]
+            axis = str(parts[0].attrs.get("axes", "")).partition(" ")[0]
+            dataset = parts[0] if len(parts) == 1 else xr.concat(parts, axis, combine_attrs="no_conflicts", **AS_ONE)
+            if not small:
+                in_memory = {k: v.compute() for k, v in dataset.data_vars.items() if v.chunks and v.nbytes <= _LAZY}
+                large = {k: v.chunk("auto") for k, v in dataset.data_vars.items() if v.nbytes > _LAZY}
+                dataset = dataset.assign(in_memory | large)
+        except IntegrityError as error:
+            raise IntegrityError(f"{error}: {REWRITE}") from error
+        except (OSError, RuntimeError, ValueError) as error:
+            raise IntegrityError(f"{path} is not a readable dataset: {error}: {REWRITE}") from error
         if not {"study", "axes"} <= dataset.attrs.keys() or "status" not in dataset:
             raise IntegrityError(f"{path} was not written by `critflow run`: it has no study and no status")
         if (schema := int(dataset.attrs.get("schema_version", 0))) != SCHEMA_VERSION:
             raise StudyError(f"{path} has schema {schema}, not {SCHEMA_VERSION}: run the study in a new folder")
+        if (number := int(dataset.attrs.get("parts", 1))) != len(files):
+            raise IntegrityError(f"{path} has {len(files)} of its {number} parts: {REWRITE}")
         yield dataset
 
 

@@ -37,6 +37,7 @@ from critflow.engine.store import (
     CaseState,
     Folder,
     Interrupted,
+    dataset_files,
     reason_lines,
     refuse_sizes,
 )
@@ -112,6 +113,8 @@ def run_study(
         states, path = folder.states(plan.selection), folder.dataset(study.name)
         say(f"{study.name}: writing the dataset of {plural(len(states), 'case')}")
         write_dataset(Assembly(plan.selection, folder.shards, states), path, origin)
+        if parts := dataset_files(path)[1:]:
+            say(f"{study.name}: {len(parts) + 1} files {path.stem}-part*.nc, which xarray.open_mfdataset opens as one")
         failed = {one.case.id: one.reason for one in states if one.state == FAILED and one.case.id in plan.requested}
         if others := Counter(one.reason for one in states if one.state == OTHER):
             label = f"cases of other code than {code_version(study)} are kept: {counted_cases(others)}"
@@ -175,8 +178,8 @@ def _dataset_selection(folder: Folder, requested: Selection) -> tuple[Selection,
         if joined.count > LONGEST:
             raise StudyError(f"the dataset would have {joined.count:,} cases: choose another folder with --out")
         more = f"dataset contains {joined.sizes}: {requested.sizes} requested, the others were stored before"
-        return joined, [more] if joined.axes != requested.axes else []
-    if not folder.dataset(study.name).exists():
+        return (joined, [more]) if joined.axes != requested.axes else (requested, [])
+    if not dataset_files(folder.dataset(study.name)):
         return requested, []
     words = [f"{k}={spelled(v)}" for k, v in before.items() if requested.parameters.get(k) != v]
     words += [f"{a.key}={spelled(note['axes'][a.name])}" for a in study.axes if a.name in note["axes"]]

@@ -1,9 +1,10 @@
 """A results folder: its files and its lock, the stored cases and their state.
 
     study.json            the note of the last run: study, settings, version, file
-    shards/seed3-HASH.nc  the complete cases of one network, or of one value of the first axis
+    shards/seed3-HASH.nc  the complete cases of one network, or of one value of the first axis; each further thousand
+                          of them in a folder of its own, as in shards/2/seed2003-HASH.nc
     failed/CASE_ID.txt    a failed case: the command that runs it alone, its parameters, its traceback
-    NAME.nc  figures/  claims.md  claims.json  summary.json  run.log  .lock
+    NAME.nc, or NAME-part000.nc ...  figures/  claims.md  claims.json  summary.json  run.log  .lock
 
 A shard is a netCDF file (CDF-5) of named arrays; those that differ between its cases have the dimension `stored_case`,
 and the attribute `cases` lists the cases with their status and the code that computed each.  It ends with a seal, the
@@ -18,19 +19,23 @@ its contents are for the reader, and damage in them changes no result.
 from __future__ import annotations
 
 import errno
+import glob
 import json
 import os
 import platform
+import re
 import sys
 import threading
 import time
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass, field
+from functools import wraps
 from hashlib import sha256
-from itertools import groupby
+from itertools import groupby, islice
 from pathlib import Path
-from typing import Any, BinaryIO, NamedTuple
+from typing import Any, BinaryIO, NamedTuple, ParamSpec, TypeVar
 from uuid import uuid4
 
 import netCDF4
@@ -53,6 +58,15 @@ _NO_MEMORY = (errno.ENOMEM, -61)  # of the system, and NC_ENOMEM of the netCDF l
 _netcdf = threading.Lock()  # the netCDF library is not thread-safe
 _CASE = "stored_case"  # dimension
 _MOST_REASONS = 20  # lines
+_FLEETING = (errno.EIO, errno.ESTALE)  # a file system that many machines share shows them for a moment
+_PAUSES = (1.0, 5.0)  # seconds before the second try and before the third
+_PART = re.compile(r"-part\d+$")  # at the end of the name of a part of a dataset
+_THOUSAND = 1000  # shards of a folder
+AT_ONCE = 8  # files that are read at once: a shared file system answers late
+
+_P = ParamSpec("_P")
+_T = TypeVar("_T")
+_Item = TypeVar("_Item")
 
 
 class OtherTable(IntegrityError):
@@ -68,6 +82,43 @@ class Interrupted(CritflowError):
 
 
 # Files
+
+
+def is_fleeting(error: BaseException) -> bool:
+    """Whether a shared file system may have failed for a moment; the netCDF library reports its errors as texts."""
+    return any(os.strerror(number) in str(error.__cause__ or error) for number in _FLEETING)
+
+
+def persistent(work: Callable[_P, _T]) -> Callable[_P, _T]:
+    """The function with three tries, after pauses, where a shared file system fails."""
+
+    @wraps(work)
+    def tried(*args: _P.args, **kwargs: _P.kwargs) -> _T:
+        for pause in _PAUSES:
+            try:
+                return work(*args, **kwargs)
+            except (OSError, CritflowError) as error:
+                if not is_fleeting(error):
+                    raise
+            time.sleep(pause)
+        return work(*args, **kwargs)
+
+    return tried
+
+
+def several(work: Callable[[_Item], _T], items: Iterable[_Item], at_once: int = AT_ONCE) -> Iterator[_T]:
+    """Results of the items in their order, of which there are a few more than the next one."""
+    left = iter(items)
+    with ThreadPoolExecutor(at_once) as pool:
+        while some := list(islice(left, 2 * at_once)):
+            yield from pool.map(work, some)
+
+
+def dataset_files(path: Path) -> list[Path]:
+    """The file of a dataset, or the parts of a large one, for which its name and that of each part stand."""
+    stem = _PART.sub("", path.stem)
+    parts = sorted(path.parent.glob(f"{glob.escape(stem)}-part*{path.suffix}"))
+    return [path] if path.exists() and stem == path.stem else parts
 
 
 @contextmanager
@@ -95,6 +146,7 @@ def replacing(path: Path) -> Iterator[Path]:
         partial.unlink(missing_ok=True)
 
 
+@persistent
 def write_text(path: Path, text: str) -> None:
     with replacing(path) as partial:
         partial.write_text(text, encoding="utf-8")
@@ -153,9 +205,14 @@ class StoredCase:
 
 
 def shard_path(folder: Path, case: Case) -> Path:
-    return folder / f"{case.shard}.nc"
+    """The shard of a case in the folder of its thousand; earlier versions stored all shards in one folder."""
+    name, value = f"{case.shard}.nc", next(iter(case.values.values()))
+    if isinstance(value, str) or value < _THOUSAND or (folder / name).exists():
+        return folder / name
+    return folder / str(value // _THOUSAND) / name
 
 
+@persistent
 def write_shard(folder: Path, study: Study, case: Case, stored: Mapping[str, StoredCase]) -> str:
     """Store complete cases of one value of the first axis, by their ids, and return the checksum of their shard.
 
@@ -191,13 +248,14 @@ def write_shard(folder: Path, study: Study, case: Case, stored: Mapping[str, Sto
     return checksum
 
 
+@persistent
 def read_shard(path: Path, study: Study, case: Case, with_arrays: bool = True) -> tuple[dict[str, StoredCase], str]:
     """The cases of the shard of a case by their ids, and its checksum; `IntegrityError` if it is damaged."""
     content = bytearray()
     checksum = verified_checksum(path, content)
     content += bytes(len(content))  # the library reads a header by halves of the memory, and refuses to pass its end
     try:
-        with _netcdf, netCDF4.Dataset(path, memory=content) as file:
+        with _netcdf, netCDF4.Dataset("shard", memory=content) as file:  # a path would be opened again
             file.set_auto_maskandscale(False)
             for name, expected in _identity(study, case).items():
                 if (value := file.getncattr(name)) != expected:
@@ -291,12 +349,14 @@ class Folder:
         self.shards, self.failed, self.figures = path / "shards", path / "failed", path / "figures"
         self.note, self.log = path / "study.json", path / "run.log"
         self.stop = path / ".stop"  # if it exists, workers begin no further case
+        self._read: dict[Path, tuple[Any, dict[str, StoredCase], tuple[str, str]]] = {}  # shards with their stamps
 
     def dataset(self, study: str) -> Path:
         return self.path / f"{study}.nc"
 
     def trace(self, case: Case) -> Path:
-        return self.failed / f".{case.id}.trace"
+        """The file that names the case of a network that is computed now."""
+        return shard_path(self.shards, case).with_name(f".{case.shard}.trace")
 
     def failure(self, case: Case) -> Path:
         return self.failed / f"{case.id}.txt"
@@ -320,8 +380,9 @@ class Folder:
                 folder.mkdir(parents=True, exist_ok=True)
             lock.acquire()
             holder.write_text(f"process {os.getpid()} on {platform.node()} since {time.ctime()}\n")
-            for pattern in (f".*{_PARTIAL}", ".*.trace", ".stop"):
-                for file in (file for folder in folders for file in folder.glob(pattern)):
+            hidden = (file for folder in folders for file in folder.glob(".*"))
+            for file in (*hidden, *self.shards.glob("*/.*")):
+                if file.name.endswith((_PARTIAL, ".trace")) or file == self.stop:
                     file.unlink(missing_ok=True)
         except Timeout:
             name = holder.read_text(errors="replace")[:200].strip() or "unknown process"
@@ -368,6 +429,7 @@ class Folder:
         }
         write_text(self.note, _note_text(note))
 
+    @persistent
     def read_note(self) -> dict[str, Any]:
         """The note; `IntegrityError` if it is damaged, `StudyError` if it does not exist."""
         if not self.note.exists():
@@ -404,19 +466,17 @@ class Folder:
         return loaded, Selection.of(study, note["variables"], note["parameters"], note["axes"])
 
     def states(self, selection: Selection) -> list[CaseState]:
-        """State of every case: the single decision whether a case is stored.  Every shard is read and verified."""
-        study, code = selection.study, code_version(selection.study)
+        """State of every case: the single decision whether a case is stored.
+
+        Every shard is read and verified to the last byte, and again after it was replaced.
+        """
+        code = code_version(selection.study)
         shards, failed = _names(self.shards, ".nc"), _names(self.failed, ".txt")
+        groups = [list(group) for _, group in groupby(selection.cases, lambda case: case.shard)]
+        stored = several(self._stored, (cases[0] for cases in groups if cases[0].shard in shards))
         states = list[CaseState]()
-        for shard, group in groupby(selection.cases, lambda case: case.shard):
-            cases, records, absent = list(group), dict[str, StoredCase](), (MISSING, "not computed yet")
-            try:
-                if shard in shards:
-                    records, _ = read_shard(shard_path(self.shards, cases[0]), study, cases[0], with_arrays=False)
-            except OtherTable:
-                absent = (CHANGED, "stored with another table of variables")
-            except IntegrityError as error:
-                absent = (DAMAGED, str(error).rpartition(" is damaged: ")[2])
+        for cases in groups:
+            records, absent = next(stored) if cases[0].shard in shards else ({}, (MISSING, "not computed yet"))
             for case in cases:
                 state = absent
                 if record := records.get(case.id):
@@ -426,6 +486,20 @@ class Folder:
                     state = (FAILED, last_line(text))
                 states.append(CaseState(case, *state, record))
         return states
+
+    def _stored(self, case: Case) -> tuple[dict[str, StoredCase], tuple[str, str]]:
+        """The cases of a shard, and the state of others of its network with the reason."""
+        path, records, absent = shard_path(self.shards, case), dict[str, StoredCase](), (MISSING, "not computed yet")
+        stamps = path.exists() and ((found := path.stat()).st_ino, found.st_mtime_ns, found.st_size)
+        if path not in self._read or self._read[path][0] != stamps:
+            try:
+                records, _ = read_shard(path, case.study, case, with_arrays=False)
+            except OtherTable:
+                absent = (CHANGED, "stored with another table of variables")
+            except IntegrityError as error:
+                absent = (DAMAGED, str(error).rpartition(" is damaged: ")[2])
+            self._read[path] = stamps, records, absent
+        return self._read[path][1:]
 
 
 def reason_lines(states: Sequence[CaseState]) -> list[str]:
@@ -444,7 +518,9 @@ def reason_lines(states: Sequence[CaseState]) -> list[str]:
 
 
 def _names(folder: Path, suffix: str) -> set[str]:
+    """Names of the files of a folder and of the thousands in it."""
     names = os.listdir(folder) if folder.is_dir() else []
+    names += [inner for name in names if name.isdigit() for inner in os.listdir(folder / name)]
     return {name.removesuffix(suffix) for name in names if name.endswith(suffix)}
 
 

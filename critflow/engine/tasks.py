@@ -1,8 +1,10 @@
 """One task: the cases of one network, computed in one process, and what remains of a case that fails or dies in it.
 
 A case that raises leaves a text in `failed/`.  A case that exceeds its time limit ends its process: nothing gentler
-stops compiled code.  While a case runs in a worker process its trace file exists, `failed/.CASE_ID.trace`; after a
-death it contains the stack that the interpreter could still write, and it names the case.
+stops compiled code.  While a worker process computes a network there is a trace file next to its shard; after a death
+it names the case that ran, and contains the stack that the interpreter could still write.
+
+What a shared file system refuses for a moment is tried three times; then the cases of this network fail.
 """
 
 from __future__ import annotations
@@ -14,8 +16,8 @@ import socket
 import threading
 import time
 import traceback
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager, nullcontext
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import AbstractContextManager, contextmanager, nullcontext
 from dataclasses import dataclass, field
 from pathlib import Path
 from types import MappingProxyType
@@ -29,7 +31,9 @@ from critflow.engine.settings import Case, Selection, spelled, words_of_case
 from critflow.engine.store import (
     Folder,
     StoredCase,
+    is_fleeting,
     last_line,
+    persistent,
     read_shard,
     refuse_sizes,
     refuse_values,
@@ -96,46 +100,61 @@ def compute_network(job: Job, cases: Sequence[Mapping[str, int | str]], careful:
     Complete cases are stored together, at the end and every minute: a process that is killed loses what it computed
     since, of this network alone.
     """
-    outcomes, new = list[Outcome](), list[tuple[Case, float]]()  # new cases are not stored yet; seconds
-    selection, folder = job.selection(), Folder(Path(job.folder))
+    outcomes, folder, selection = list[Outcome](), Folder(Path(job.folder)), persistent(job.selection)()
     with _one_at_a_time, threadpool_limits(limits=THREADS):  # of libraries that are loaded, those of the study too
-        study, first = selection.study, selection.case(**cases[0])
-        written = time.perf_counter()
-        # What the shard has.
         try:
-            stored, checksum = read_shard(shard_path(folder.shards, first), study, first)
-        except IntegrityError:  # no shard, a damaged one, or one with another table: its cases are computed
-            stored, checksum = {}, ""
-
-        def store() -> None:
-            """Store what was computed since the last time."""
-            nonlocal checksum, written
-            if not new:
-                return
-            try:
-                checksum = write_shard(folder.shards, study, first, stored)
-            except EnvironmentFailure:
+            _compute_and_store(job, folder, [selection.case(**values) for values in cases], careful, outcomes)
+        except (OSError, EnvironmentFailure) as error:
+            if not is_fleeting(error):
                 raise
-            except Exception:  # too large for the memory or the format
-                error = traceback.format_exc()
-                outcomes.extend(record_failure(job, study, case, error, seconds) for case, seconds in new)
-            else:
-                for case, seconds in new:
-                    folder.delete_failure(case)
-                    status, sizes = int(stored[case.id].status), sizes_of(study, stored[case.id].arrays)
-                    outcomes.append(Outcome(case.id, status, seconds, checksum, sizes))
-            new.clear()
-            written = time.perf_counter()
+            known, text = {one.case_id for one in outcomes}, traceback.format_exc()
+            left = (case for values in cases if (case := selection.case(**values)).id not in known)
+            outcomes += [record_failure(job, selection.study, case, text) for case in left]
+    return outcomes
 
+
+def _compute_and_store(job: Job, folder: Folder, cases: Sequence[Case], careful: bool, outcomes: list[Outcome]) -> None:
+    """Compute and store the cases of one shard; each outcome is added to the list when it is final."""
+    study, path = cases[0].study, shard_path(folder.shards, cases[0])
+    new = list[tuple[Case, float]]()  # cases that are not stored yet; seconds
+    written = time.perf_counter()
+    path.parent.mkdir(exist_ok=True)
+    # What the shard has.
+    try:
+        stored, checksum = read_shard(path, study, cases[0])
+    except IntegrityError:  # no shard, a damaged one, or one with another table: its cases are computed
+        stored, checksum = {}, ""
+
+    def store() -> None:
+        """Store what was computed since the last time."""
+        nonlocal checksum, written
+        if not new:
+            return
         try:
-            for values in cases:
+            checksum = write_shard(folder.shards, study, cases[0], stored)
+        except EnvironmentFailure:
+            raise
+        except Exception:  # too large for the memory or the format
+            error = traceback.format_exc()
+            outcomes.extend(record_failure(job, study, case, error, seconds) for case, seconds in new)
+        else:
+            for case, seconds in new:
+                folder.delete_failure(case)
+                status, sizes = int(stored[case.id].status), sizes_of(study, stored[case.id].arrays)
+                outcomes.append(Outcome(case.id, status, seconds, checksum, sizes))
+        new.clear()
+        written = time.perf_counter()
+
+    with _traced(folder.trace(cases[0]), job.seconds) as timed:
+        try:
+            for case in cases:
                 if folder.stop.exists():
                     break
-                case, start = selection.case(**values), time.perf_counter()
+                start = time.perf_counter()
                 # This run may have stored it before the death of the worker that had the task.
                 if (known := stored.get(case.id)) and known.code == job.code:
                     outcomes.append(Outcome(case.id, int(known.status), 0.0, checksum))
-                elif isinstance(one := _computed(job, study, folder, case, stored), Outcome):
+                elif isinstance(one := _computed(job, study, timed, case, stored), Outcome):
                     outcomes.append(one)
                 else:
                     stored[case.id] = one
@@ -144,16 +163,15 @@ def compute_network(job: Job, cases: Sequence[Mapping[str, int | str]], careful:
                     store()
         finally:  # also after Ctrl-C in this process
             store()
-    return outcomes
 
 
 def _computed(
-    job: Job, study: Study, folder: Folder, case: Case, others: Mapping[str, StoredCase]
+    job: Job, study: Study, timed: _Timed, case: Case, others: Mapping[str, StoredCase]
 ) -> StoredCase | Outcome:
     """The case if it is complete, its outcome if it failed; raises `IntegrityError` if it contradicts the others."""
     start = time.perf_counter()
     extensions.used.clear()
-    with _traced(folder, case, job.seconds) if job.seconds else nullcontext():
+    with timed(case.id):
         try:
             arrays = study.computed(case.parameters, case.values)
             status = Status(int(arrays.pop("status")))
@@ -188,14 +206,14 @@ def record_failure(job: Job, study: Study, case: Case, error: str, seconds: floa
     return Outcome(case.id, int(Status.failed), seconds, error=last_line(error))
 
 
-def take_trace(folder: Folder, case: Case) -> str | None:
-    """Reason and stack of the death in this case, whose trace file is deleted; None if there was no death in it."""
-    path = folder.trace(case)
+def take_trace(path: Path) -> tuple[str, str]:
+    """The id of the case in which a worker died, with reason and stack; empty if it died in none.  Deletes the file."""
     try:
-        stack = path.read_text(encoding="utf-8", errors="replace").partition("\n\nExtension modules")[0].strip()
+        case_id, _, stack = path.read_text(encoding="utf-8", errors="replace").partition("\n")
     except FileNotFoundError:
-        return None
+        return "", ""
     path.unlink()
+    stack = stack.partition("\n\nExtension modules")[0].strip()
     if stack.startswith("Timeout"):
         reason = "the case exceeded its time limit"
     elif stack.startswith("Fatal Python error: "):
@@ -204,22 +222,40 @@ def take_trace(folder: Folder, case: Case) -> str | None:
         reason = "the case was terminated from outside, for example for exceeding the memory limit"
     else:
         reason = "the case ended its worker process without a message: out of memory, or an exit in compiled code"
-    return f"{stack}\n{reason}".strip()
+    return case_id, f"{stack}\n{reason}".strip()
+
+
+_Timed = Callable[[str], AbstractContextManager[None]]  # of the id of a case
 
 
 @contextmanager
-def _traced(folder: Folder, case: Case, seconds: float) -> Iterator[None]:
-    """Keep a trace file during the block, and end the process if it takes longer than its time limit."""
-    path = folder.trace(case)
-    with open(path, "w") as trace:
-        faulthandler.enable(trace, all_threads=False)
-        faulthandler.register(signal.SIGTERM, trace, chain=True)  # sent by dask for too much memory
+def _traced(path: Path, seconds: float | None) -> Iterator[_Timed]:
+    """Keep a trace file during the block, in worker processes.
+
+    In a block of its value the file names a case, and the process ends where this takes longer than its time limit.
+    """
+    if seconds is None:
+        yield lambda case_id: nullcontext()
+        return
+
+    @contextmanager
+    def timed(case_id: str) -> Iterator[None]:
+        trace.write(f"{case_id}\n".encode())
         # A thread without the lock of the interpreter, so that no compiled code can delay it.
         faulthandler.dump_traceback_later(seconds, exit=True, file=trace)
         try:
             yield
         finally:
             faulthandler.cancel_dump_traceback_later()
+            trace.truncate(0)
+
+    with persistent(open)(path, "ab", 0) as trace:
+        trace.truncate(0)
+        faulthandler.enable(trace, all_threads=False)
+        faulthandler.register(signal.SIGTERM, trace, chain=True)  # sent by dask for too much memory
+        try:
+            yield timed
+        finally:
             faulthandler.unregister(signal.SIGTERM)
             faulthandler.disable()
     path.unlink(missing_ok=True)

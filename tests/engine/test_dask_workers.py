@@ -133,7 +133,7 @@ def fatal():
 def test_a_worker_that_is_killed_while_the_run_stops_fails_no_case(tmp_path):
     out = tmp_path / "out"
     run = begun(out, ["seeds=0:3"], workers=1, environment={"CRITFLOW_TEST_PAUSE": "20"}, prepare=fatal)
-    traces = wait_until(lambda: list((out / "failed").glob(".*.trace")), run.is_alive, lambda: messages(out))
+    traces = wait_until(lambda: list((out / "shards").glob(".*.trace")), run.is_alive, lambda: messages(out))
     os.kill(run.pid, signal.SIGINT)
     wait_until((out / ".stop").exists, run.is_alive, lambda: messages(out))
     time.sleep(0.5)
@@ -225,6 +225,16 @@ def test_a_scheduler_without_workers_is_reported(tmp_path, output_of, monkeypatc
     with LocalCluster(n_workers=0, scheduler_kwargs=NO_DASHBOARD) as cluster:
         more = ("--scheduler", cluster.scheduler_address, "--insecure")
         assert "no worker" in output_of(tmp_path / "out", workers=None, more=more, study="algebra", code=6).err
+
+
+def test_more_tasks_are_submitted_where_the_scheduler_has_more_threads(monkeypatch):
+    """Twice its threads, at least a thousand."""
+    monkeypatch.setattr(dask_workers, "_LOOK", 0.0)
+    nodes = {"first": 32}
+    wanted = dask_workers._tasks_wanted(SimpleNamespace(nthreads=lambda callback_timeout: nodes), "tls://head")
+    assert next(wanted) == 1000
+    nodes |= {f"node {n}": 32 for n in range(99)}
+    assert next(wanted) == 6400
 
 
 PAGE = Path(__file__).parents[2] / "docs" / "command.md"

@@ -170,6 +170,37 @@ def test_a_dataset_in_pieces_has_the_contents_of_one_in_memory(tmp_path, run, so
         assert ds.chunks["seed"] == (1, 1, 1, 1)
 
 
+def test_a_large_dataset_with_arrays_is_written_in_parts_that_are_one(tmp_path, run, source, said, monkeypatch):
+    """Parts of one network each; numbers alone are one file, and parts that are no longer needed are deleted."""
+    monkeypatch.setenv("SOURCE_DATE_EPOCH", "0")
+    shared = ('Variable("status"', 'Variable("shared", ("edge",), "f8", long_name="shared"), Variable("status"')
+    path = source(*shared, '"status":', '"shared": np.arange(float(n_edges)), "status":')
+    out, whole = tmp_path / "out", tmp_path / "whole"
+    assert run(whole, study=path) == 0
+    for name in ("_CHUNK", "_PART"):
+        monkeypatch.setattr(dataset_module, name, 1)
+    assert run(out, study=path) == 0
+    parts = sorted(out.glob("*.nc"))
+    assert [part.name for part in parts] == [f"tiny-part00{number}.nc" for number in range(4)]
+    with xr.open_dataset(whole / "tiny.nc") as one, xr.open_mfdataset(str(out / "*.nc"), **dataset_module.AS_ONE) as ds:
+        del ds.attrs["parts"]
+        assert ds.load().identical(one)
+    for most in (dataset_module.SMALL, 0):
+        monkeypatch.setattr(dataset_module, "SMALL", most)
+        with dataset_module.opened_dataset(out / "tiny.nc") as ds:
+            assert bool(ds.sigma.chunks) == (not most and ds.sigma.nbytes > dataset_module._LAZY)
+            assert ds.seed.values.tolist() == [0, 1, 2, 3]
+    assert main(["verify", str(out)]) == 0
+    shown = said(["show", str(whole / "tiny.nc")]).out
+    assert said(["show", str(out / "tiny.nc")]).out == shown == said(["show", str(parts[2])]).out
+    kept = parts[1].read_bytes()
+    parts[1].unlink()
+    assert "3 of its 4 parts" in said(["show", str(out / "tiny.nc")], 4).err
+    parts[1].write_bytes(kept)
+    assert run(out, "variables=scalars", study=path) == 0
+    assert [file.name for file in out.glob("*.nc")] == ["tiny.nc"]
+
+
 def test_values_that_differ_between_pieces_are_an_error(tmp_path, output_of, source, monkeypatch):
     monkeypatch.setattr(dataset_module, "_CHUNK", 1)
     shared = ('Variable("status"', 'Variable("shared", (), "f8", long_name="shared"), Variable("status"')

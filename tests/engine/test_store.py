@@ -4,6 +4,7 @@ import errno
 import json
 import os
 import platform
+import threading
 import time
 from dataclasses import replace
 
@@ -229,3 +230,65 @@ def test_partial_files_of_a_killed_run_are_removed_and_other_files_are_not(tmp_p
     assert main(words_of(tmp_path)) == 0
     assert other.exists() and notes.exists()
     assert not any(path.exists() for path in ours)
+
+
+SHARED = ("EIO", "ESTALE")  # errors of a file system that many machines share
+
+
+@pytest.mark.parametrize("name", SHARED)
+@pytest.mark.parametrize("times", [2, 100])
+def test_what_a_shared_file_system_refuses_is_tried_three_times_and_fails_one_network(
+    tmp_path, output_of, monkeypatch, name, times
+):
+    real, number, tried = os.replace, getattr(errno, name), []
+
+    def replace(source, target):
+        if "seed1" in str(target) and "shards" in str(target) and len(tried) < times:
+            tried.append(target)
+            raise OSError(number, os.strerror(number), str(source))
+        real(source, target)
+
+    monkeypatch.setattr(os, "replace", replace)
+    monkeypatch.setattr(store, "_PAUSES", (0.0, 0.0))
+    err = output_of(tmp_path, study="plain", code=0 if times == 2 else 3).err
+    assert ("1 case failed" in err and os.strerror(number) in err) == (times == 100)
+    assert len(stamps_of(tmp_path)) == 3 + (times == 2)
+    monkeypatch.undo()
+    assert main([*words_of(tmp_path), "--retry-failed"]) == 0
+    assert len(stamps_of(tmp_path)) == 4
+
+
+def test_each_thousand_of_networks_has_a_folder_and_shards_of_one_folder_stay(tmp_path, run, tally):
+    """Earlier versions stored all shards in one folder."""
+    shards = tmp_path / "shards"
+    assert run(tmp_path, "seeds=999,1000,2500", study="plain") == 0
+    places = {str(path.relative_to(shards)).rpartition("-")[0] for path in shards.rglob("*.nc")}
+    assert places == {"seed999", "1/seed1000", "2/seed2500"}
+    for path in [*shards.glob("*/*.nc")]:
+        path.rename(shards / path.name)
+    tally()
+    assert run(tmp_path, "seeds=999,1000,2500,2501", study="plain") == 0
+    assert tally() == [2501]
+    assert len([*shards.glob("*.nc")]) == 3 and len([*shards.glob("2/*.nc")]) == 1
+    assert main(["verify", str(tmp_path)]) == 0
+
+
+def test_a_resumed_run_reads_each_shard_once_at_its_start_and_several_at_once(tmp_path, run, monkeypatch):
+    """A shard that was replaced is read again."""
+    assert run(tmp_path, study="plain") == 0
+    real, read, together = store.verified_checksum, [], threading.Barrier(2, timeout=20)
+
+    def counted(path, *content):
+        read.append(path)
+        together.wait()
+        return real(path, *content)
+
+    monkeypatch.setattr(store, "verified_checksum", counted)
+    assert run(tmp_path, study="plain", more=("--dry-run",)) == 0
+    assert len(read) == len({*read}) == 4
+    monkeypatch.undo()
+    folder, selection = Folder(tmp_path), select(STUDY)
+    assert {one.state for one in folder.states(selection)} == {"done"}
+    path = shard_path(folder.shards, selection.cases[2])
+    path.write_bytes(path.read_bytes()[:-1])
+    assert [one.state for one in folder.states(selection)] == ["done", "done", "damaged", "done"]
