@@ -118,7 +118,8 @@ def _compute_and_store(job: Job, folder: Folder, cases: Sequence[Case], careful:
     study, path = cases[0].study, shard_path(folder.shards, cases[0])
     new = list[tuple[Case, float]]()  # cases that are not stored yet; seconds
     written = time.perf_counter()
-    path.parent.mkdir(exist_ok=True)
+    if not path.parent.is_dir():  # a folder of a thousand
+        path.parent.mkdir(exist_ok=True)
     # What the shard has.
     try:
         stored, checksum = read_shard(path, study, cases[0])
