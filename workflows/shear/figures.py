@@ -108,7 +108,7 @@ def animation(ds):
     one = recorded(ds).isel(seed=0)
     steps, moduli = one.step.values, one.G_0_ascent.values
     for place in range(len(steps)):
-        figure = Figure(figsize=(WIDTH, 3.5), dpi=76, layout="constrained")
+        figure = Figure(figsize=(WIDTH, 3.5), dpi=135, layout="constrained")
         network, curve = figure.subplots(1, 2, width_ratios=(1.15, 1))
         _draw(network, one.isel(step=place), width=0.8)
         curve.axhline(float(one.bound), color="0.25", linewidth=1.0, linestyle="--")
