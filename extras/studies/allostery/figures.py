@@ -63,7 +63,7 @@ def response_figure(ds):
     """Untrained responses by distance; deviations of trained ones by stress."""
     figure, (left, right) = panels(
         2,
-        "Untrained responses fall with the distance; trained ones are ±1 at the stress that they are for\n"
+        "Untrained responses fall with the distance; trained ones are ±1 at their stress\n"
         f"({counted(ds)} of {parameters(ds)['n_vertices']} vertices, medians; random ℓ: s = {NARROW['spread']:g})",
         height=4.4,
     )
@@ -96,8 +96,9 @@ def network_figure(ds):
     """One network before and after training: widths by tension, displacements, source and targets."""
     figure, axes = panels(
         2,
-        "Eight targets of one source: the stiffest network hardly moves them, a design as far as the source",
-        height=4.2,
+        "A design makes eight targets grow or shrink by as large a part as their source\n"
+        "(in the stiffest network they change less)",
+        height=4.4,
     )
     one = ds.isel(seed=0)
     for n, (ax, title) in enumerate(zip(axes, ("stiffest network", "trained"), strict=True)):
