@@ -27,6 +27,7 @@ for (name, critical), colour in zip(
     axes.plot(100 * strains, ratio, "o", color=colour, label=name)
     line = [1, 1 + 0.02 * growth.C_B / growth.bulk_0]
     axes.plot([0, 2], line, color=colour, linewidth=0.8)
+axes.plot([], [], color="0.4", linewidth=0.8, label="$1 + C_B γ/B_0$")
 axes.set(xlabel="volumetric strain γ [%]", ylabel="$B/B_0$")
 axes.legend(frameon=False)
 figure.savefig("stiffening.png", dpi=80)

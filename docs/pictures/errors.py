@@ -43,10 +43,11 @@ for spread in spreads:
     rows.append([*map(float, true), critical.error_bound, moduli.errors.bulk / moduli.bulk, float(single)])
 errors = np.array(rows)
 figure, axes = plt.subplots(figsize=(5, 3.2), layout="constrained")
-for n, (name, colour) in enumerate({"coordinates": "#0072B2", "$B_0$, relative": "#D55E00"}.items()):
-    axes.semilogy(spreads, errors[:, n], "o", color=colour, label=f"{name}: error")
-    axes.semilogy(spreads, errors[:, n + 2], "-", color=colour, label=f"{name}: bound")
-axes.semilogy(spreads, errors[:, 4], "x", color="0.5", label="coordinates without refinement: error")
-axes.set(xlabel="decades of stress", ylabel="error", ylim=(1e-18, 1e-10))
-axes.legend(frameon=False, fontsize=8)
+axes.semilogy(spreads, errors[:, 4] / errors[:, 2], "x", color="0.4", label="coordinates without refinement")
+for n, (name, marker, colour) in enumerate((("coordinates", "o", "#0072B2"), ("$B_0$", "D", "#D55E00"))):
+    axes.semilogy(spreads, errors[:, n] / errors[:, n + 2], marker, linestyle="none", color=colour, label=name)
+axes.axhline(1, color="k", linewidth=1)
+axes.text(8.3, 1.3, "bound", ha="right", va="bottom", fontsize=9)
+axes.set(xlabel="decades of stress", ylabel="error over its bound", ylim=(1e-3, 1e5))
+axes.legend(frameon=False, fontsize=8, loc="upper left")
 figure.savefig(sys.argv[1] if len(sys.argv) > 1 else Path(__file__).with_suffix(".png"), dpi=80)

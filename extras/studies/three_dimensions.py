@@ -60,10 +60,10 @@ PANELS = {
     "B_0": "bulk modulus $B_0$  [k / length]",
     "C_B": "its growth $C_B$  [k / length]",
     "G_0": "shear modulus $G_0$  [k / length]",
-    "C_G_stress_corrected": "its growth $C_G$, stress-corrected",
+    "C_G_stress_corrected": "its growth $C_G$,\nstress-corrected  [k / length]",
 }
-# Up to this size growths have a linear axis, and larger ones a logarithmic one.
-LINEAR = 0.3
+# Growths above are named at the end of their axis, where they would leave no room for all others.
+LARGE = 0.3
 # A shear modulus below is zero to rounding.
 VANISHING = 1e-7
 
@@ -84,14 +84,15 @@ def response_figure(ds):
         _draw_points(axes, values)
         if name == "G_0":
             axes.set_yscale("log")
-            _draw_vanishing(axes, values)
+            axes.set_ylim(VANISHING, None)
+            for place, n_vanishing in enumerate(np.sum(values < VANISHING, axis=1)):
+                _name_beyond(axes, place, f"{n_vanishing} at 0" if n_vanishing else "", end=0)
         elif name.startswith("C_"):
             axes.axhline(0.0, color="0.4", linewidth=0.8, zorder=0)
-            if np.nanmax(np.abs(values)) > 3 * LINEAR:
-                axes.set_yscale("symlog", linthresh=LINEAR, linscale=2)
-                axes.set_yticks([tick for tick in (-0.3, -0.1, 0, 0.1, 0.3, 1, 3) if tick >= np.nanmin(values) - 0.1])
-                axes.yaxis.set_major_formatter("{x:g}")
-                axes.set_ylim(top=max(axes.get_ylim()[1], 1.5 * np.nanmax(values)))
+            if np.nanmax(values) > LARGE:
+                axes.set_ylim(1.2 * np.nanmin(values), LARGE)
+            for place, row in enumerate(values):
+                _name_beyond(axes, place, ", ".join(f"{value:.2g}" for value in row[row > LARGE]), end=1)
         else:
             axes.set_ylim(0, None)
         axes.set(ylabel=label)
@@ -109,15 +110,13 @@ def _draw_points(axes, values):
             axes.plot([place - 0.35, place + 0.35], [np.median(known)] * 2, color=colour, linewidth=2)
 
 
-def _draw_vanishing(axes, values):
-    """Numbers of values that are zero to rounding, which have no place on a logarithmic axis."""
-    for place, row in enumerate(values):
-        if n_vanishing := int(np.sum(row < VANISHING)):
-            axes.annotate(
-                f"{n_vanishing} at 0", (place, 0), (0, 12), xycoords=axes.get_xaxis_transform(), ha="center",
-                textcoords="offset points", fontsize=9, arrowprops={"arrowstyle": "->", "color": "0.3"},
-            )  # fmt: skip
-    axes.set_ylim(VANISHING, None)
+def _name_beyond(axes, place, text, end):
+    """Name values of a population beyond the lower (0) or the upper (1) end of its axis, with an arrow to that end."""
+    if text:
+        axes.annotate(
+            text, (place, end), (0, 12 - 30 * end), xycoords=axes.get_xaxis_transform(), ha="center",
+            textcoords="offset points", fontsize=9, arrowprops={"arrowstyle": "->", "color": "0.3"},
+        )  # fmt: skip
 
 
 MEASURED = {

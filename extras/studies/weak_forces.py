@@ -10,7 +10,7 @@ Random rest lengths (`random_lengths`) have s = 0.1, not the 0.3 of the paper, s
 
 import numpy as np
 from critflow.studies.shared.checks import voronoi_check
-from critflow.studies.shared.figures import counted, legend_below, lettered, panels
+from critflow.studies.shared.figures import counted, lettered, panels
 from critflow.studies.shared.populations import LABELS, NAMES, PAPER_POPULATIONS, configuration
 from critflow.studies.shared.reports import PAPER, finite, parameters, series, spread
 from critflow.studies.shared.tables import network_study, numbers, outcomes
@@ -136,45 +136,39 @@ def scaling_function(strain):
 
 
 def figure(ds):
-    """Scaling function, deviations at the transition, apparent exponents."""
+    """Scaling function, and deviations of both equations at the transition."""
     kappas = np.array(parameters(ds)["kappas"])
-    made, (left, middle, right) = panels(
-        3,
+    made, (left, right) = panels(
+        2,
         "As κ → 0 tensions of all networks fall on one curve without a free parameter\n"
-        f"({counted(ds)} of {parameters(ds)['n_vertices']} vertices with weak bending κ)",
-        height=3.4,
+        f"({counted(ds)} of {parameters(ds)['n_vertices']} vertices with weak bending κ, in units of k)",
+        height=3.3,
     )
     line = np.linspace(PLACES[0], PLACES[-1], 200)
     left.plot(line, scaling_function(line), color="k", linewidth=1, label="$t^3 - g t^2 = 1$")
     for n, kappa in enumerate(kappas):
         t, label = (ds.relaxed / ds.unit).values[:, n], f"κ = $10^{{{np.log10(kappa):.3g}}}$"
         left.plot(PLACES, np.nanmedian(t, axis=0), linestyle="none", markersize=4, label=label, **series(n))
-    left.set(xlabel="$g = \\gamma/\\gamma_\\times$", ylabel="$t = \\tau/T$", title="tension (medians)")
+    left.set(
+        xlabel="strain over its crossover, $g = \\gamma/\\gamma_\\times$", ylabel="tension over its unit, $t = \\tau/T$"
+    )
+    left.set_title("medians")
+    left.legend(fontsize=9, frameon=False, handlelength=1.2, loc="upper left")
     for n, name in enumerate(("cubic", "full")):
         deviation = 100 * np.abs(ds.relaxed / ds[name] - 1).values[:, :, ONSET]
-        middle.loglog(kappas, np.nanmedian(deviation, axis=0), label=f"{name} equation", markersize=4, **series(2 * n))
-        middle.fill_between(
+        right.loglog(kappas, np.nanmedian(deviation, axis=0), label=f"{name} equation", markersize=4, **series(2 * n))
+        right.fill_between(
             kappas, *np.nanquantile(deviation, [0.1, 0.9], axis=0), color=series(2 * n)["color"], alpha=0.2
         )
-    middle.set(xlabel="κ", ylabel="error of the tension  [%]", title="at $\\gamma = 0$; 80 %")
-    middle.legend(fontsize=9, frameon=False, handlelength=1.2)
-    _draw_exponents(right, ds, kappas)
-    middle.set_ylim(None, 40 * middle.get_ylim()[1])
-    legend_below(made, (left, right), 3)
-    lettered(left, middle, right)
+    right.set(
+        xlabel="strength of bending κ  [k]",
+        ylabel="error of the tension  [%]",
+        title="at $\\gamma = 0$; medians and 80 %",
+    )
+    right.set_ylim(right.get_ylim()[0] / 30, None)  # room for the names
+    right.legend(fontsize=9, frameon=False, handlelength=1.2, loc="lower right")
+    lettered(left, right)
     return made
-
-
-def _draw_exponents(axes, ds, kappas):
-    """Apparent exponents with their standard deviations, and those of κ → 0 dotted."""
-    shown = (("tension_exponent", "$\\tau \\propto \\kappa^a$, $\\gamma = 0$", TENSION_EXPONENT),)
-    shown += (("below_exponent", "$M \\propto |\\gamma|^{-a}$, $\\gamma < 0$", MODULUS_EXPONENT),)
-    shown += (("onset_exponent", "$M \\propto \\kappa^a$, $\\gamma = 0$", 0.0),)
-    for n, (name, label, exact) in enumerate(shown):
-        mean, width = ds[name].mean("seed"), ds[name].std("seed")
-        axes.errorbar(kappas, mean, width, label=label, capsize=2, markersize=4, **series(n))
-        axes.axhline(exact, color=series(n)["color"], linewidth=0.8, linestyle=":")
-    axes.set(xscale="log", xlabel="κ", ylabel="apparent exponent $a$", title="dotted: κ → 0")
 
 
 def population_figure(ds):

@@ -104,11 +104,11 @@ def _draw_compression(axes, ds):
 
 
 def animation(ds):
-    """One network during the ascent, with its modulus."""
+    """One network at every second record of the ascent, with its modulus."""
     one = recorded(ds).isel(seed=0)
     steps, moduli = one.step.values, one.G_0_ascent.values
-    for place in range(len(steps)):
-        figure = Figure(figsize=(WIDTH, 3.5), dpi=76, layout="constrained")
+    for place in reversed(range(len(steps) - 1, -1, -2)):
+        figure = Figure(figsize=(WIDTH, 3.3), dpi=135, layout="constrained")
         network, curve = figure.subplots(1, 2, width_ratios=(1.15, 1))
         _draw(network, one.isel(step=place), width=0.8)
         curve.axhline(float(one.bound), color="0.25", linewidth=1.0, linestyle="--")

@@ -26,8 +26,8 @@ for axes, critical, title in zip(
 ):
     found = ce.local_response(critical, source, targets).value
     draw_response(critical, found, axes)
-    worst = np.abs(found.strains - wanted).max()
-    axes.set_title(f"{title}: largest error {worst:.0e}", fontsize=10)
+    worst = f"{np.abs(found.strains - wanted).max():.1g}".replace("-", "−")
+    axes.set_title(f"{title}: largest error {worst}", fontsize=10)
 figure.legend(
     handles=response_legend(),
     ncols=3,

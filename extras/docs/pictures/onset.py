@@ -20,6 +20,8 @@ for name, colour in (("dilation", "#0072B2"), ("uniaxial", "#009E73"), ("simple_
     onset = critical_strain(network, lengths, name)
     axes.plot(strains, t, color=colour, label=name.replace("_", " "))
     axes.plot(onset.value.strain, 1, "o", color=colour)
-axes.set(xlabel="strain γ", ylabel="t(F(γ))", ylim=(0.94, 1.1))
+for t, side in ((1.004, "rigid"), (0.988, "floppy")):
+    axes.text(0.47, t, side, ha="right", fontsize=9, color="0.35")
+axes.set(xlabel="strain γ", ylabel="longest edge over its rest length,\nleast value $t$", ylim=(0.94, 1.1))
 axes.legend(frameon=False)
 figure.savefig(sys.argv[1] if len(sys.argv) > 1 else Path(__file__).with_suffix(".png"), dpi=80)

@@ -19,7 +19,7 @@ for taut_only, colour, label in ((False, "#0072B2", "all edges"), (True, "#D55E0
     taut = [np.count_nonzero(state.sigma > 1e-9 * state.sigma.max()) for state in path.states]
     axes[0].plot(strains, taut, color=colour, label=label)
     axes[1].plot(strains, path.stress[:, 0, 1], color=colour, label=label)
-axes[0].set(xlabel="strain past the onset", ylabel="taut edges")
-axes[1].set(xlabel="strain past the onset", ylabel="shear stress")
+axes[0].set(xlabel="strain past the onset", ylabel="taut edges", ylim=(0, None))
+axes[1].set(xlabel="strain past the onset", ylabel="shear stress [k]")
 axes[1].legend(frameon=False)
 figure.savefig(sys.argv[1] if len(sys.argv) > 1 else Path(__file__).with_suffix(".png"), dpi=80)

@@ -5,12 +5,13 @@ from critflow.studies.shared.figures import counted, legend_below, lettered, pan
 from critflow.studies.shared.populations import LABELS, PAPER_POPULATIONS
 from critflow.studies.shared.reports import half_point, parameters, series
 from matplotlib.collections import LineCollection
+from matplotlib.ticker import LogLocator
 
 from critflow.pictures import periodic_segments
 from critflow_extras.local.drawing import add_response, response_legend
 
 from ..shared.parts import NARROW
-from .measurements import BINS, KINDS, LIMITED, N_SOURCES, NOISES, REACHED, STRESSES, STYLES
+from .measurements import BINS, KINDS, LIMITED, N_SOURCES, REACHED, STRESSES, STYLES
 
 LOST = 0.1  # error of a response that is lost
 FRAMES, SWING = 16, 0.25  # of the movie, and the largest strain of its source
@@ -34,8 +35,8 @@ def capacity_figure(ds):
     """Success against the number of conditions, and the threshold against size."""
     figure, (left, right) = panels(
         2,
-        f"Conditions of {N_SOURCES} sources that designs meet: responses ±1 (signs), or of any size between\n"
-        f"({counted(ds)} a size)",
+        "The larger a network, the more conditions it meets, but the smaller their part of $N_b - 1$\n"
+        f"({N_SOURCES} sources; signs: responses ±1, amplitudes: any between; {counted(ds)} a size)",
         height=4.2,
     )
     fractions, sizes = np.array(parameters(ds)["fractions"]), np.array(parameters(ds)["sizes"])
@@ -44,14 +45,14 @@ def capacity_figure(ds):
         for k, kind in enumerate(KINDS):
             style = {**series(s), "ls": ("-", ":")[k], "label": f"$N_v$ = {size}, {kind}"}
             left.plot(fractions, part[s, :, k], ms=4, **style)
-    left.set(xlabel="conditions over $N_b - 1$", ylabel="networks with all goals [part]", ylim=(-0.03, 1.05))
+    left.set(xlabel="conditions over $N_b - 1$", ylabel="part of the networks with all goals", ylim=(-0.03, 1.05))
     for k, kind in enumerate(KINDS):
         right.plot(sizes, threshold[:, k] * (1.5 * sizes - 1), ms=5, **series(k), label=f"half succeed, {kind}")
     right.plot(sizes, 1.5 * sizes - 1, "k--", lw=0.8)
     right.text(sizes[-1], 1.5 * sizes[-1], "$N_b - 1$", ha="right", va="bottom", fontsize=9)
     right.plot(sizes, 0.5 * sizes - 1, "k:", lw=0.8)
     right.text(sizes[-1], 0.25 * sizes[-1], "all faces, one source", ha="right", va="top", fontsize=9)
-    right.set(xlabel="$N_v$", ylabel="number of conditions", xlim=(0, None), ylim=(0, None))
+    right.set(xlabel="number of vertices $N_v$", ylabel="number of conditions", xlim=(0, None), ylim=(0, None))
     right.legend(frameon=False, fontsize=9)
     legend_below(figure, left, ncols=3)
     lettered(left, right)
@@ -59,10 +60,10 @@ def capacity_figure(ds):
 
 
 def response_figure(ds):
-    """Untrained responses by distance; deviations of trained ones by stress and by errors of the rest lengths."""
-    figure, (left, middle, right) = panels(
-        3,
-        "Designs have responses of ±1 at no stress, or at the stress that they are for\n"
+    """Untrained responses by distance; deviations of trained ones by stress."""
+    figure, (left, right) = panels(
+        2,
+        "Untrained responses fall with the distance; trained ones are ±1 at their stress\n"
         f"({counted(ds)} of {parameters(ds)['n_vertices']} vertices, medians; random ℓ: s = {NARROW['spread']:g})",
         height=4.4,
     )
@@ -70,32 +71,35 @@ def response_figure(ds):
     for n, population in enumerate(PAPER_POPULATIONS):
         left.semilogy(middles, ds.typical[:, n].mean("seed"), ms=4, **series(n), label=LABELS[population])
     left.set(xlabel="distance [$\\sqrt{V/N_v}$]", ylabel="median |η|", title="untrained")
+    left.yaxis.set_minor_locator(LogLocator(subs=(2, 5)))
+    left.yaxis.set_minor_formatter("{x:g}")
+    left.yaxis.set_major_formatter("{x:g}")
     low, high = left.get_ylim()
     left.set_ylim(low * (low / high) ** 0.8, high)  # room for the names
     left.legend(frameon=False, fontsize=8, ncols=2, loc="lower center", columnspacing=0.6, handlelength=1)
     loads = parameters(ds)["loads"]
     for s, style in enumerate(STYLES):
         for n in sorted({len(loads) // 3, len(loads) - 1}):
-            text = {"free": "", "limited": f", σ > {LIMITED:g}⟨σ⟩", "stressed": ", for t = 1e-3"}[style]
+            text = {"free": "", "limited": f", σ > {LIMITED:g}⟨σ⟩", "stressed": ", for t = $10^{-3}$ k"}[style]
             kind = {**series(n), "ls": ("-", ":", "--")[s], "label": f"{loads[n]:.0%} of the faces{text}", "ms": 4}
             reached = (ds.trained_error[:, s, n] < REACHED).values
-            for axes, x, values in ((middle, STRESSES, ds.past_error), (right, NOISES, ds.noise_error)):
-                rows = values[:, s, n].values[reached]
-                if len(rows):
-                    axes.loglog(x, np.median(rows, axis=0), **kind)
-    for axes in (middle, right):
-        axes.axhline(LOST, color="0.7", lw=0.8)
-    middle.set_ylim(bottom=1e-6)
-    middle.set(xlabel="stress t  [k]", ylabel="largest deviation from ±1", title="trained, under stress")
-    right.set(xlabel="errors of lengths", title="the same, t = 1e-3")
-    legend_below(figure, middle, ncols=2)
-    lettered(left, middle, right)
+            if len(rows := ds.past_error[:, s, n].values[reached]):
+                right.loglog(STRESSES, np.median(rows, axis=0), **kind)
+    right.axhline(LOST, color="0.7", lw=0.8)
+    right.set(xlabel="stress t  [k]", ylabel="largest deviation from ±1", title="trained, under stress; grey: lost")
+    legend_below(figure, right, ncols=2)
+    lettered(left, right)
     return figure
 
 
 def network_figure(ds):
     """One network before and after training: widths by tension, displacements, source and targets."""
-    figure, axes = panels(2, "Eight targets of one source before and after training", height=4.2)
+    figure, axes = panels(
+        2,
+        "A design makes eight targets grow or shrink by as large a part as their source\n"
+        "(in the stiffest network they change less)",
+        height=4.4,
+    )
     one = ds.isel(seed=0)
     for n, (ax, title) in enumerate(zip(axes, ("stiffest network", "trained"), strict=True)):
         draw_stage(ax, one, n)

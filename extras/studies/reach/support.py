@@ -70,10 +70,10 @@ def response(critical):
     return 0.5 * np.array([[xx + yy, xx - yy], [errors, errors]]) / np.sqrt(critical.network.volume)
 
 
-def ratio_and_bulk(responses):
-    """ν and B_0 of responses (..., 2)."""
+def poisson_ratio(responses):
+    """ν = S_xx/S_yy of responses (..., 2)."""
     mean, difference = np.moveaxis(responses, -1, 0)
-    return (mean + difference) / (mean - difference), mean**2
+    return (mean + difference) / (mean - difference)
 
 
 def work(ds, responses):
@@ -89,25 +89,17 @@ def attained(ds):
 
 
 def figure(ds):
-    """Both reaches of one network, the part of the support that σ > 0 attains in all, and Poisson's ratios."""
-    figure, (left, middle, right) = panels(
-        3,
+    """Both reaches of one network, and the part of the support that σ > 0 attains in all."""
+    figure, (left, right) = panels(
+        2,
         "Stresses of any sign attain every response that the bound allows, positive ones those near\n"
         f"dilation, all with a positive Poisson's ratio ({counted(ds)} of {parameters(ds)['n_vertices']} vertices)",
-        height=3.7,
-        width_ratios=(1.15, 1, 1),
+        height=4.1,
     )
-    thresholds = parameters(ds)["thresholds"]
-    draw_network_reach(left, ds.isel(seed=0), thresholds)
-    draw_parts(middle, ds)
-    for n, responses in enumerate((ds.signed.values, ds.tensile.values[:, :, -1])):
-        ratio, bulk = ratio_and_bulk(responses.reshape(-1, 2))
-        right.scatter(ratio, bulk, s=(22, 8)[n], **series((0, len(thresholds))[n]), alpha=0.6, linewidths=0)
-    right.axvline(0, color="0.6", lw=0.8)
-    right.set(xlabel="Poisson's ratio $\\nu$", ylabel="$B_0$  [k]", xlim=(-1.5, 5.5), ylim=(0, None))
-    right.set_title("largest $B_0$ at a ratio")
+    draw_network_reach(left, ds.isel(seed=0), parameters(ds)["thresholds"])
+    draw_parts(right, ds)
     legend_below(figure, left, ncols=3)
-    lettered(left, middle, right)
+    lettered(left, right)
     return figure
 
 
@@ -143,7 +135,7 @@ def draw_network_reach(axes, one, thresholds):
         axes.scatter(*one.tensile.values[:, n].T / unit, s=14, label=label, **series(1 + n))
     edge = np.array([0, 1.15])
     axes.fill_between(edge, -edge, edge, color="0.94", zorder=-1)
-    axes.text(-0.85, 0, "shaded:\nS positive\ndefinite", fontsize=9, color="0.35", va="center")
+    axes.text(-0.9, 0, "shaded:\n$\\nu = S_{xx}/S_{yy} > 0$", fontsize=9, color="0.35", va="center")
     axes.set(
         xlabel="$(S_{xx} + S_{yy})/2\\sqrt{VD}$", ylabel="$(S_{xx} - S_{yy})/2\\sqrt{VD}$",
         xlim=(-1.15, 1.15), ylim=(-1.15, 1.15), aspect="equal", title="one network, over its bound",
@@ -153,7 +145,7 @@ def draw_network_reach(axes, one, thresholds):
 def claims(ds):
     """The part of the reach that positive stresses attain, and their Poisson's ratios."""
     tensile = attained(ds)[..., -1]
-    signed, stretched = (finite(ratio_and_bulk(values)[0]) for values in (ds.signed.values, ds.tensile.values))
+    signed, stretched = (finite(poisson_ratio(values)) for values in (ds.signed.values, ds.tensile.values))
     n = plural(ds.sizes["seed"], "network")
     return [
         Claim(
