@@ -126,7 +126,7 @@ class LoadedManifold(CriticalManifold):
     def __init__(self, manifold: CriticalManifold, forces: Array, weight: Array | None = None):
         self.__dict__.update(manifold.__dict__)
         self.forces, self.weight = forces, weight
-        self.geometry = LoadedGeometry(self.network, forces[self.network.free])
+        self.geometry = LoadedGeometry(manifold.geometry, forces[self.network.free])
 
     def balance(self, sigma: Array, factor: Factor | None = None) -> Balance:
         """The configuration of σ under the loads with the factor for its derivatives; NaN where none is found.
@@ -220,8 +220,8 @@ class LoadedManifold(CriticalManifold):
 class LoadedGeometry(ExtendedGeometry):
     """As `ExtendedGeometry`, with the forces on the free vertices (n_free, d) subtracted from those of the edges."""
 
-    def __init__(self, network: Network, forces: Array):
-        super().__init__(network)
+    def __init__(self, geometry: ExtendedGeometry, forces: Array):
+        self.__dict__.update(geometry.__dict__)
         self._forces = extended(-forces)
 
     def tension_forces(self, sigma: Extended, L: Extended) -> Extended:
