@@ -27,7 +27,7 @@ from critflow.checks import edge_values, finite_rows, floats
 from critflow.double_double import Extended, add, extended
 from critflow.manifold import Balance, CriticalManifold, ForceBalance
 from critflow.networks import Array, Network
-from critflow.numerics import EPS, norms, set_read_only
+from critflow.numerics import norms, set_read_only
 from critflow.refinement import SAFETY, ExtendedGeometry
 from critflow.result import InputError, Record, Stats, Status
 from critflow.sparse import Factor
@@ -201,11 +201,13 @@ class LoadedManifold(CriticalManifold):
         return np.full_like(x, np.nan), np.full_like(L, np.nan), None
 
     def _left(self, rough: Balance, L: Array, error: float) -> float:
-        """Bound (estimate) on the change of a coordinate that the weights at L ask for, beyond those held."""
+        """Bound (estimate) on the change of a coordinate by the weights at L, beyond those held and rounded."""
         assert self.weight is not None
         lengths, d = norms(L), L.shape[1]
-        change = np.abs(norms(rough.bond_vectors) - lengths) + 2 * np.sqrt(d) * error + 4 * EPS * lengths
-        force = (halves(self.network)[self.network.free] @ (np.abs(self.weight) * change[:, None])).ravel()
+        change = np.abs(norms(rough.bond_vectors) - lengths) + 2 * np.sqrt(d) * error
+        all_loads = loads_on(self.network, np.abs(self.forces), np.abs(self.weight), L)
+        force = halves(self.network) @ (np.abs(self.weight) * change[:, None]) + self.geometry.roundings * all_loads
+        force = force[self.network.free].ravel()
         lu: SuperLU = rough.factor.factor  # type: ignore[attr-defined]
         # ‖A⁻¹ diag(r)‖∞ is the largest column sum of its transpose.
         scaled = LinearOperator(
