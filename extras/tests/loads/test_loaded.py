@@ -145,8 +145,9 @@ def test_weights_without_balance_have_a_status():
     assert np.isnan(found.value.coordinates).all() and np.isnan(found.value.error_bound)
 
 
-def test_no_stress_on_a_part_has_no_configuration():
-    found = loaded(rope(4, 4), [1, 0, 0, 1], (0, -1.0), throw=False)
+@pytest.mark.parametrize("weight", [None, (0, -0.1)])
+def test_no_stress_on_a_part_has_no_configuration(weight):
+    found = loaded(rope(4, 4), [1, 0, 0, 1], (0, -1.0), weight, throw=False)
     assert found.status is Status.singular and np.isnan(found.value.coordinates).all()
 
 
