@@ -32,6 +32,7 @@ from .inference.nearest import nearest_critical as nearest_critical
 from .large.choice import fastest_solver as fastest_solver
 from .large.choice import installed_solvers as installed_solvers
 from .large.condensed import CondensedSaddle as CondensedSaddle
+from .loads.loaded import loaded as loaded
 from .local.diagonals import face_diagonals as face_diagonals
 from .local.diagonals import response_name as response_name
 from .local.drawing import draw_response as draw_response

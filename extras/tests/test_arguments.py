@@ -50,6 +50,7 @@ OF_FUNCTION = {
     "design": {"targets": {"B_0": 0.1}, "initial": np.ones(6), "signs": "positive"},
     "isotropic_targets": {"youngs_modulus": 1.0, "poissons_ratio": 0.2},
     "prune_towards": {"targets": {"B_0": 0.1}},
+    "loaded": {"forces": np.zeros((4, 2))},
     "local_response": {"springs": CRITICAL, "source": (0, 2, (0, 0)), "targets": [(1, 3, (0, 0))]},
     "face_diagonals": {"network": HEXAGONS},
     "response_name": {"source": (0, 2, (0, 0)), "target": (1, 3, (0, 0))},

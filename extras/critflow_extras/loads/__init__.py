@@ -1,0 +1,1 @@
+"""Networks under loads: forces on the vertices and weights of the edges, and their design."""
