@@ -246,8 +246,9 @@ def stored_configuration(case: Any) -> dict[str, np.ndarray | None]:
     if missing := [name for name in ("edges", "offsets", "cell", "position") if name not in case]:
         raise InputError(f"this dataset contains no configurations: it lacks {', '.join(missing)}")
     if several := [str(dim) for dim in case["position"].dims if dim not in ("vertex", "axis")]:
+        # Words of a file are an array of objects, whose entries have no `item`.
         example = ", ".join(
-            f"{dim}={case[dim].values[0].item()!r}" if dim in case.coords else f"{dim}=0" for dim in several
+            f"{dim}={case[dim].values.tolist()[0]!r}" if dim in case.coords else f"{dim}=0" for dim in several
         )
         chosen = f"dataset.sel({example})" if set(several) <= set(case.coords) else f"dataset.isel({example})"
         raise InputError(f"choose one {' and one '.join(several)} of the dataset, as in {chosen}")
