@@ -181,9 +181,14 @@ def _tabular(path: Path) -> Path:
     """The path, if its ending is that of tables."""
     if path.suffix == ".nc":
         raise InputError("it is a dataset of networks: give one case of it, xarray.open_dataset(file).sel(seed=0, ...)")
-    if path.suffix.lower() not in _SEPARATORS:
+    if not is_tabular(path):
         raise InputError(f"the ending of {path.name} is none of {', '.join(_SEPARATORS)}, those of tables: choose one")
     return path
+
+
+def is_tabular(path: Path) -> bool:
+    """Whether the ending of a path is that of tables."""
+    return path.suffix.lower() in _SEPARATORS
 
 
 def table_paths(path: Path) -> tuple[Path, Path]:
