@@ -171,7 +171,7 @@ def require_other(out: Path, files: Sequence[Path]) -> None:
 
 # A keyword of `network_from` or `write_network` in a sentence, such as pins='hull' or nearest=True.
 _KEYWORD = re.compile(
-    rf"\b({'|'.join((*_HINTS, 'copies', 'size', 'radius', 'by_stiffness', 'change'))})=('?)([\w.]*)\2"
+    rf"\b({'|'.join((*_HINTS, 'copies', 'size', 'radius', 'by_stiffness', 'change'))})=('?)([\w.+-]*)\2"
 )
 # What sentences of the library call functions, in the words of the command.
 _IN_SHELL = {
@@ -179,6 +179,7 @@ _IN_SHELL = {
     "nearest_critical(network, coordinates) restores": "critflow make FILE --objective nearest restores",
     "nearest_critical restores": "critflow make FILE --objective nearest restores",
     "prune_towards(": "in Python, prune_towards(",
+    "design(..., change='stiffness') changes": "--change stiffness changes",
 }
 
 

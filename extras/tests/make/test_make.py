@@ -91,6 +91,8 @@ def test_poissons_ratio_of_springs_at_rest(tmp_path, capsys):
         (["make", "h.csv", "--out", "m.csv", "--objective", ""], "--objective needs a name"),
         (["convert", "h.csv", "h.stl", "--radius", "1e300"], "--radius 1e+300 must be positive and at most"),
         (["make", "t.csv", "--out", "m.csv", "--target", "C_B=0"], "in Python, prune_towards("),
+        (["make", "t.csv", "--out", "m.csv", "--target", "C_B=0"], "and --change stiffness changes springs at rest"),
+        (["convert", "h.csv", "h.svg", "--size", "-5"], "--size -5 must be positive"),
         (["make", "h.csv", "--out", "h.csv"], "h.csv would overwrite h_edges.csv"),
         (["make", "h_edges.csv", "h_vertices.csv", "--out", "./h.csv"], "would overwrite h_edges.csv"),
         (["convert", "h.csv", "h_edges.csv"], "would overwrite h_edges.csv"),
