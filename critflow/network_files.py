@@ -346,7 +346,10 @@ def _ends(edges: pd.DataFrame, vertices: pd.DataFrame) -> IntArray:
     ends = [[str(name).strip() for name in edges[end]] for end in ("tail", "head")]
     rows = np.array([names.get_indexer(column) for column in ends]).T
     for edge, end in np.argwhere(rows < 0)[:1]:
-        raise InputError(f"edge {edge} ends at {ends[end][edge]!r:.40}, which is no id of a vertex: add or correct it")
+        raise InputError(
+            f"edge {edge} ends at {ends[end][edge]!r:.40}, which is no id of a vertex: add or correct it "
+            "(edges count from 0)"
+        )
     return rows
 
 
@@ -359,7 +362,10 @@ def _numbers(table: pd.DataFrame, column: str) -> Array:
         except (TypeError, ValueError):
             numbers[row] = np.nan
         if not np.isfinite(numbers[row]):
-            raise InputError(f"row {row + 1} of column {column} has {entry!r:.40}, which is no number: correct it")
+            raise InputError(
+                f"row {row + 1} of column {column} has {entry!r:.40}, which is no number: correct it "
+                "(rows count from 1)"
+            )
     return numbers
 
 
@@ -381,7 +387,10 @@ def _require_single(network: Network) -> None:
     for row, ((tail, head), offset) in enumerate(zip(network.edges.tolist(), network.offsets.tolist(), strict=True)):
         edge = min((tail, head, *offset), (head, tail, *(-image for image in offset)))
         if (other := first.setdefault(edge, row)) != row:
-            raise InputError(f"edge {row} is edge {other} again, in this or the other direction: list each edge once")
+            raise InputError(
+                f"edge {row} is edge {other} again, in this or the other direction: list each edge once "
+                "(edges count from 0)"
+            )
 
 
 def require_folder(path: Path) -> None:

@@ -56,7 +56,7 @@ def main(words: Sequence[str] | None = None) -> int:
         return fail("interrupted: run the same command again", INTERRUPTED)
     except click.ClickException as error:
         message = error.format_message().replace(". Did you mean", ", did you mean").rstrip(".?")
-        if isinstance(error, click.exceptions.NoSuchCommand):
+        if isinstance(error, click.exceptions.NoSuchCommand) and "did you mean" not in message:
             message += more("commands, such as examine and convert")
         forgotten = "extra argument" in message and "=" in message
         path = getattr(getattr(error, "ctx", None), "command_path", "critflow")
