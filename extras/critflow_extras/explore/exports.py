@@ -7,6 +7,7 @@ import threading
 import zipfile
 from io import BytesIO
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -27,12 +28,13 @@ def picture_file(session: Session, suffix: str, colour: str = "tension") -> tupl
         raise InputError("a picture is .png, .svg or .pdf")
     state = session.state
     shown = state.springs or state.critical
-    thing, lengths, words = shown, shown.lengths, QUANTITIES[colour]
-    values: Array | None = edge_values(colour, shown.sigma, lengths, shown.network.stiffness)
+    thing: Any = shown
+    words, network = QUANTITIES[colour], state.model.network
+    values: Array | None = edge_values(colour, shown.sigma, shown.lengths, network.stiffness)
     if state.given is not None:
         # A file as given is the network at its own positions, without tensions: `draw` shows its stiffnesses.
-        thing = state.model.network
-        values = np.linalg.norm(thing.bond_vectors(state.given), axis=1) if colour == "length" else None
+        thing = network
+        values = np.linalg.norm(network.bond_vectors(state.given), axis=1) if colour == "length" else None
         words = words if colour == "length" else "springs at rest"
     with _DRAWING, tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / f"critflow{suffix}"
