@@ -321,7 +321,9 @@ def check_support(
     loose = np.flatnonzero(degree <= 1)
     if len(loose):
         support = "no edge" if degree[loose[0]] == 0 else "a single edge, which cannot carry tension"
-        raise NetworkError(f"vertex {loose[0]} hangs on {support}: remove it, or use pruned(...){from_zero}")
+        raise NetworkError(
+            f"vertex {loose[0]} hangs on {support}: remove it, or use pruned(...) of critflow-extras{from_zero}"
+        )
     if len(pins) == n_vertices or n_vertices == 1:
         raise NetworkError("no vertex is free to move, so there is nothing to find: add vertices or remove pins")
     # All pins belong to one support, so they count as joined.
@@ -331,13 +333,13 @@ def check_support(
         stray = int(np.flatnonzero(part != part[0])[0])
         raise NetworkError(
             f"the network falls into {n_parts} parts that no edge joins (vertices 0 and {stray} are in two of them): "
-            "keep one part (pruned(...) keeps the largest), or make a network of each"
+            "keep one part (pruned(...) of critflow-extras keeps the largest), or make a network of each"
         )
     block, cycle_gain = blocks(edges, offsets, cell, pins, n_vertices)
     collapsing = ~opened_edges(block, cycle_gain)
     if cell is None:
         collapsing &= np.bincount(block)[block] == 1
-    _refuse(edges, collapsing, "use pruned(...), or correct its offsets")
+    _refuse(edges, collapsing, "use pruned(...) of critflow-extras, or correct its offsets")
 
 
 def check_opened(

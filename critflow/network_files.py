@@ -181,9 +181,14 @@ def _tabular(path: Path) -> Path:
     """The path, if its ending is that of tables."""
     if path.suffix == ".nc":
         raise InputError("it is a dataset of networks: give one case of it, xarray.open_dataset(file).sel(seed=0, ...)")
-    if path.suffix.lower() not in _SEPARATORS:
+    if not is_tabular(path):
         raise InputError(f"the ending of {path.name} is none of {', '.join(_SEPARATORS)}, those of tables: choose one")
     return path
+
+
+def is_tabular(path: Path) -> bool:
+    """Whether the ending of a path is that of tables."""
+    return path.suffix.lower() in _SEPARATORS
 
 
 def table_paths(path: Path) -> tuple[Path, Path]:
@@ -246,8 +251,9 @@ def stored_configuration(case: Any) -> dict[str, np.ndarray | None]:
     if missing := [name for name in ("edges", "offsets", "cell", "position") if name not in case]:
         raise InputError(f"this dataset contains no configurations: it lacks {', '.join(missing)}")
     if several := [str(dim) for dim in case["position"].dims if dim not in ("vertex", "axis")]:
+        # Words of a file are an array of objects, whose entries have no `item`.
         example = ", ".join(
-            f"{dim}={case[dim].values[0].item()!r}" if dim in case.coords else f"{dim}=0" for dim in several
+            f"{dim}={case[dim].values.tolist()[0]!r}" if dim in case.coords else f"{dim}=0" for dim in several
         )
         chosen = f"dataset.sel({example})" if set(several) <= set(case.coords) else f"dataset.isel({example})"
         raise InputError(f"choose one {' and one '.join(several)} of the dataset, as in {chosen}")
@@ -340,7 +346,10 @@ def _ends(edges: pd.DataFrame, vertices: pd.DataFrame) -> IntArray:
     ends = [[str(name).strip() for name in edges[end]] for end in ("tail", "head")]
     rows = np.array([names.get_indexer(column) for column in ends]).T
     for edge, end in np.argwhere(rows < 0)[:1]:
-        raise InputError(f"edge {edge} ends at {ends[end][edge]!r:.40}, which is no id of a vertex: add or correct it")
+        raise InputError(
+            f"edge {edge} ends at {ends[end][edge]!r:.40}, which is no id of a vertex: add or correct it "
+            "(edges count from 0)"
+        )
     return rows
 
 
@@ -353,7 +362,10 @@ def _numbers(table: pd.DataFrame, column: str) -> Array:
         except (TypeError, ValueError):
             numbers[row] = np.nan
         if not np.isfinite(numbers[row]):
-            raise InputError(f"row {row + 1} of column {column} has {entry!r:.40}, which is no number: correct it")
+            raise InputError(
+                f"row {row + 1} of column {column} has {entry!r:.40}, which is no number: correct it "
+                "(rows count from 1)"
+            )
     return numbers
 
 
@@ -375,7 +387,10 @@ def _require_single(network: Network) -> None:
     for row, ((tail, head), offset) in enumerate(zip(network.edges.tolist(), network.offsets.tolist(), strict=True)):
         edge = min((tail, head, *offset), (head, tail, *(-image for image in offset)))
         if (other := first.setdefault(edge, row)) != row:
-            raise InputError(f"edge {row} is edge {other} again, in this or the other direction: list each edge once")
+            raise InputError(
+                f"edge {row} is edge {other} again, in this or the other direction: list each edge once "
+                "(edges count from 0)"
+            )
 
 
 def require_folder(path: Path) -> None:

@@ -194,6 +194,7 @@ import critflow as cf
 network = cf.lattice("honeycomb", 2, 2)
 for call in (
     lambda: cf.design,
+    lambda: cf.optimise,
     lambda: cf.quantity(network, "onset[dilation]"),
     lambda: cf.optimize(network, "C_B"),
 ):
@@ -208,8 +209,10 @@ def test_python_without_critflow_extras(scene_alone):
     out, err, code = scene_alone(PYTHON)
     assert code == 0, err
     kinds = [line.split()[0] for line in out.splitlines()]
-    assert kinds == ["AttributeError", "InputError", "InputError"]
-    assert all("critflow-extras has more" in line and "pip install" in line for line in out.splitlines())
+    assert kinds == ["AttributeError", "AttributeError", "InputError", "InputError"]
+    found, misspelt, *others = out.splitlines()
+    assert "did you mean 'optimize'?" in misspelt and "critflow-extras" not in misspelt
+    assert all("critflow-extras has more" in line and "pip install" in line for line in (found, *others))
 
 
 def test_a_function_that_needs_critflow_extras_says_so(scene_alone):

@@ -393,7 +393,7 @@ COMMANDS = {
     ),
     "show no dataset": (["show", "nowhere.nc"], 2, "there is no dataset nowhere.nc", "run the study first"),
     "show a folder": (["show", "folder"], 2, "folder is a folder", "give the dataset NAME.nc in it"),
-    "show a text": (["show", "text.txt"], 4, "text.txt is damaged", "run the study again"),
+    "show a text": (["show", "text.txt"], 2, "text.txt is no dataset", "give a file NAME.nc"),
 }
 
 test_a_wrong_call_gives_its_kind_of_error_and_its_sentence = give_their_sentences(CALLS)

@@ -18,6 +18,7 @@ With `network=FILE` the network is that of a file; seeds are then those of rando
 """
 
 import textwrap
+from functools import partial
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -336,7 +337,7 @@ study = Study(
     ),
     case=case,
     check=check,
-    complete=with_digest,
+    complete=partial(with_digest, 1000),
     variables=table(planar=True),
     figures={"gallery": gallery, "structure": structure_figure, "response": response_figure},
     needs={

@@ -57,7 +57,7 @@ def main(words: Sequence[str] | None = None) -> int:
         return fail("interrupted: run the same command again", INTERRUPTED)
     except click.ClickException as error:
         message = error.format_message().replace(". Did you mean", ", did you mean").rstrip(".?")
-        if isinstance(error, click.exceptions.NoSuchCommand):
+        if isinstance(error, click.exceptions.NoSuchCommand) and "did you mean" not in message:
             message += more("commands, such as examine and convert")
         forgotten = "extra argument" in message and "=" in message
         path = getattr(getattr(error, "ctx", None), "command_path", "critflow")
@@ -112,6 +112,9 @@ def app() -> None:
 
 
 folder_argument = click.argument("folder", metavar="DIR", type=Path, help="A results folder.")
+study_option = click.option(
+    "--study", default="", metavar="NAME|FILE", help="The study of a folder that was moved away from its study file."
+)
 
 
 def refuse_batch(context: click.Context, option: click.Parameter, value: str | None) -> None:
@@ -253,10 +256,11 @@ def list_studies(study: str) -> None:
 
 @app.command()
 @folder_argument
+@study_option
 @click.option("--json", "as_json", is_flag=True, help="Print JSON, with every case that is not done.")
-def status(folder: Path, as_json: bool) -> None:
+def status(folder: Path, study: str, as_json: bool) -> None:
     """Count the cases of a folder that are done, failed and missing."""
-    results = Folder(folder)
+    results = Folder(folder, study)
     note, (_, selection) = results.read_note(), results.selection()
     states, code = results.states(selection), code_version(selection.study)
     found, always = Counter(one.state for one in states), (DONE, FAILED, MISSING)
@@ -291,6 +295,7 @@ def status(folder: Path, as_json: bool) -> None:
 
 @app.command()
 @folder_argument
+@study_option
 @click.option(
     "--sample",
     type=click.IntRange(min=0),
@@ -299,13 +304,13 @@ def status(folder: Path, as_json: bool) -> None:
     metavar="N",
     help="Cases that are computed again.",
 )
-def verify(folder: Path, sample: int) -> int:
+def verify(folder: Path, study: str, sample: int) -> int:
     """Read every byte of a folder, and recompute its physics.
 
     The physics of the stored arrays, and a sample of the cases."""
     from critflow.engine.verify import OTHER_CODE, verify_folder
 
-    results = Folder(folder)
+    results = Folder(folder, study)
     problems, stored, physics, computed = verify_folder(results, sample)
     for problem in problems:
         warn(problem)
@@ -322,15 +327,16 @@ def verify(folder: Path, sample: int) -> int:
 
 @app.command()
 @folder_argument
+@study_option
 @click.option("--format", default="png", show_default=True, metavar="png|pdf|svg", help="Format of the figures.")
-def figures(folder: Path, format: str) -> None:
+def figures(folder: Path, study: str, format: str) -> None:
     """Draw the figures and write the claims of a folder again.
 
     From its dataset, or from what a stopped run stored."""
     from critflow.engine.report import write_report
     from critflow.engine.run import write_partial_dataset
 
-    results = Folder(folder)
+    results = Folder(folder, study)
     _, selection = results.selection()
     if not dataset_files(results.dataset(selection.study.name)):
         warn(write_partial_dataset(results, {"history": "critflow figures"}))
@@ -351,6 +357,8 @@ def show(file: Path, settings: Sequence[str], out: Path | None) -> None:
 
     if file.is_dir():
         raise InputError(f"{file} is a folder: give the dataset NAME.nc in it")
+    if file.is_file() and ".nc" not in file.suffixes:
+        raise InputError(f"{file} is no dataset: give a file NAME.nc of critflow run; read_network reads tables")
     with opened_dataset(file) as dataset:
         if settings or out:
             from critflow.command.cases import draw_case

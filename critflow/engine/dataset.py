@@ -70,12 +70,14 @@ class Assembly:
     """The dataset of a selection in pieces along its first axis, so that one piece at a time is in memory.
 
     states  those of its cases; without a shard a case has fill values and the status `missing` or `failed`
+    word    the study as a word of the command, its name by default
 
     Where the code of the cases differs there is a further variable, `code`; where their libraries do, `environment`.
     """
 
-    def __init__(self, selection: Selection, shards: Path, states: Sequence[CaseState]):
+    def __init__(self, selection: Selection, shards: Path, states: Sequence[CaseState], word: str = ""):
         study, self.selection, self.shards = selection.study, selection, shards
+        self.word = word or study.name
         self.records = {one.case.id: one.record for one in states if one.record}
         self.failed = {one.case.id for one in states if one.state == FAILED}
         self.origins = {name: sorted({getattr(one, name) for one in self.records.values()}) for name in _ORIGINS}
@@ -242,7 +244,7 @@ class Assembly:
         volatile = " shards_sha256" * any(v.volatile for v in self.variables)
         codes = counted_cases(Counter(record.code for record in self.records.values()))
         attributes = {
-            "summary": summary_text(self.selection, self.inner, self.outcomes, codes),
+            "summary": summary_text(self.word, self.selection, self.inner, self.outcomes, codes),
             "cases_code": codes,
             "cases_environment": counted_cases(self.environments),
             "shards_sha256": f"{self.checksum % 2**256:064x}",
@@ -380,10 +382,15 @@ def _meaning(long_name: str, units: str, content: str = "coordinate") -> dict[st
 
 
 def summary_text(
-    selection: Selection, sizes: Mapping[str, int], outcomes: Mapping[tuple[str, Status, bool], int], codes: str
+    word: str,
+    selection: Selection,
+    sizes: Mapping[str, int],
+    outcomes: Mapping[tuple[str, Status, bool], int],
+    codes: str,
 ) -> str:
-    """What a dataset is, how and by which code it was made, what is missing, and how to select good members.
+    """What a dataset is, how and by which code it was made, what is missing, and how to select valid members.
 
+    word      the study as a word of the command
     sizes     of the inner dimensions
     outcomes  number of cases by the value of the last axis, the status, and whether their numbers are sound
     codes     the code that computed the cases, with their numbers
@@ -396,7 +403,7 @@ def summary_text(
     changed = {axis.key: selection.axes[axis.name] for axis in study.axes if selection.axes[axis.name] != axis.values}
     changed |= {k: v for k, v in selection.parameters.items() if v != study.parameters[k]}
     changed |= {"variables": study.selected} if study.selected else {}
-    words = ("critflow run", study.name, *(f"--set {key}={spelled(value)}" for key, value in changed.items()))
+    words = ("critflow run", word, *(f"--set {key}={spelled(value)}" for key, value in changed.items()))
     settings = ", ".join(f"{key}={spelled(value)}" for key, value in selection.parameters.items())
     lines = [
         f"{study.title} (study {study.name}, version {study.version})",
@@ -410,7 +417,7 @@ def summary_text(
     names = {variable.name for variable in study.variables}
     numbers = [v.name for v in study.variables if v.dtype[0] == "f" and set(v.dims) == set(study.axis_names)][:2]
     if numbers:
-        lines.append(f"good members: ds[{numbers}].where(ds.valid); the whole dataset is not masked")
+        lines.append(f"valid members: ds[{numbers}].where(ds.valid); the whole dataset is not masked")
     if {"edges", "offsets", "cell", "position"} <= names:
         one = {axis.name: selection.axes[axis.name][-1] for axis in study.axes}
         chosen = ", ".join(f"{name}={value!r}" for name, value in one.items())
@@ -420,13 +427,13 @@ def summary_text(
 
 
 def _outcome_lines(axis: str, outcomes: Mapping[tuple[str, Status, bool], int]) -> list[str]:
-    """Numbers of good, other, failed and missing cases, with a line for each word of the last axis."""
+    """Numbers of cases by status, ok first and others marked if valid, with a line for each word of the last axis."""
     rows: dict[str, Counter[str]] = {}
     for (group, status, sound), count in outcomes.items():
-        name = "good" if status is Status.ok else f"{status.name}{', sound' * (sound and status is not Status.ok)}"
+        name = f"{status.name}{', valid' * (sound and status is not Status.ok)}"
         rows.setdefault(group, Counter())[name] += count
     counted = {
-        group: ", ".join(f"{count} {name}" for name, count in sorted(row.items(), key=lambda one: one[0] != "good"))
+        group: ", ".join(f"{count} {name}" for name, count in sorted(row.items(), key=lambda one: one[0] != "ok"))
         for group, row in rows.items()
     }
     if len(set(counted.values())) == 1:

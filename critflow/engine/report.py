@@ -139,6 +139,8 @@ def texts(study: Study, name: str, dataset: xr.Dataset) -> list[bytes]:
     # In Markdown a list for each kind; the note on the dataset stands below the title.
     note = _code_note(dataset)
     lines = [f"# {study.title}", *(["", f"{note[0].upper()}{note[1:]}."] if note else [])]
+    if not claims:
+        lines += ["", "No statement is tested: those of this study are on generated networks, with all that it runs."]
     for kind in KINDS:
         if of_kind := [claim for claim in claims if claim.kind == kind]:
             lines += ["", f"## {KINDS[kind].capitalize()}", ""]

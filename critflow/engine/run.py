@@ -112,7 +112,7 @@ def run_study(
         _compute(loaded, plan, folder, workers)
         states, path = folder.states(plan.selection), folder.dataset(study.name)
         say(f"{study.name}: writing the dataset of {plural(len(states), 'case')}")
-        write_dataset(Assembly(plan.selection, folder.shards, states), path, origin)
+        write_dataset(Assembly(plan.selection, folder.shards, states, folder.word()), path, origin)
         if parts := dataset_files(path)[1:]:
             say(f"{study.name}: {len(parts) + 1} files {path.stem}-part*.nc, which xarray.open_mfdataset opens as one")
         failed = {one.case.id: one.reason for one in states if one.state == FAILED and one.case.id in plan.requested}
@@ -146,7 +146,7 @@ def write_partial_dataset(folder: Folder, origin: Mapping[str, str]) -> str:
         if not complete:
             raise StudyError(f"no dataset and {sizes} complete in {folder.path}: {_RESUME}")
         partial = replace(selection, axes={**selection.axes, axis.name: complete})
-        assembly = Assembly(partial, folder.shards, folder.states(partial))
+        assembly = Assembly(partial, folder.shards, folder.states(partial), folder.word())
         write_dataset(assembly, folder.dataset(partial.study.name), origin)
     return f"{sizes} are complete: {_RESUME}"
 

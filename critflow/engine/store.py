@@ -342,10 +342,13 @@ class CaseState(NamedTuple):
 
 
 class Folder:
-    """Paths of one results folder, its lock, its note and the state of its cases."""
+    """Paths of one results folder, its lock, its note and the state of its cases.
 
-    def __init__(self, path: Path):
-        self.path = path
+    study  name or file of its study; by default as in the note of the last run
+    """
+
+    def __init__(self, path: Path, study: str = ""):
+        self.path, self.study = path, study
         self.shards, self.failed, self.figures = path / "shards", path / "failed", path / "figures"
         self.note, self.log = path / "study.json", path / "run.log"
         self.stop = path / ".stop"  # if it exists, workers begin no further case
@@ -456,14 +459,26 @@ class Folder:
     def selection(self) -> tuple[StudyFile, Selection]:
         """The study of the note, and the cases of its dataset."""
         note = self.read_note()
-        loaded = load_study(note["study"]) if note["file"] is None else load_file(self.path / note["file"])
+        file = None if note["file"] is None else Path(os.path.normpath(self.path / note["file"]))
+        if not self.study and file is not None and not file.exists():
+            raise StudyError(f"{self.path} was moved or copied, and its study is not {file}: add --study FILE")
+        loaded = load_study(self.study or note["study"]) if self.study or file is None else load_file(file)
         study = loaded.study
+        if study.name != note["study"]:
+            raise StudyError(
+                f"{self.path} contains study {note['study']!r}, not {study.name!r}: add --study FILE of it"
+            )
         variables = {variable.name for variable in study.variables}
         needed = {key for key, default in study.parameters.items() if default != ""}
         same = needed <= set(note["parameters"]) <= set(study.parameters) and tuple(note["axes"]) == study.axis_names
         if not same or not set(note["variables"]) <= variables:
             raise StudyError(f"study {study.name!r} has other settings now than {self.path}: run it again there")
         return loaded, Selection.of(study, note["variables"], note["parameters"], note["axes"])
+
+    def word(self) -> str:
+        """The study as a word of the command `critflow run`, by the note: its name, or its file without a folder."""
+        note = self.read_note()
+        return str(note["study"] if note["file"] is None else Path(note["file"]).name)
 
     def states(self, selection: Selection) -> list[CaseState]:
         """State of every case: the single decision whether a case is stored.

@@ -51,7 +51,7 @@ def verify_folder(folder: Folder, sample: int) -> tuple[list[str], int, bool, li
         with opened_dataset(path) as opened:
             dataset = opened.load() if opened.nbytes < SMALL else opened
             if not problems:  # damaged shards can be compared with nothing
-                assembly = Assembly(selection, folder.shards, states)
+                assembly = Assembly(selection, folder.shards, states, folder.word())
                 problems += [f"{path}: {line}: {REWRITE}" for line in _differences(assembly, dataset)]
             if not problems:  # texts and physics of a damaged dataset can be anything
                 problems += _outdated_texts(study, folder, dataset)

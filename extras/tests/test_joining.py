@@ -81,4 +81,7 @@ def test_a_wrong_file_for_the_drawing_of_a_case_is_one_sentence(tmp_path, monkey
 def test_a_name_of_critflow_extras_is_shown_its_place():
     with pytest.raises(AttributeError, match="from critflow_extras import design"):
         _ = cf.design
+    with pytest.raises(ImportError, match="from critflow_extras import design"):
+        exec("from critflow import design")
+    assert not hasattr(cf, "design")
     assert more("names") == ""

@@ -1,5 +1,8 @@
 """Sentences that users get for mistakes: for each call and each command, the kind of error and its decisive words."""
 
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
 import numpy as np
 import xarray as xr
 from mistake_checks import (  # noqa: F401 (fixtures)
@@ -19,7 +22,7 @@ from critflow import InputError, SolveError
 
 
 def dataset():
-    """Two critical configurations on each of two networks, as a study stores them."""
+    """Two critical configurations on each of two networks, as they are read from a file."""
     networks = [cf.voronoi_network(n_vertices=40, seed=seed) for seed in (0, 1)]
     critical = [[cf.CriticalManifold(n).configuration(sigma * np.ones(60)) for sigma in (1.0, 2.0)] for n in networks]
     arrays = {
@@ -29,7 +32,10 @@ def dataset():
         "sigma": (("seed", "population", "edge"), [[c.sigma for c in row] for row in critical]),
         "position": (("seed", "population", "vertex", "axis"), [[c.coordinates for c in row] for row in critical]),
     }
-    return xr.Dataset(arrays, {"seed": [0, 1], "population": ["max_B_0", "random_stress"]})
+    made = xr.Dataset(arrays, {"seed": [0, 1], "population": ["max_B_0", "random_stress"]})
+    with TemporaryDirectory() as folder:
+        made.to_netcdf(file := Path(folder) / "cases.nc", encoding={"population": {"dtype": "S1"}})
+        return xr.load_dataset(file)
 
 
 DATASET = dataset()

@@ -263,9 +263,9 @@ def test_show_prints_what_a_dataset_is(tmp_path, run, tiny, said):
     for words in (
         "A study without physics (study tiny, version 1)",
         "2 seeds × 2 populations = 4; in each 3 strain, 6 edge, 2 end",
-        "critflow run tiny --set seeds=1,2 --set spread=0.2 --set trouble=1-random",
+        "critflow run tiny_study.py --set seeds=1,2 --set spread=0.2 --set trouble=1-random",
         f"code: {code_version(tiny.study)}: 3 cases",
-        "random: 1 good, 1 failed",
+        "random: 1 ok, 1 failed",
         "floppy: 2 floppy",
         "ds[['residual']].where(ds.valid)",
     ):
@@ -288,8 +288,8 @@ def test_every_study_has_valid_by_which_its_population_is_selected_as_show_advis
         assert ds.valid.sel(population="random").values.tolist() == [1] * 4
         assert ds.valid.sel(population="floppy").values.tolist() == [0] * 4
         shown = said(["show", str(tmp_path / "out" / "tiny.nc")]).out.splitlines()
-        (line,) = [line for line in shown if line.startswith("good members: ")]
-        members = eval(line.removeprefix("good members: ").partition(";")[0], {"ds": ds})
+        (line,) = [line for line in shown if line.startswith("valid members: ")]
+        members = eval(line.removeprefix("valid members: ").partition(";")[0], {"ds": ds})
         assert members.residual.count() == 4
     assert main(["verify", str(tmp_path / "out")]) == 0
 

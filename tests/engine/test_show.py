@@ -21,6 +21,11 @@ def test_a_mistake_in_the_choice_gives_one_sentence_and_draws_nothing(results, s
     assert sorted(results.rglob("*")) == before
 
 
+def test_a_table_is_no_damaged_dataset(tmp_path, said):
+    cf.write_network(cf.lattice("honeycomb", 2, 2), tmp_path / "n.csv")
+    assert "n_edges.csv is no dataset: give a file NAME.nc" in said(["show", str(tmp_path / "n_edges.csv")], 2).err
+
+
 def dataset(network, status=Status.ok):
     """A dataset of one case, without the engine."""
     critical = cf.CriticalManifold(network).configuration(network.stiffness)

@@ -7,6 +7,7 @@ import platform
 import threading
 import time
 from dataclasses import replace
+from shutil import copytree
 
 import netCDF4
 import numpy as np
@@ -216,6 +217,16 @@ def test_a_folder_can_be_moved(tmp_path, source):
     for name in ("a", "source"):
         (tmp_path / name).rename(moved / name)
     assert main(["verify", str(moved / "a" / "out")]) == 0
+
+
+def test_a_copied_folder_needs_the_file_of_its_study(tmp_path, source, said):
+    study, copied = source(study="plain"), tmp_path / "far" / "away" / "out"
+    assert main(["run", str(study), "--out", str(tmp_path / "out"), "--workers=0"]) == 0
+    copytree(tmp_path / "out", copied)
+    for command in ("status", "verify", "figures"):
+        assert "was moved or copied, and its study is not" in said([command, str(copied)], 2).err
+        assert "add --study FILE" in said([command, str(copied), "--study", "ensemble"], 2).err
+        said([command, str(copied), "--study", str(study)])
 
 
 def test_partial_files_of_a_killed_run_are_removed_and_other_files_are_not(tmp_path):

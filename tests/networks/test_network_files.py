@@ -1,6 +1,8 @@
 """Networks of tables, graphs and cases of datasets: nothing is lost there and back, every fault is named."""
 
 import sys
+from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import numpy as np
 import pandas as pd
@@ -118,20 +120,27 @@ DIMS = {
 
 
 def dataset():
-    """A dataset of one case of NETWORKS["plane"]."""
+    """A dataset of a case of NETWORKS["plane"] for each of two populations, as it is read from a file."""
     critical = cf.optimize(NETWORKS["plane"].with_stiffness(1), "B_0").value
     network = critical.network
     arrays = (network.edges, network.offsets, network.cell, critical.coordinates, critical.sigma)
-    variables = {name: (("seed", *DIMS[name]), array[None]) for name, array in zip(DIMS, arrays, strict=True)}
-    return critical, xr.Dataset(variables, coords={"seed": [3]})
+    dims = ("seed", "population")
+    variables = {
+        name: ((*dims, *DIMS[name]), np.stack([[array, array]])) for name, array in zip(DIMS, arrays, strict=True)
+    }
+    made = xr.Dataset(variables, coords={"seed": [3], "population": ["min_V_L", "max_B_0"]})
+    with TemporaryDirectory() as folder:
+        made.to_netcdf(file := Path(folder) / "cases.nc", encoding={"population": {"dtype": "S1"}})
+        return critical, xr.load_dataset(file)
 
 
 def test_a_case_of_a_dataset_is_its_network_and_its_configuration():
     critical, cases = dataset()
-    read = cf.read_critical(cases.sel(seed=3))
+    case = cases.sel(seed=3, population="max_B_0")
+    read = cf.read_critical(case)
     np.testing.assert_array_equal(read.sigma, critical.sigma)
     np.testing.assert_array_equal(read.coordinates, critical.coordinates)
-    np.testing.assert_array_equal(cf.read_network(cases.sel(seed=3)).edges, critical.network.edges)
+    np.testing.assert_array_equal(cf.read_network(case).edges, critical.network.edges)
 
 
 def test_tables_of_own_columns():
@@ -255,6 +264,7 @@ def test_a_broken_file_is_one_sentence(tmp_path, vertices, edges, word):
 
 
 BALANCED, CASES = dataset()
+CASE = CASES.sel(seed=3, population="max_B_0")
 ROWS, PLACES = cf.to_tables(BALANCED)
 
 
@@ -271,10 +281,12 @@ test_sources_that_contradict_themselves_are_refused = refused(
             lambda: cf.read_network(cf.to_tables(NETWORKS["plane"]), cell=CELL),
             "a cell of its own: leave cell= out",
         ),
-        "two cases": (lambda: cf.read_network(CASES), "choose one seed of the dataset"),
-        "no edges": (lambda: cf.read_network(CASES.sel(seed=3).drop_vars("edges")), "lacks edges"),
-        "a failed case": (lambda: cf.read_network(CASES.sel(seed=3) * np.nan), "no configuration"),
-        "no stresses": (lambda: cf.read_critical(CASES.sel(seed=3).drop_vars("sigma")), "no force densities"),
+        "many cases": (lambda: cf.read_network(CASES), r"dataset\.sel\(seed=3, population='min_V_L'\)"),
+        "two cases": (lambda: cf.read_network(CASES.sel(seed=3)), r"choose one population .*\(population='min_V_L'\)"),
+        "unnamed cases": (lambda: cf.read_network(CASE.expand_dims("seed").drop_vars("seed")), r"isel\(seed=0\)"),
+        "no edges": (lambda: cf.read_network(CASE.drop_vars("edges")), "lacks edges"),
+        "a failed case": (lambda: cf.read_network(CASE * np.nan), "no configuration"),
+        "no stresses": (lambda: cf.read_critical(CASE.drop_vars("sigma")), "no force densities"),
         "rounded": (lambda: cf.read_critical((ROWS, rounded(PLACES))), r"do not balance.*all digits"),
         "stresses NaN": (
             lambda: cf.read_critical((ROWS.assign(force_density=np.nan), PLACES)),

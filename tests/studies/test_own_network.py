@@ -60,6 +60,7 @@ def test_the_stiffnesses_of_a_file_are_stored():
     settings = ("network=soft.csv", "populations=max_B_0", "seeds=0", "strains=0.001:0.003:0.001")
     words = ["--workers", "0", "--out", "whole", *(f"--set={word}" for word in settings)]
     assert main(["run", "ensemble", *words]) == 0 and main(["verify", "whole"]) == 0
+    assert "No statement is tested" in Path("whole/claims.md").read_text()
     with xr.open_dataset("whole/ensemble.nc") as dataset:
         one = dataset.sel(seed=0, population="max_B_0")
         assert elasticity(read_critical(one)).value.bulk == pytest.approx(float(one.B_0), rel=1e-12)
@@ -84,6 +85,11 @@ def test_the_failure_map_of_a_file(monkeypatch, tmp_path):
     write_network(voronoi_network(80, seed=1), "large.csv")
     with pytest.raises(StudyError, match="vertices"):
         select(study, ("network=large.csv",))
+
+
+def test_a_size_of_generated_networks_is_refused_beside_a_file(capsys):
+    assert run("ensemble", "network=mine.csv", "n_vertices=20") == 2
+    assert "n_vertices is of generated networks" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(

@@ -10,7 +10,7 @@ The least V_τ need not be attained: in about one network of six some edge shrin
 With `network=FILE` the network is that of a file; seeds are then those of the random panels.
 """
 
-from functools import lru_cache
+from functools import lru_cache, partial
 
 import numpy as np
 
@@ -192,7 +192,7 @@ study = Study(
     coordinates=PLANE,
     case=case,
     check=check,
-    complete=with_digest,
+    complete=partial(with_digest, 400),
     variables=VARIABLES,
     figures={"gallery": gallery},
     claims=claims,

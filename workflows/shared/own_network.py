@@ -23,9 +23,14 @@ from .checks import check_network
 _DIGEST = re.compile(r"(.+)@([0-9a-f]{16})")
 
 
-def with_digest(parameters):
-    """The parameters with the digest of the network of the file in them, if there is one."""
+def with_digest(n_vertices, parameters):
+    """The parameters with the digest of the network of the file in them, if there is one.
+
+    n_vertices  of generated networks by default: a file has its own, and another number would be ignored
+    """
     text = parameters.get("network", "")
+    if text and parameters["n_vertices"] != n_vertices:
+        raise StudyError("n_vertices is of generated networks, and the network of a file has its own: leave it out")
     return {**parameters, "network": _identified(text)} if text else parameters
 
 

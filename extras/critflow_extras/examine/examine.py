@@ -42,6 +42,8 @@ _LARGEST_TOLERANCE = 0.01
 _MOST_CUTS = 3000
 # Steps towards the nearest critical configuration for each rule that is tried: near ones take ten.
 _TRIAL_STEPS = 20
+# Rest lengths that differ from the lengths by less, over the mean edge length, are the same.
+_SAME_LENGTH = 1e-9
 # Self-stresses beyond which only their number is computed, where it is certain without them.
 _MANY_STRESSES = 100
 _USABLE = (Status.ok, Status.edge_collapse, Status.slack_edges, *UNFINISHED)
@@ -189,10 +191,15 @@ def _subject(
     if given is None:
         raise InputError("the network has no positions: give the coordinates at which it is examined")
     x = validated_coordinates(network, given)
-    if rest_lengths is None:
-        rest = np.linalg.norm(network.bond_vectors(x), axis=1)
-    else:
+    rest = lengths = np.linalg.norm(network.bond_vectors(x), axis=1)
+    if rest_lengths is not None:
         rest = edge_values(rest_lengths, network.n_edges, "rest_lengths")
+        if (largest := float(np.abs(rest - lengths).max() / (lengths.mean() or 1.0))) > _SAME_LENGTH:
+            notes = (
+                *notes,
+                f"rest lengths differ from the lengths by up to {largest:.2g} of the mean edge length: the critical "
+                "strains alone use them, all else takes springs at rest at these positions",
+            )
     if not network.has_volume and network.dimension > 1:
         network = network.with_volume(hull_volume(x))
         notes = (*notes, f"moduli refer to the convex hull, V = {network.volume:.6g}, unless another volume is given")

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from critflow.command.cases import choose_case
 from critflow.engine.dataset import opened_dataset
 from critflow.manifold import CriticalConfiguration
 from critflow.networks import Array
@@ -34,14 +36,16 @@ class Filter:
 class Dataset:
     """A dataset of the command, opened and verified; its numbers stay in memory, its arrays in the file.
 
+    words    `axis=value`, which choose the case that is shown first
     axes     values of each axis
     scalars  (n_cases,) values of each variable that is a number of a case
     status   (n_cases,)
     """
 
-    def __init__(self, path: Path):
+    def __init__(self, path: Path, words: Sequence[str] = ()):
         self.path = path
         with opened_dataset(path) as dataset:
+            chosen = choose_case(dataset, words) if words else None
             self.title = str(dataset.attrs.get("title", path.name))
             self.axes: dict[str, list[Any]] = {
                 axis: dataset[axis].values.tolist() for axis in dataset.attrs["axes"].split()
@@ -57,13 +61,19 @@ class Dataset:
             self.names = {str(v.name): str(v.attrs.get("long_name", v.name)) for v in of_cases}
         self.scalars: dict[str, Array] = {name: values for name, values in flat.items() if values.dtype.kind == "f"}
         self.status = flat.get("status", np.zeros(self.n_cases, int))
+        self._chosen: int | None = None
+        if chosen is not None:
+            index = [values.index(chosen[axis].values.tolist()) for axis, values in self.axes.items()]
+            self._chosen = int(np.ravel_multi_index(index, self.shape))
 
     @property
     def n_cases(self) -> int:
         return int(np.prod(self.shape))
 
     def first_case(self) -> Case:
-        """The first case whose status is ok."""
+        """The case that the words choose, or the first whose status is ok."""
+        if self._chosen is not None:
+            return Case(self, self._chosen)
         ok = np.flatnonzero(self.status == Status.ok)
         if not len(ok):
             raise InputError("no case of this dataset has a configuration: see its statuses")

@@ -7,7 +7,11 @@ import threading
 import zipfile
 from io import BytesIO
 from pathlib import Path
+from typing import Any
 
+import numpy as np
+
+from critflow.networks import Array
 from critflow.result import InputError
 from critflow_extras.drawing.draw import draw, saved
 from critflow_extras.explore.picture import QUANTITIES, edge_values
@@ -24,12 +28,17 @@ def picture_file(session: Session, suffix: str, colour: str = "tension") -> tupl
         raise InputError("a picture is .png, .svg or .pdf")
     state = session.state
     shown = state.springs or state.critical
-    values = edge_values(colour, shown.sigma, shown.lengths) if state.given is None else None
-    # A file as given is the network at its own positions, without tensions.
-    thing = shown if state.given is None else state.model.network
+    thing: Any = shown
+    words, network = QUANTITIES[colour], state.model.network
+    values: Array | None = edge_values(colour, shown.sigma, shown.lengths, network.stiffness)
+    if state.given is not None:
+        # A file as given is the network at its own positions, without tensions: `draw` shows its stiffnesses.
+        thing = network
+        values = np.linalg.norm(network.bond_vectors(state.given), axis=1) if colour == "length" else None
+        words = words if colour == "length" else "springs at rest"
     with _DRAWING, tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / f"critflow{suffix}"
-        saved(draw(thing, color=values, title=f"{session.source.title}: {QUANTITIES[colour]}").figure, path)
+        saved(draw(thing, color=values, title=f"{session.source.title}: {words}").figure, path)
         return path.name, path.read_bytes()
 
 

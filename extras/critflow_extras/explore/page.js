@@ -295,6 +295,7 @@ function controls() {
   get("redo").disabled = !state.redo;
   sliders();
   drawScale();
+  if (welcome.dataset && state.case !== null && !waiting && !queue.length) showCase();
   get("colour").value = state.scale.colour;
   if (state.strain[0]) get("deformation").value = state.strain[0];
   const busy = waiting || queue.length;
@@ -417,8 +418,9 @@ function chooseCase() {
   );
   send({ do: "case", case: index });
 }
-function openPoint(item) {
-  let rest = item;
+// The choices show the case on the page, which a point, an option of the command or a reload may have opened.
+function showCase() {
+  let rest = state.case;
   [...welcome.dataset.axes]
     .map((axis, k) => [k, axis.labels.length])
     .reverse()
@@ -426,7 +428,6 @@ function openPoint(item) {
       get("axes").querySelectorAll("select")[k].value = rest % size;
       rest = Math.floor(rest / size);
     });
-  send({ do: "case", case: item });
 }
 
 // Mouse and keys
@@ -625,7 +626,7 @@ get("plane").onclick = (event) => {
   const near = (get("plane").places || [])
     .map((p) => [Math.hypot(p[0] - x, p[1] - y), p[2]])
     .sort((a, b) => a[0] - b[0])[0];
-  if (near && near[0] < 12) openPoint(near[1]);
+  if (near && near[0] < 12) send({ do: "case", case: near[1] });
 };
 get("plane").onkeydown = (event) => {
   const places = (get("plane").places || []).slice().sort((a, b) => a[0] - b[0]),
@@ -633,7 +634,7 @@ get("plane").onkeydown = (event) => {
   if (!places.length || !(step || event.key === "Enter")) return;
   event.preventDefault();
   if (!step) {
-    if (picked !== null) openPoint(places[picked][2]);
+    if (picked !== null) send({ do: "case", case: places[picked][2] });
     return;
   }
   picked = picked === null ? 0 : (picked + step + places.length) % places.length;
@@ -653,7 +654,8 @@ get("new").onsubmit = (event) => {
 // The file that was sent last: a refusal is answered in the fields, and the same file is opened again.
 let sent = null;
 function openSent() {
-  send({ do: "file", name: sent, cell: get("cell").value, pins: get("pins").value, volume: get("volume").value });
+  const fields = Object.fromEntries(["cell", "pins", "volume"].map((id) => [id, get(id).value]));
+  send({ do: "file", name: sent, ...fields, voronoi: get("voronoi").checked ? "yes" : "" });
 }
 get("own").onsubmit = (event) => {
   event.preventDefault();

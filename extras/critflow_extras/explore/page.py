@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from critflow.result import CritflowError, InputError
+from critflow_extras.drawing.scales import varied
 from critflow_extras.explore.datasets import Case, Dataset, Filter
 from critflow_extras.explore.model import POPULATIONS
 from critflow_extras.explore.picture import PALETTES, QUANTITIES
@@ -34,11 +35,11 @@ class Page:
     progress  called by long computations with a sentence
     name      of the tab, by which a reload finds its page
     uploads   paths of the files that the tab may open, by name, in `folder`
-    colour    the one of `QUANTITIES` that colours the edges
+    colour    the one of `QUANTITIES` that colours the edges; empty until one is chosen
     """
 
     def __init__(self, source: Source | Dataset, progress: Callable[[str], None] = lambda sentence: None):
-        self.progress, self.stopping, self.name, self.colour = progress, False, "", "tension"
+        self.progress, self.stopping, self.name, self.colour = progress, False, "", ""
         self.uploads: dict[str, Path] = {}
         self.folder: Path | None = None
         self._sessions: list[Session] = []
@@ -186,12 +187,20 @@ class Page:
 
     def show(self) -> Reply:
         """The picture of the state with what belongs to the tab; `refine` returns the numbers."""
-        reply = self.view.show(self.session, self.colour)
+        reply = self.view.show(self.session, self.shown_colour)
         undo = self.session.can_undo or bool(self._sessions)
         source = self.session.source
         random = [source.n_vertices, source.seed] if isinstance(source, Random) else None
-        reply.header.update(undo=undo, redo=self.session.can_redo, plane=self._plane(), random=random)
+        case = source.number if isinstance(source, Case) else None
+        reply.header.update(undo=undo, redo=self.session.can_redo, plane=self._plane(), random=random, case=case)
         return reply
+
+    @property
+    def shown_colour(self) -> str:
+        """What colours the edges: as chosen, else the stiffnesses of springs at rest where they vary, or tensions."""
+        state = self.session.state
+        by_stiffness = state.given is not None and varied(state.model.network.stiffness)
+        return self.colour or ("stiffness" if by_stiffness else "tension")
 
     def refine(self) -> Reply | None:
         """The next stage, or None when everything is shown."""
@@ -227,7 +236,9 @@ class Page:
 
 
 # Fields of the page on how a file is read, keywords of `network_from`, with their names on the page.
-_FIELDS = {"cell": "cell", "pins": "fixed vertices", "volume": "volume"}
+_FIELDS = {"cell": "cell", "pins": "fixed vertices", "volume": "volume", "voronoi": "centres of cells"}
+# Options that the page lacks.
+_OTHERS = re.compile(r"--(nearest|strict|contract|labels|pixel)\b")
 # Keywords in sentences of the library, such as pins='hull', and options of the command, such as --cell.
 _KEYWORD = re.compile(rf"\b({'|'.join(_FIELDS)})=('?)([\w.]*)\2")
 _OPTION = re.compile(rf"--({'|'.join(_FIELDS)})\b")
@@ -235,9 +246,10 @@ _OPTION = re.compile(rf"--({'|'.join(_FIELDS)})\b")
 
 def _in_fields(sentences: str) -> str:
     """Sentences of the library in the words of the page: "hull" in the field "fixed vertices" for pins='hull'."""
+    sentences = sentences.replace("voronoi=True", "--voronoi").replace("give the other one after it", "choose both")
     sentences = _KEYWORD.sub(lambda found: f'"{found[3]}" in the field "{_FIELDS[found[1]]}"', sentences)
-    sentences = _OPTION.sub(lambda found: f'the field "{_FIELDS[found[1]]}"', sentences)
-    return in_shell(sentences)
+    sentences = in_shell(_OPTION.sub(lambda found: f'the field "{_FIELDS[found[1]]}"', sentences))
+    return f"{sentences}; such options are those of critflow explore FILE" if _OTHERS.search(sentences) else sentences
 
 
 _ACTIONS: dict[str, Callable[[Page, dict[str, Any]], str | None]] = {

@@ -26,7 +26,12 @@ _CORNERS = np.array([[0, 0], [1, 0], [1, 1], [0, 1]])
 _DARK_TENSION_MAP = LinearSegmentedColormap.from_list("dark", ["#2b5580", "#4f93c4", "#a9d0ee", "#ffffff"])
 _DARK_SLACK = "#68727c"
 
-QUANTITIES = {"tension": "tension τ / ⟨τ⟩", "length": "length |L|, units of the network", "stress": "stress σ / ⟨σ⟩"}
+QUANTITIES = {
+    "tension": "tension τ / ⟨τ⟩",
+    "length": "length |L|, units of the network",
+    "stress": "stress σ / ⟨σ⟩",
+    "stiffness": "stiffness k, units of the network",
+}
 """What colours the edges, by name, with the label of the colour bar."""
 
 
@@ -76,24 +81,30 @@ class Shades(NamedTuple):
     high: float
 
 
-def edge_values(quantity: str, sigma: Array, lengths: Array) -> Array:
+def edge_values(quantity: str, sigma: Array, lengths: Array, stiffness: Array) -> Array:
     """The values (N_b,) of one of `QUANTITIES`: tensions and stresses over the mean of their sizes."""
-    if quantity == "length":
-        return lengths
+    if quantity in ("length", "stiffness"):
+        return lengths if quantity == "length" else stiffness
     values = sigma * lengths if quantity == "tension" else sigma
     return values / (float(np.abs(values).mean()) or 1.0)
 
 
-def shades_of(values: Array, sigma: Array, from_zero: bool = True) -> Shades:
+def shades_of(values: Array, sigma: Array | None, from_zero: bool = True, logarithmic: bool = False) -> Shades:
     """Colours of the sizes of values (n,): from zero, or the 1st percentile, to the 99th; σ tells slack and compressed.
 
+    sigma      None: neither is told
     from_zero  False for values that are never near zero, such as lengths
     """
     size = np.abs(values)
     low, high = np.percentile(size, [1, 99]).tolist()
     if from_zero or high - low <= _EQUAL * high:
         low = 0.0
-    shade = np.clip((size - low) / ((high - low) or 1.0) * SHADES, 0, SHADES - 1).astype(np.uint8)
+    along = (
+        np.log(np.maximum(size, low) / low) / np.log(high / low) if logarithmic else (size - low) / (high - low or 1)
+    )
+    shade = np.clip(along * SHADES, 0, SHADES - 1).astype(np.uint8)
+    if sigma is None:
+        return Shades(shade, low, high)
     slack = np.abs(sigma) <= _NO_TENSION * (float(np.abs(sigma).mean()) or 1.0)
     return Shades(np.where(slack, _SLACK, np.where(sigma < 0, _COMPRESSED, shade)).astype(np.uint8), low, high)
 

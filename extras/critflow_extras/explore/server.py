@@ -143,7 +143,7 @@ class _Export(_Guarded):
             if name == "script.py":
                 name, content = name, page.script().encode()
             else:
-                make = partial(picture_file, colour=page.colour) if name.startswith("picture") else network_file
+                make = partial(picture_file, colour=page.shown_colour) if name.startswith("picture") else network_file
                 name, content = await loop.run_in_executor(self.explorer.threads, make, page.session, suffix)
         except CritflowError as error:
             self.set_status(409)

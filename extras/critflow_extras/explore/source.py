@@ -105,7 +105,7 @@ class File:
     def open(self) -> Opening:
         imported = self._read()
         check_size(imported.network.n_vertices)
-        model, known = Model(imported.network), imported.force_densities
+        model, known = Model(imported.network), _stresses(imported)
         if known is not None:
             return _as_given(opened(model, known), imported, "the force densities of the file")
         near = _stress_at(imported)
@@ -123,12 +123,18 @@ class File:
         hints = "".join(f", {name}={value!r}" for name, value in self.hints.items() if name != "labels")
         first = f"labels={names!r}" if self.hints.get("labels") else repr(names)
         lines = imported_lines(f"network_from({first}{hints})", start)
-        if lines[-1].endswith("force_densities)") and self._read().force_densities is None:
+        if lines[-1].endswith("force_densities)") and _stresses(self._read()) is None:
             lines[-1:] = [
                 f"near = nearest_critical(network, imported.positions, max_steps={_FEW_STEPS})",
                 "critical = manifold.configuration(near.value.sigma)",
             ]
         return lines
+
+
+def _stresses(imported: ImportedNetwork) -> Array | None:
+    """The force densities σ (N_b,) of a file; None without them, and where all are zero, as of springs at rest."""
+    known = imported.force_densities
+    return None if known is None or not known.any() else known
 
 
 def _stress_at(imported: ImportedNetwork) -> Any:
@@ -153,7 +159,7 @@ def _as_given(opening: Opening, imported: ImportedNetwork, start: str) -> Openin
     change = f"which changes edges by up to {moved:.2g} of the mean edge length"
     if moved <= _RELAXED:
         return opening._replace(remark=f"It is shown in {start}, {change}.")
-    none = "is not at" if imported.force_densities is not None else "has no force densities and is not at"
+    none = "is not at" if _stresses(imported) is not None else "has no force densities and is not at"
     shown = f"It {none} a critical configuration, so it is shown as given, with springs at rest."
     remark = f"{shown} The first change starts from {start}, {change}."
     return opening._replace(given=imported.positions, remark=remark)

@@ -11,6 +11,7 @@ import numpy as np
 
 from critflow.manifold import CriticalConfiguration
 from critflow.networks import Array
+from critflow_extras.drawing.scales import widely
 from critflow_extras.explore import numbers
 from critflow_extras.explore.model import POPULATIONS
 from critflow_extras.explore.picture import (
@@ -71,13 +72,17 @@ class View:
         shown = state.springs or state.critical
         x, sigma = (shown.coordinates, shown.sigma) if given is None else (given, np.zeros(network.n_edges))
         L = network.bond_vectors(x)
-        values = edge_values(colour, sigma, np.linalg.norm(L, axis=1))
-        shades, low, high = shades_of(values, sigma, from_zero=colour != "length")
+        values, k = edge_values(colour, sigma, np.linalg.norm(L, axis=1), network.stiffness), network.stiffness
+        wide = colour == "stiffness" and widely(np.percentile(k, [1, 99]))
+        # Springs at rest have no tension: to call all of them slack would hide what they have.
+        told = None if given is not None and colour in ("length", "stiffness") else sigma
+        shades, low, high = shades_of(values, told, not (wide or colour == "length"), wide)
         self.drawings = {"network": network_drawing(network, x, shades)}
         if model.dual is not None and given is None:
             y, periods, offsets = model.dual.diagram(network, sigma, L)
             self.drawings["forces"] = periodic_drawing(model.dual.ends, offsets, periods, y, shades)
         self._stages = self._due_stages(session)
+        name = QUANTITIES[colour] + ", logarithmic" * wide
         header = {
             "title": session.source.title,
             "sizes": _sizes(state),
@@ -87,7 +92,7 @@ class View:
             "marks": self.picked.marks(model.dual, network, x, L),
             "weights": list(state.change[1:]) if state.change[0] == "blend" else [0.0] * len(POPULATIONS),
             "strain": list(state.strain) if state.strain else ["", 0.0],
-            "scale": {"colour": colour, "name": QUANTITIES[colour], "low": _four(low), "high": _four(high)},
+            "scale": {"colour": colour, "name": name, "low": _four(low), "high": _four(high)},
             "bound": _bound(model.bulk_bound) if given is None else None,
             "rest": given is not None,
             **self.picked.sliders(session, exact=False),

@@ -54,6 +54,8 @@ def with_pins(data: NetworkData, pins: Pins) -> NetworkData:
     if not len(chosen):
         raise InputError(f"no vertex is fixed by pins={pins!r:.40}: choose another rule, {_NAMES}, or list vertices")
     note = f"{counted(len(chosen), 'vertex', 'is')} fixed" + (f" ({_RULES[pins][0]})" if isinstance(pins, str) else "")
+    if data.pins and set(data.pins) != set(np.asarray(chosen).tolist()):
+        note += f", in place of the {len(data.pins)} of the source"
     return replace(data, pins=tuple(map(int, chosen))).noting(note)
 
 

@@ -9,7 +9,7 @@ from typing import Any
 import click
 
 from critflow.result import InputError
-from critflow_extras.files.hints import Hints, in_shell, numbers_of, read, reading
+from critflow_extras.files.hints import Hints, in_shell, numbers_of, read, reading, require_other
 
 
 @click.command()
@@ -54,6 +54,7 @@ def convert(
     given = {"size": size, "radius": radius, "by_stiffness": by_stiffness}
     options: dict[str, Any] = {name: value for name, value in given.items() if value is not None}
     writable_format(out, options=options)
+    require_other(out, files)
     imported = read(files, hints)
     print(in_shell(str(imported)))
     write_network(imported, out, copies=numbers_of("copies", "'2' or '2 3'", copies.replace("x", " ")), **options)

@@ -47,7 +47,7 @@ def network_from(
     source   a path; two tables, as paths or pandas data frames; a networkx graph; ASE atoms; a meshio mesh; a case of a
              critflow dataset; a `Network`; or None, with the arrays edges= and positions= (and offsets= or
              bond_vectors=), polygons= and positions=, or labels=, which may be a path
-    cell     (d, d) rows are the cell vectors; without one the cell of the source is used
+    cell     (d, d) rows are the cell vectors, where the source has none
     pins     fixed vertices: "hull", "degree", "box", "border" of a label mask, a list of vertices, or a mask
     nearest  accept nearest images of edges longer than 0.4 of the height of the cell
     strict   refuse a source that needs any repair
@@ -71,6 +71,8 @@ def network_from(
     of_kind(float, str, None, volume=volume)
     data = _of_centres(source, cell) if voronoi else _record(source, given)
     if cell is not None and not voronoi:
+        if data.cell is not None:
+            raise InputError(f"the source, {data.source}, has a cell of its own: leave cell= out, or correct it there")
         data = replace(data, cell=_vectors(cell, data.dimension))
     check(data)
     data = in_its_plane(data)
@@ -204,6 +206,8 @@ def _referring(read: ImportedNetwork, volume: float | str | None) -> ImportedNet
         volume, note = hull, f"moduli refer to the convex hull, V = {hull:.8g}, unless another volume is given"
     if isinstance(volume, str):
         raise InputError(f"the volume must be a number or 'hull', not {volume!r}")
+    if read.data.volume not in (None, volume):
+        note = "; ".join(filter(None, (note, f"V = {volume:.8g} in place of the {read.data.volume:.8g} of the source")))
     return replace(read, value=network.with_volume(volume), data=read.data.noting(*([note] if note else [])))
 
 

@@ -143,6 +143,8 @@ def read(files: Sequence[Path], hints: Hints) -> ImportedNetwork:
 
     keywords = hints.keywords
     file, labels = files[0], keywords.pop("labels", False)
+    if hints.case and file.suffix != ".nc":
+        raise InputError(f"--set chooses a case of a dataset NAME.nc, and {file.name} is none: leave it out")
     if len(files) > 2 or (len(files) == 2 and (labels or file.suffix == ".nc")):
         raise InputError(f"a network is one file, or a table of edges and one of vertices, not {len(files)} files")
     require_regular(file)
@@ -157,9 +159,19 @@ def read(files: Sequence[Path], hints: Hints) -> ImportedNetwork:
         return network_from(choose_case(dataset, hints.case).load(), **keywords)
 
 
+def require_other(out: Path, files: Sequence[Path]) -> None:
+    """Raise `InputError` where a file to write is one of those that are read."""
+    from critflow.network_files import is_tabular, table_paths
+
+    written = table_paths(out) if is_tabular(out) else (out,)
+    for path in (one for file in files for one in (file, *(table_paths(file) if is_tabular(file) else ()))):
+        if path.exists() and any(one.exists() and one.samefile(path) for one in written):
+            raise InputError(f"{out} would overwrite {path}, which is read: give another name to write to")
+
+
 # A keyword of `network_from` or `write_network` in a sentence, such as pins='hull' or nearest=True.
 _KEYWORD = re.compile(
-    rf"\b({'|'.join((*_HINTS, 'copies', 'size', 'radius', 'by_stiffness', 'change'))})=('?)([\w.]*)\2"
+    rf"\b({'|'.join((*_HINTS, 'copies', 'size', 'radius', 'by_stiffness', 'change'))})=('?)([\w.+-]*)\2"
 )
 # What sentences of the library call functions, in the words of the command.
 _IN_SHELL = {
@@ -167,6 +179,7 @@ _IN_SHELL = {
     "nearest_critical(network, coordinates) restores": "critflow make FILE --objective nearest restores",
     "nearest_critical restores": "critflow make FILE --objective nearest restores",
     "prune_towards(": "in Python, prune_towards(",
+    "design(..., change='stiffness') changes": "--change stiffness changes",
 }
 
 

@@ -9,7 +9,7 @@ import click
 
 from critflow.calls import running
 from critflow.result import InputError
-from critflow_extras.files.hints import Hints, files_argument, in_shell, read, reading
+from critflow_extras.files.hints import Hints, files_argument, in_shell, read, reading, require_other
 
 
 @click.command()
@@ -44,6 +44,7 @@ def make(
     from critflow_extras.certificates.certify import certificate_text
     from critflow_extras.files.convert import write_network
     from critflow_extras.files.formats import writable_format
+    from critflow_extras.inference.nearest import Nearest
     from critflow_extras.make.making import made
     from critflow_extras.targets.targets import Design
 
@@ -54,12 +55,14 @@ def make(
     objective = objective or "B_0"
     # Before a long computation, whose result could not be written.
     writable_format(out)
+    require_other(out, files)
     if picture is not None:
         # matplotlib takes a third of the time of a small network.
         from critflow.command.cases import require_picture
         from critflow_extras.drawing.draw import draw, saved
 
         require_picture(picture)
+        require_other(picture, files)
     imported = read(files, hints)
     print(in_shell(str(imported)))
     writable_format(out, imported.network.dimension)
@@ -74,7 +77,9 @@ def make(
         return 3
     if isinstance(configuration, CriticalConfiguration):
         print(f"  {certificate_text(configuration, title, solution.status)}")
-    write_network(configuration, out)
+    # A solution begins at the origin: the nearest one is written where the file has its vertices.
+    at_file = configuration.coordinates + solution.translation if isinstance(solution, Nearest) else None
+    write_network(configuration, out, at_file)
     print(f"  written to {out}")
     if picture is not None:
         saved(draw(configuration, title=title).figure, picture)

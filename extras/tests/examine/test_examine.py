@@ -211,13 +211,14 @@ def test_a_critical_file_needs_no_search_for_onsets(tmp_path, monkeypatch):
     monkeypatch.setattr(module, "critical_strain", lambda *_: pytest.fail("search"))
     examination = examine(tmp_path / "critical.json")
     assert examination.order == "critical" and not examination.critical_strains
+    assert not any("rest lengths" in note for note in examination.notes)
 
 
 def test_a_rigid_network_of_longer_springs_has_an_onset():
     """Springs 1.1 times as long are at their lengths where the area is 1.1² times as large."""
     critical = critflow.optimize(VORONOI, "B_0").value
     found = examine(VORONOI, critical.coordinates, 1.1 * critical.lengths, deformations=("dilation",))
-    assert found.order == "critical"
+    assert found.order == "critical" and any("rest lengths differ" in note for note in found.notes)
     assert found.critical_strains["dilation"].value.strain == pytest.approx(0.21, rel=1e-9)
 
 

@@ -12,6 +12,7 @@ from critflow_extras import network_from
 from critflow_extras.explore.datasets import Dataset, Filter
 from critflow_extras.explore.exports import network_file, picture_file
 from critflow_extras.explore.page import Page
+from critflow_extras.explore.picture import SHADES
 from critflow_extras.explore.source import Random
 from critflow_extras.explore.view import WAITS, packed
 
@@ -201,6 +202,31 @@ def test_a_file_as_given_is_exported_as_given(page, tmp_path):
     (tmp_path / name).write_bytes(content)
     assert network_from(tmp_path / name).positions[3].tolist() == [3.0, 2.0]
     assert picture_file(page.session, ".png")[1].startswith(b"\x89PNG")
+
+
+def test_a_designed_sheet_is_coloured_by_its_stiffness(page, tmp_path):
+    """Springs at rest with force densities of zero in the file, as `make --change stiffness` writes them."""
+    rows = zip(RIGID["edges"].split(), ("stiffness,force_density", "1,0", "30,0", "2,0"), strict=True)
+    uploaded(page, tmp_path, {**RIGID, "edges": "\n".join(map(",".join, rows))})
+    opened = header(page, do="file", name="t_edges.csv", volume="6")
+    assert "has no force densities" in opened["sentence"] and "starts from equal stress" in opened["sentence"]
+    scale, shades = opened["scale"], page.view.drawings["network"].shades
+    assert scale["colour"] == "stiffness" and "logarithmic" in scale["name"] and shades.max() == SHADES - 1
+    assert picture_file(page.session, ".svg", page.shown_colour)[1].count(b"stiffness k") == 1
+    assert header(page, do="colour", by="length")["scale"]["colour"] == "length"
+    assert page.view.drawings["network"].shades.max() == SHADES - 1
+    assert header(page, do="open", n_vertices=36, seed=1)["scale"]["colour"] == "length"
+
+
+def test_centres_of_cells_open_by_their_box(page, tmp_path):
+    page.uploads["c.csv"] = tmp_path / "c.csv"
+    places = np.random.default_rng(1).random((12, 2)) * [3, 2]
+    np.savetxt(page.uploads["c.csv"], places, delimiter=",", header="x,y", comments="")
+    refused = header(page, do="file", name="c.csv")
+    assert refused["error"] and 'the field "centres of cells"' in refused["sentence"]
+    assert "--" not in refused["sentence"] and "True" not in refused["sentence"]
+    assert not header(page, do="file", name="c.csv", voronoi="yes", cell="3 2")["error"]
+    assert page.session.state.model.network.n_vertices == 24
 
 
 def test_a_file_near_a_critical_configuration_says_by_how_much_it_moves(page, tmp_path):

@@ -144,6 +144,17 @@ def test_fixed_vertices_by_rule_list_or_mask(pins, count):
     assert len(network_from(**square_patch(), pins=pins).network.pins) == count
 
 
+def test_what_takes_the_place_of_values_of_the_source_is_reported(tmp_path):
+    read = network_from(**square_patch(), pins="hull", volume=16.0)
+    write_network(read, tmp_path / "n.csv")
+    same = network_from(tmp_path / "n.csv", pins=sorted(read.network.pins), volume=16.0)
+    assert not [note for note in same.notes if "in place of" in note]
+    free = next(iter(set(range(read.network.n_vertices)) - set(read.network.pins)))
+    notes = network_from(tmp_path / "n.csv", pins=[*read.network.pins, free], volume=15.0).notes
+    assert any("13 vertices are fixed, in place of the 12 of the source" in note for note in notes)
+    assert "V = 15 in place of the 16 of the source" in notes
+
+
 def test_chains_are_contracted_on_request():
     # Each edge of the honeycomb in three parts, with springs in series.
     m = len(E)

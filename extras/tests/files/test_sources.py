@@ -317,7 +317,7 @@ def test_values_that_are_not_read_are_named(tmp_path):
     assert "not read: colour" in str(network_from(tmp_path / "a.csv", pins=[0, 2]))
 
 
-def test_a_case_of_a_dataset():
+def test_a_case_of_a_dataset(tmp_path):
     network, sigma = SHEARED, np.linspace(1, 2, 96)
     x = CriticalManifold(network).configuration(sigma).coordinates
     arrays = {
@@ -335,7 +335,8 @@ def test_a_case_of_a_dataset():
         "sigma": ("edge",),
     }
     variables = {name: (("seed", *dims[name]), array[None]) for name, array in arrays.items()}
-    dataset = xr.Dataset(variables, coords={"seed": [3]})
+    xr.Dataset(variables, coords={"seed": [3]}).to_netcdf(tmp_path / "cases.nc")
+    dataset = xr.load_dataset(tmp_path / "cases.nc")
     read = network_from(dataset.sel(seed=3))
     assert not read.repaired
     for name in ("edges", "offsets", "cell"):

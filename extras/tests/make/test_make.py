@@ -32,6 +32,14 @@ def test_the_nearest_configuration(tmp_path, capsys):
     assert ce.rigidity(made.network, made.positions).value.n_self_stresses == 1
 
 
+def test_the_nearest_configuration_lies_where_the_file_has_it(tmp_path):
+    network = voronoi_network(16, seed=1)
+    given = network.positions + np.array([3.0, -2.0])
+    write_network(network, tmp_path / "n.csv", given)
+    assert main(["make", str(tmp_path / "n.csv"), "--objective", "nearest", "--out", str(tmp_path / "m.csv")]) == 0
+    np.testing.assert_allclose(network_from(tmp_path / "m.csv").positions, given, rtol=0, atol=1e-12)
+
+
 def test_a_network_with_targets(tmp_path, capsys):
     source, out = tmp_path / "v.csv", tmp_path / "made.csv"
     write_network(voronoi_network(n_vertices=16, seed=1), source)
@@ -83,6 +91,13 @@ def test_poissons_ratio_of_springs_at_rest(tmp_path, capsys):
         (["make", "h.csv", "--out", "m.csv", "--objective", ""], "--objective needs a name"),
         (["convert", "h.csv", "h.stl", "--radius", "1e300"], "--radius 1e+300 must be positive and at most"),
         (["make", "t.csv", "--out", "m.csv", "--target", "C_B=0"], "in Python, prune_towards("),
+        (["make", "t.csv", "--out", "m.csv", "--target", "C_B=0"], "and --change stiffness changes springs at rest"),
+        (["convert", "h.csv", "h.svg", "--size", "-5"], "--size -5 must be positive"),
+        (["make", "h.csv", "--out", "h.csv"], "h.csv would overwrite h_edges.csv"),
+        (["make", "h_edges.csv", "h_vertices.csv", "--out", "./h.csv"], "would overwrite h_edges.csv"),
+        (["convert", "h.csv", "h_edges.csv"], "would overwrite h_edges.csv"),
+        (["make", "h.csv", "--cell", "5 5", "--out", "m.csv"], "has a cell of its own: leave --cell out"),
+        (["make", "h.csv", "--set", "seed=1", "--out", "m.csv"], "--set chooses a case of a dataset"),
     ],
 )
 def test_a_wrong_command_is_one_sentence(tmp_path, monkeypatch, capsys, words, word):
