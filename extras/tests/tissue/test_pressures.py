@@ -7,9 +7,10 @@ from derivatives import assert_derivative
 from problems import face_areas
 from tissue_patches import loaded
 
-from critflow import Network, (
+from critflow import (
     CriticalManifold,
     InputError,
+    Network,
     Status,
     elasticity,
     lattice,
