@@ -10,7 +10,7 @@ from units import in_units
 from critflow import CriticalManifold, Status, lattice, spring_state, strain_path, voronoi_network
 from critflow.manifold import critical_configuration
 from critflow_extras import local_response
-from critflow_extras.local.pairs import Pair
+from critflow_extras.local.pairs import Pair, next_neighbours
 
 NETWORK = voronoi_network(20, seed=1)
 CRITICAL = CriticalManifold(NETWORK).configuration(random_stress(30, 1))
@@ -141,6 +141,8 @@ def test_all_targets_and_the_strongest_of_them():
     np.testing.assert_allclose(again.strains, best.strains, rtol=1e-12)
     np.testing.assert_allclose(again.limit, best.limit, rtol=1e-9)
     assert len(found.strongest(99).targets) == 60
+    # Edges close triangles: left are distances √3 and 2, three of each at a vertex.
+    assert len(next_neighbours(lattice("triangular", 4, 4))) == 6 * 16
     hung = local_response(at("pins"), (0, 2), "all").value.targets
     assert not any({one.tail, one.head} <= set(CASES["pins"][0].pins) for one in hung)
 
