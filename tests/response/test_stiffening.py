@@ -1,6 +1,7 @@
 """Stiffening coefficients: against strain paths, closed forms, and the high-precision reference."""
 
 from dataclasses import astuple, replace
+from functools import partialmethod
 
 import numpy as np
 import pytest
@@ -23,6 +24,7 @@ from critflow import (
     Hookean,
     Network,
     PowerLaw,
+    SpringLaw,
     Status,
     WormLike,
     lattice,
@@ -50,10 +52,24 @@ def curved(gamma, order, omega):
 
 
 LAWS = {"cubic": PowerLaw(3), "power 4.5": PowerLaw(4.5), "worm-like": WormLike(0.4)}
+
+
+class Mixed(SpringLaw):
+    """Two materials: every third edge is worm-like, the others are Hookean."""
+
+    def of_each(self, name, e, rest, k):
+        worm_like, hookean = (getattr(law, name)(e, rest, k) for law in (WormLike(0.4), Hookean()))
+        return np.where(np.arange(len(e)) % 3 == 0, worm_like, hookean)
+
+    energy, tension = partialmethod(of_each, "energy"), partialmethod(of_each, "tension")
+    stiffness, stiffening = partialmethod(of_each, "stiffness"), partialmethod(of_each, "stiffening")
+
+
 # A network, its law and its path.
 GROWTHS = {
     **{name: (name, Hookean(), "dilation") for name in UNPINNED},
     **{f"{law}, {name}": (name, LAWS[law], "dilation") for law in LAWS for name in ("2D, random stiffness", "3D")},
+    "a law for each edge": ("2D, random stiffness", Mixed(), "dilation"),
     "simple shear": ("2D, oblique", Hookean(), "simple_shear"),
     "uniaxial": ("2D, random stiffness", Hookean(), "uniaxial"),
     "shrinking": ("2D", Hookean(), -np.eye(2) / 2),

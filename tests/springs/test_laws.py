@@ -168,7 +168,9 @@ def test_no_step_ends_where_a_tension_is_no_number():
 def test_valid_laws_pass():
     # Rounding at rest is accepted: the least k ℓ² is 0.245, the least ℓ is 0.7.
     rounded = Quartic(offset=2e-13), Quartic(pull=5e-13)
-    for law in (Quartic(), Quartic(-0.5), *rounded, Bottomed(), Tight(0.5), Tight(1e-3), *LAWS):
+    # One value for each edge: several materials.
+    of_edges = Quartic(np.array([0.0, 2.0, 50.0]))
+    for law in (Quartic(), Quartic(-0.5), of_edges, *rounded, Bottomed(), Tight(0.5), Tight(1e-3), *LAWS):
         assert checked_law(law, REST, K) is law
 
 

@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 from critflow.arguments import of_kind
 from critflow.calls import running
 from critflow.checks import edge_values
-from critflow.elastic import elasticity
+from critflow.elastic import Elasticity, elasticity
 from critflow.networks import Array, Network, validated_coordinates
 from critflow.numerics import EPS, norms
 from critflow.result import CritflowError, InputError, NetworkError, Solution, SolveError, Status
@@ -22,6 +22,7 @@ from critflow.self_stress import CLEAR_GAP
 from critflow_extras.cables.critical_strain import critical_strain
 from critflow_extras.cables.onset_end import CriticalStrain
 from critflow_extras.certificates.counts import Rigidity, rigidity
+from critflow_extras.examine.free_cell import FreeCellCounts, free_cell_counts
 from critflow_extras.examine.report import UNFINISHED, Examination
 from critflow_extras.files.boundaries import UnheldNetwork, hull_volume
 from critflow_extras.files.convert import network_from
@@ -93,10 +94,18 @@ def examine(
         attempts.failures.append("the moduli: in one dimension there is no shear")
     elif not judged.nearly_critical:
         moduli = attempts.value("the moduli", lambda: elasticity(judged.network, subject.x))
+    free_cell = attempts.value("the counts on a free cell", lambda: _on_a_free_cell(judged, moduli))
     if (critical := judged.critical) is not None and critical.network.n_edges <= _MOST_CUTS:
         leverage = attempts.value("the cuts of edges", lambda: edge_leverage(critical).value)
     failures = tuple(attempts.failures)
-    return replace(judged, critical_strains=strains, elasticity=moduli, leverage=leverage, failures=failures)
+    return replace(
+        judged,
+        critical_strains=strains,
+        elasticity=moduli,
+        leverage=leverage,
+        free_cell=free_cell,
+        failures=failures,
+    )
 
 
 def read_held(read: Callable[..., ImportedNetwork], progress: Callable[[str], None]) -> ImportedNetwork:
@@ -237,6 +246,19 @@ def _nearest(network: Network, x: Array, counts: Rigidity, attempts: _Attempts, 
         return nearest
     attempts.failures.append(f"the nearest critical configuration: {nearest.reason}")
     return None
+
+
+def _on_a_free_cell(judged: Examination, moduli: Solution[Elasticity] | None) -> FreeCellCounts | None:
+    """The counts on a free cell; None with fixed vertices, where counts are in doubt, or without moduli."""
+    network = judged.network
+    if network.pins or judged.rigidity.status is Status.singular or moduli is None:
+        return None
+    if np.ptp(network.stiffness):
+        # Soft springs are no motions.
+        moduli = elasticity(network.with_stiffness(1.0), judged.coordinates)
+    if not np.isfinite(moduli.value.tensor).all():
+        return None
+    return free_cell_counts(judged.rigidity.value, moduli.value, judged.tolerance)
 
 
 def _critical_strains(

@@ -16,6 +16,7 @@ from critflow_extras.anisotropy.tensors import poisson, young
 from critflow_extras.cables.onset_end import CriticalStrain
 from critflow_extras.certificates.counts import Rigidity, n_rotations
 from critflow_extras.certificates.spaces import zero_modes
+from critflow_extras.examine.free_cell import FreeCellCounts
 from critflow_extras.files.data import counted
 from critflow_extras.files.repair import described
 from critflow_extras.fronts.leverage import EdgeLeverage
@@ -70,6 +71,7 @@ class Examination(Record):
     rounding      distance to a critical configuration that rounded coordinates may cause; 0 where they have all digits
     notes         sentences on the source
     names         (N_v,) names of the vertices in the source; empty: their numbers
+    free_cell     counts where the cell may deform; None for networks with fixed vertices
     failures      sentences on parts that could not be computed
     """
 
@@ -85,6 +87,7 @@ class Examination(Record):
     critical_strains: dict[str, Solution[CriticalStrain]] = field(default_factory=dict)
     elasticity: Solution[Elasticity] | None = None
     leverage: EdgeLeverage | None = None
+    free_cell: FreeCellCounts | None = None
     notes: tuple[str, ...] = ()
     names: tuple[str, ...] = field(default=(), repr=False)
     failures: tuple[str, ...] = ()
@@ -184,6 +187,10 @@ class Examination(Record):
         if parts:
             inner = f"the self-stresses resist strain, and {counted(vertices, 'vertex')} can move without resistance"
             return f"rigid, with {counted(parts, 'loose part')}", inner
+        if self.order == "first" and not self.network.pins:
+            meaning = f"in its fixed cell {meaning}"
+            if self.free_cell is not None and (n_modes := self.free_cell.n_zero_modes - self.network.dimension):
+                meaning += f"; where the cell may deform, {counted(n_modes, 'motion', 'keeps')} them"
         if self.order == "floppy":
             part = self.n_self_stresses > 0
             meaning += "; the self-stresses stiffen a part of it only" if part else ", and every modulus is zero"
@@ -287,6 +294,17 @@ def _rigidity(examination: Examination) -> list[str]:
         f"- singular values: {zero}the least above zero is {least}{counts.smallest_nonzero:.1e} (tolerance "
         f"{examination.tolerance:.0e})",
     ]
+    if (free := examination.free_cell) is not None:
+        d = examination.network.dimension
+        n_free = free.n_zero_modes - d
+        ends = (f"{free.largest_zero:.1e} counts as zero", f"the least above zero is {free.smallest_nonzero:.1e}")
+        gap = ", ".join(end for end in ends if "nan" not in end)
+        lines += [
+            f"- on a free cell: {counted(free.n_self_stresses, 'self-stress')}, {counted(n_free, 'floppy mode')}; the "
+            f"counts above are those of the fixed cell",
+            f"- rank of the elasticity tensor at equal stiffnesses: {free.rank} of {d * (d + 1) // 2}, by roots of its "
+            f"eigenvalues over the affine one ({gap})",
+        ]
     if tension is not None:
         exists = f"exists: its least σ is {tension:.2g} of the largest" if tension else "does not exist"
         lines.append(f"- a self-stress in tension on every edge {exists}")

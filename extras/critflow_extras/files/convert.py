@@ -22,7 +22,7 @@ from critflow_extras.files.boundaries import Pins, hull_volume, with_offsets, wi
 from critflow_extras.files.data import NetworkData, from_zero
 from critflow_extras.files.formats import READ_PICTURES, format_of_object, is_frame, readable_format, writable_format
 from critflow_extras.files.labels import from_labels, read_labels
-from critflow_extras.files.meshes import from_polygons
+from critflow_extras.files.polygons import from_outlines, from_polygons
 from critflow_extras.files.repair import ImportedNetwork, check, imported, in_its_plane
 from critflow_extras.files.tables import has_centres, read_centres, read_tables
 
@@ -45,8 +45,9 @@ def network_from(
     """A network from a file or an object of another program, checked and repaired, with one sentence for each repair.
 
     source   a path; two tables, as paths or pandas data frames; a networkx graph; ASE atoms; a meshio mesh; a case of a
-             critflow dataset; a `Network`; or None, with the arrays edges= and positions= (and offsets= or
-             bond_vectors=), polygons= and positions=, or labels=, which may be a path
+             critflow dataset; an object of shapely or geopandas; a `Network`; or None, with the arrays edges= and
+             positions= (and offsets= or bond_vectors=), polygons= (and positions=, where they name corners by
+             numbers), or labels=, which may be a path
     cell     (d, d) rows are the cell vectors, where the source has none
     pins     fixed vertices: "hull", "degree", "box", "border" of a label mask, a list of vertices, or a mask
     nearest  accept nearest images of edges longer than 0.4 of the height of the cell
@@ -58,8 +59,8 @@ def network_from(
              is that of their borders in a periodic cell
 
     Many parameters: hints that a source may lack.  Further keywords are those of the source: offsets, bond_vectors,
-    stiffness, rest_lengths, force_densities, positions, edges, cutoff, pixel.  Raises `InputError` or `NetworkError`
-    with a question where the source is ambiguous, and `EnvironmentFailure` where a package is missing.
+    stiffness, rest_lengths, force_densities, positions, edges, cutoff, pixel, weld.  Raises `InputError` or
+    `NetworkError` with a question where the source is ambiguous, and `EnvironmentFailure` where a package is missing.
 
     >>> import critflow as cf
     >>> import critflow_extras as ce
@@ -262,6 +263,8 @@ def _record(source: Any, given: dict[str, Any]) -> NetworkData:
         data = _from_keywords(given if source is None else given | {"edges": source})
     elif isinstance(source, Network | Solution) or isinstance(getattr(source, "network", None), Network):
         data = data_of(source, given.pop("positions", None), None, None)
+    elif hasattr(source, "__geo_interface__"):
+        data = _of_polygons(source, given)
     else:
         known = format_of_object(source)
         assert known.convert is not None
@@ -312,12 +315,21 @@ def _from_keywords(given: dict[str, Any]) -> NetworkData:
         with _one_sentence(value if _is_path(value) else "the array", "a picture"):
             mask = read_labels(Path(value)) if _is_path(value) else value
         return from_labels(mask, **_taken(given, ("pixel",)))
+    if kind == "polygons":
+        return _of_polygons(value, given)
     if "positions" not in given:
         raise InputError(f"{kind}= needs positions=, one row for each vertex")
     positions = given.pop("positions")
-    if kind == "polygons":
-        return from_polygons(floats(positions, "positions"), value)
     return from_zero(NetworkData(value, positions))
+
+
+def _of_polygons(value: Any, given: dict[str, Any]) -> NetworkData:
+    """The record of polygons that name their corners by numbers, or that have corners of their own."""
+    weld = given.pop("weld", None)
+    if "positions" in given:
+        return from_polygons(given.pop("positions"), value, weld)
+    with _one_sentence(shown(value), "polygons"):
+        return from_outlines(value, weld)
 
 
 def _overridden(data: NetworkData, given: dict[str, Any]) -> NetworkData:

@@ -14,6 +14,7 @@ from critflow_extras.files.drawings import write_solid, write_svg
 from critflow_extras.files.graphs import from_graph, read_graph, write_graph
 from critflow_extras.files.meshes import from_mesh, read_mesh, write_mesh
 from critflow_extras.files.particles import from_atoms, read_gsd, read_lammps, write_gsd, write_lammps
+from critflow_extras.files.polygons import read_geojson
 from critflow_extras.files.tables import frames, read_tables
 
 
@@ -67,6 +68,7 @@ FORMATS = [
     Format("mesh", (".vtu", ".vtk"), read_mesh, write_mesh, ("meshio",), kind="meshio.Mesh", convert=from_mesh),
     # Those without lines, or without data of lines.
     Format("mesh", (".msh", ".ply", ".obj", ".xdmf"), read_mesh),
+    Format("GeoJSON", (".geojson",), read_geojson, keywords=("weld",)),
     Format("critflow dataset", kind="xarray.Dataset", convert=from_dataset),
     Format("SVG drawing", (".svg",), write=write_svg, planar=True, options=("size", "width", "by_stiffness")),
     Format("STL solid", (".stl",), write=write_solid, packages=("trimesh",), options=_SOLID),

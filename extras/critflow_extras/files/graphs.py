@@ -13,6 +13,7 @@ import numpy as np
 from critflow.checks import floats
 from critflow.network_files import graph_of
 from critflow.result import InputError
+from critflow_extras.files.compas import body_of, from_compas
 from critflow_extras.files.data import EDGE_VALUES, Array, NetworkData, optional, unread
 from critflow_extras.files.tables import frames
 
@@ -67,11 +68,15 @@ def from_graph(graph: Any, positions: Any = None) -> NetworkData:
 
 
 def read_graph(path: Path) -> NetworkData:
-    """GraphML, GML, or JSON in node-link or adjacency form."""
-    networkx, ending = optional("networkx"), path.suffix.lower()
+    """GraphML, GML, or JSON: of COMPAS, or in node-link or adjacency form."""
+    ending = path.suffix.lower()
     if ending == ".json":
-        graph = _from_json(json.loads(path.read_text(encoding="utf-8")))
+        content = json.loads(path.read_text(encoding="utf-8"))
+        if (body := body_of(content)) is not None:
+            return replace(from_compas(body), source=f"COMPAS {path.name}")
+        graph = _from_json(content)
     else:
+        networkx = optional("networkx")
         graph = networkx.read_gml(path, label="id") if ending == ".gml" else networkx.read_graphml(path)
     return replace(from_graph(graph), source=f"graph {path.name}")
 
@@ -82,6 +87,8 @@ def _from_json(content: Any) -> Any:
     if isinstance(content, dict) and "adjacency" in content:
         return networkx.adjacency_graph(content)
     content = content if isinstance(content, dict) else {}
+    if str(content.get("type", "")).startswith(("Feature", "Geometry", "Polygon", "MultiPolygon")):
+        raise InputError("this JSON is GeoJSON: give it the ending .geojson")
     nodes, edges = content.get("nodes", ()), content.get("edges", content.get("links", ()))
     objects = bool(nodes) and all(isinstance(row, dict) for row in (*nodes, *edges))
     if not objects or not all({"source", "target"} <= {*edge} for edge in edges):

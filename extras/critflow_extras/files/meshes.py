@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 from collections.abc import Sequence
 from contextlib import redirect_stderr
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -91,7 +92,25 @@ def read_mesh(path: Path) -> NetworkData:
         raise InputError(f"{path} cannot be read as a mesh: {reason or 'its content is broken'}") from None
     except ModuleNotFoundError as missing:
         raise EnvironmentFailure(f"{path.suffix} files need {missing.name}: pip install {missing.name}") from None
+    if path.suffix.lower() == ".obj" and len(lines := _obj_lines(path)):
+        mesh = meshio.Mesh(mesh.points, [*mesh.cells, ("line", lines)])
     return from_mesh(mesh, f"mesh {path.name}")
+
+
+def _obj_lines(path: Path) -> IntArray:
+    """The elements `l` of an OBJ file (n, 2), which meshio skips: chains of vertices from 1, or from the end by −1.
+
+    A vertex may have a texture, 3/7.
+    """
+    n_vertices, pairs = 0, list[tuple[int, int]]()
+    for line in path.read_text(encoding="utf-8").splitlines():
+        kind, *words = line.partition("#")[0].split() or [""]
+        n_vertices += kind == "v"
+        if kind == "l":
+            numbers = [int(word.partition("/")[0]) for word in words]
+            chain = [n - 1 if n > 0 else n_vertices + n for n in numbers]
+            pairs += pairwise(chain)
+    return np.array(pairs, np.int64).reshape(-1, 2)
 
 
 def write_mesh(data: NetworkData, path: Path) -> None:
@@ -119,18 +138,3 @@ def write_mesh(data: NetworkData, path: Path) -> None:
         point_data["volume"] = np.full(data.n_vertices, data.volume)
     mesh = meshio.Mesh(points, [("line", data.edges)], point_data=point_data, cell_data=cell_data)
     mesh.write(path)
-
-
-def from_polygons(points: Any, polygons: Any) -> NetworkData:
-    """Cells of a tissue: points (N_v, 2) and the vertices of each cell in order."""
-    try:
-        cells = tuple(tuple(int(i) for i in p) for p in polygons)
-    except (TypeError, ValueError):
-        raise InputError("polygons must be lists of vertices: give the vertices of each cell in order") from None
-    few = [n for n, cell in enumerate(cells) if len(cell) < 3]
-    if few:
-        raise InputError(f"polygon {few[0]} has fewer than three vertices: correct it")
-    if not cells:
-        raise InputError("there are no polygons: give the vertices of each cell in order")
-    edges, sides = polygon_edges(cells)
-    return NetworkData(edges=edges, positions=points, sides=sides, source="polygons")

@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 from critflow.checks import floats, integers
 from critflow.result import InputError
 from critflow_extras.files.boundaries import with_offsets
-from critflow_extras.files.data import Array, NetworkData, bond_vectors_of, number, optional
+from critflow_extras.files.data import Array, NetworkData, bond_vectors_of, counted, number, optional
 from critflow_extras.pruning.digits import Digits, single_precision
 
 _HEADER = "critflow network"
@@ -215,7 +215,8 @@ def from_atoms(
 ) -> NetworkData:
     """ASE atoms with edges: pairs with their cell shifts S (`neighbor_list("ijS")`), a cutoff, or an array of bonds.
 
-    Without periodic directions the atoms are a free patch; a direction that alone is not periodic must be flat.
+    Without periodic directions the atoms are a free patch; a direction that alone is not periodic must be flat.  Atoms
+    of `FixAtoms` are fixed; other constraints are named in a note.
     """
     if edges is None and cutoff is not None:
         first, second, shift = optional("ase.neighborlist").neighbor_list("ijS", atoms, cutoff)
@@ -228,10 +229,18 @@ def from_atoms(
     if periodic.any() and not periodic.all():
         if not abs(np.linalg.det(cell)) > 0:
             cell = np.where(np.linalg.norm(cell, axis=1)[:, None] > 0, cell, np.eye(3) * (1 + np.ptp(x)))
+    constraints = [(type(one).__name__, one) for one in atoms.constraints]
+    fixed = [one.get_indices() for kind, one in constraints if kind == "FixAtoms"]
+    pins = np.unique(np.concatenate(fixed)) if fixed else np.zeros(0, int)
+    other = sorted({kind for kind, _ in constraints if kind != "FixAtoms"})
+    known = (f"{counted(len(pins), 'vertex', 'is')} fixed (FixAtoms)",) if len(pins) else ()
+    unknown = (f"constraints that were not read: {', '.join(other)}",) if other else ()
     return NetworkData(
         edges=edges,  # type: ignore[arg-type]
         positions=x,
         cell=cell if periodic.any() else None,
         offsets=offsets if periodic.any() else None,  # type: ignore[arg-type]
+        pins=tuple(pins.tolist()),
         source="ASE atoms",
+        notes=(*known, *unknown),
     )

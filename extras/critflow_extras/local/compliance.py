@@ -27,7 +27,7 @@ from critflow.quantities import Balanced
 from critflow.result import InputError
 from critflow.saddles import REFINED, SaddleFactor
 from critflow.sparse import Factor
-from critflow_extras.local.pairs import Pair
+from critflow_extras.local.pairs import Target
 
 # Compliance of a pair, relative to that by P alone with edges that yield, below which edges hold it: rounding is 1e-15.
 HELD = 1e-11
@@ -52,7 +52,7 @@ class PairMotion:
     unsolved      the same, relative to the terms that cancel in them
     """
 
-    pair: Pair
+    pair: Target
     distance: float
     direction: Array
     path: tuple[IntArray, Array]
@@ -65,7 +65,7 @@ class PairMotion:
 
     def apart(self, displacement: Array) -> Array:
         """Relative motion (d,) of the ends of the pair."""
-        return np.asarray(displacement[self.pair.head] - displacement[self.pair.tail])
+        return self.pair.apart(displacement)
 
     def turning(self, displacement: Array) -> Array:
         """∂(a·u)/∂r at constant u, (d,): the part of the relative motion across the pair, over |r|."""
@@ -89,26 +89,23 @@ class Compliances:
     yielding: Array | float = 0.0
     resisting: Array | float = 0.0
     tolerance: float = REFINED
-    motions: dict[Pair, PairMotion] = field(default_factory=dict, repr=False)
-    own: dict[Pair, tuple[Array, Array]] = field(default_factory=dict, repr=False)
+    motions: dict[Target, PairMotion] = field(default_factory=dict, repr=False)
+    own: dict[Target, tuple[Array, Array]] = field(default_factory=dict, repr=False)
 
-    def motion(self, pair: Pair) -> PairMotion:
+    def motion(self, pair: Target) -> PairMotion:
         """The motion by a unit force along a pair, computed once."""
         if pair not in self.motions:
             self.motions[pair] = self._moved(pair)
         return self.motions[pair]
 
-    def _moved(self, pair: Pair) -> PairMotion:
+    def _moved(self, pair: Target) -> PairMotion:
         network, L = self.network, self.bond_vectors
         edges, signs, constant = pair.path(network)
         r = constant + signs @ L[edges]
         length = float(np.linalg.norm(r))
         if not length > 0:
             raise InputError(f"the vertices of {pair} are at the same place, so that their pair has no direction")
-        force = np.zeros((network.n_vertices, network.dimension))
-        force[pair.head] += r / length
-        force[pair.tail] -= r / length
-        force = force[network.free]
+        force = pair.pull(network, r / length)[network.free]
         u, multipliers, residual, unsolved = self.solved(force)
         rates, moved = product(network.free_incidence, u), np.zeros((network.n_vertices, network.dimension))
         moved[network.free] = u
@@ -130,12 +127,12 @@ class Compliances:
         left = force - product(network.divergence, sigma[:, None] * rates + multipliers[:, None] * L)
         return u, multipliers, (left, self.yielding * multipliers - dot(L, rates)), unsolved
 
-    def compliance(self, target: Pair, source: Pair) -> float:
+    def compliance(self, target: Target, source: Target) -> float:
         """G_ts."""
         one, other = self.motion(target), self.motion(source)
         return float(one.direction @ one.apart(other.displacement))
 
-    def held(self, pair: Pair) -> bool:
+    def held(self, pair: Target) -> bool:
         """Whether the edges hold the distance of a pair: its compliance is rounding."""
         motion, free = self.motion(pair), self.network.free
         # λ of the part of the force that edges carry is |λ||L| in size, and moves vertices as P does.
@@ -143,7 +140,7 @@ class Compliances:
         unit = max(1.0, carried) / float(np.mean(np.abs(self.sigma)))
         return motion.unsolved < UNSOLVED and not (len(free) and self.compliance(pair, pair) > HELD * unit)
 
-    def error(self, target: Pair, source: Pair) -> float:
+    def error(self, target: Target, source: Target) -> float:
         """Error (estimate) of G_ts for exact σ and L: residuals times the other motion, and accumulated roundings.
 
         Infinite where the solve of a motion has not converged: the other motion is then not known either.
@@ -162,23 +159,23 @@ class Compliances:
         noise = noise + self.resisting * one.rounded * other.rounded
         return left + float(accumulated_rounding(2 * EPS * noise)) + 2 * EPS * abs(self.compliance(target, source))
 
-    def derivatives(self, target: Pair, source: Pair) -> tuple[Array, Array]:
+    def derivatives(self, target: Target, source: Target) -> tuple[Array, Array]:
         """∂G_ts/∂σ (N_b,) and ∂G_ts/∂L (N_b, d) at constant directions of the pairs."""
         one, other = self.motion(target), self.motion(source)
         by_L = -other.multipliers[:, None] * one.rates - one.multipliers[:, None] * other.rates
         return -dot(one.rates, other.rates), by_L
 
-    def own_derivatives(self, pair: Pair) -> tuple[Array, Array]:
+    def own_derivatives(self, pair: Target) -> tuple[Array, Array]:
         """`derivatives` of G_ss, computed once."""
         if pair not in self.own:
             self.own[pair] = self.derivatives(pair, pair)
         return self.own[pair]
 
-    def by_stiffness(self, target: Pair, source: Pair) -> Array:
+    def by_stiffness(self, target: Target, source: Target) -> Array:
         """∂G_ts/∂k (N_b,): zero, since no edge yields."""
         return np.zeros(self.network.n_edges)
 
-    def growth(self, target: Pair, source: Pair) -> float:
+    def growth(self, target: Target, source: Target) -> float:
         """dG_ts/dt for a stress tσ, t → 0."""
         yielding = dot(self.bond_vectors, self.bond_vectors) / self.network.stiffness
         one, other = (self._relaxed(self.motion(pair).multipliers, yielding) for pair in (target, source))

@@ -16,6 +16,7 @@ from critflow.pictures import COLOURS, add_cell, periodic_segments
 from critflow.result import InputError
 from critflow_extras.drawing.draw import draw
 from critflow_extras.local.local_response import LocalResponse
+from critflow_extras.local.pairs import Pair
 
 # The arrow of the median motion and the longest one, in units of the spacing of vertices; widths of lines in points.
 _MEDIAN, _LONGEST, _SOURCE, _LEAST, _MOST = 0.25, 0.8, 3.5, 0.8, 3.0
@@ -43,9 +44,13 @@ def draw_response(critical: CriticalConfiguration, response: LocalResponse, ax: 
     if network.dimension != 2:
         raise InputError("pictures of responses are those of planar networks: print the strains of others")
     ax = draw(critical, ax, color=np.ones(network.n_edges), cmap=_EDGES, width=0.9)
-    pairs = (response.source, *response.targets)
+    # The arrow of a vertex is its response.
+    shown = [
+        (pair, eta) for pair, eta in zip(response.targets, response.strains, strict=True) if isinstance(pair, Pair)
+    ]
+    pairs = (response.source, *(pair for pair, _ in shown))
     ends, images = np.array([[pair.tail, pair.head] for pair in pairs]), np.array([pair.image for pair in pairs])
-    strains = np.concatenate([[1.0], response.strains])
+    strains = np.array([1.0, *(eta for _, eta in shown)])
     add_response(ax, network.cell, critical.coordinates, response.displacements, ends, images, strains)
     return ax
 

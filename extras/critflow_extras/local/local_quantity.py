@@ -20,7 +20,7 @@ from critflow.numerics import EPS
 from critflow.quantities import Balanced, Partials, Quantity
 from critflow.result import InputError
 from critflow_extras.local.compliance import Compliances, compliances
-from critflow_extras.local.pairs import Pair, check_distinct, read_pair
+from critflow_extras.local.pairs import Pair, Target, Vertex, check_distinct, read_pair, read_target
 from critflow_extras.local.under_stress import compliances_under
 
 _NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?")
@@ -39,7 +39,7 @@ class LocalStrain(Quantity):
     elastic: ClassVar[bool] = True
     analytic: ClassVar[bool] = False
     source: Pair
-    target: Pair
+    target: Target
     stress: float
     n_vertices: int
     spelled: str
@@ -47,6 +47,9 @@ class LocalStrain(Quantity):
     @property
     def name(self) -> str:
         return f"local[{self.spelled}]"
+
+    def unit(self, network: Network) -> float:
+        return network.spacing if isinstance(self.target, Vertex) else 1.0
 
     def evaluate(self, balance: Balanced) -> tuple[float, Partials]:
         known = self._compliances(balance)
@@ -86,7 +89,7 @@ class LocalStrain(Quantity):
 def local(network: Network, text: str) -> LocalStrain:
     """local[i-j,k-l] with the source i-j and the target k-l, or local[i-j,k-l,t] under the stress tσ.
 
-    i-j:1:0 names the image of j in the next cell.
+    i-j:1:0 names the image of j in the next cell.  The target 20x is the motion of vertex 20 along x, a length.
     """
     pairs, stress = text.split(","), 0.0
     if len(pairs) == 3 and _NUMBER.fullmatch(pairs[2].strip()):
@@ -98,7 +101,7 @@ def local(network: Network, text: str) -> LocalStrain:
         raise InputError(
             f"local[{text:.40}] needs a source and a target: write local[i-j,k-l] with numbers of vertices"
         )
-    source, target = (read_pair(network, part) for part in pairs)
+    source, target = read_pair(network, pairs[0]), read_target(network, pairs[1])
     check_distinct(source, target)
     return LocalStrain(source, target, stress, network.n_vertices, text.replace(" ", ""))
 
@@ -109,13 +112,13 @@ def require_moving(found: Compliances, pair: Pair) -> None:
         raise InputError(f"the edges hold the source {pair}, so that no motion changes its distance: name another pair")
 
 
-def strain(found: Compliances, source: Pair, target: Pair) -> float:
+def strain(found: Compliances, source: Pair, target: Target) -> float:
     """η."""
     ratio = found.motion(source).distance / found.motion(target).distance
     return ratio * found.compliance(target, source) / found.compliance(source, source)
 
 
-def partials(found: Compliances, source: Pair, target: Pair) -> Partials:
+def partials(found: Compliances, source: Pair, target: Target) -> Partials:
     """∂η/∂σ (N_b,) and ∂η/∂L (N_b, d)."""
     s, t, own = found.motion(source), found.motion(target), found.compliance(source, source)
     ratio, eta = s.distance / t.distance, strain(found, source, target)
@@ -130,7 +133,7 @@ def partials(found: Compliances, source: Pair, target: Pair) -> Partials:
     return by_sigma, by_L
 
 
-def strain_error(found: Compliances, critical: CriticalConfiguration, source: Pair, target: Pair) -> float:
+def strain_error(found: Compliances, critical: CriticalConfiguration, source: Pair, target: Target) -> float:
     """Error (estimate) of η at a configuration: of the compliances, of the bonds, and of r by a sum along its path."""
     s, t, own = found.motion(source), found.motion(target), found.compliance(source, source)
     eta, ratio = strain(found, source, target), s.distance / t.distance

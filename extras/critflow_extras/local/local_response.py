@@ -13,7 +13,7 @@ Under finite stress the Hessian RᵀKR + P takes the place of P, and edges yield
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import singledispatch
 from typing import Any
 
@@ -24,7 +24,7 @@ from critflow.calls import running
 from critflow.elastic import under_stress
 from critflow.linear_response import accumulated_rounding
 from critflow.manifold import CriticalConfiguration
-from critflow.networks import Array
+from critflow.networks import Array, Network
 from critflow.numerics import EPS
 from critflow.result import InputError, Record, Solution, Stats, Status
 from critflow.saddles import Saddle
@@ -32,21 +32,23 @@ from critflow.self_stress import require_one_stress_by_rank
 from critflow.springs import SpringState
 from critflow_extras.local.compliance import Compliances, HessianCompliances, HessianFactor, compliances
 from critflow_extras.local.local_quantity import partials, stiffness_error, strain, strain_error
-from critflow_extras.local.pairs import Pair, check_distinct, pair_of
+from critflow_extras.local.pairs import Pair, Target, Vertex, check_distinct, next_neighbours, pair_of, target_of
 
 # Part by which a response may deviate at the stress `limit`; error beyond which responses are not trusted, as a part of
 # the largest of them or of the strain of the source.
 DEVIATION, TRUSTED = 0.01, 0.01
+_MOST_TARGETS = 3000  # of "all": each keeps its motion of all vertices
 _MARGIN = 30.0  # errors of growths in units of the changes that two sets of roundings cause
 _TOLERANCE = 1e-9  # forces of a state in units of its stiffness that count as balanced
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class LocalResponse(Record):
-    """The response of target pairs to a source pair.
+    """The response of target pairs, and of single vertices, to a source pair.
 
-    source, targets  the pairs, with the image of the head of each
-    strains          η (n,): relative change of each target distance per relative change of the source distance
+    source, targets  the pairs, with the image of the head of each, or vertices with a direction
+    strains          η (n,): relative change of each target distance per relative change of the source distance; of a
+                     vertex its motion along the direction, a length, in a network without pins relative to the mean
     errors           of them (estimate), (n,)
     stiffness        force along the source per change of its distance: of a configuration per unit of stress, since it
                      is t times this for the stress tσ, Σσ² = N_b; of a state in units of k
@@ -57,7 +59,7 @@ class LocalResponse(Record):
     """
 
     source: Pair
-    targets: tuple[Pair, ...]
+    targets: tuple[Target, ...]
     strains: Array
     errors: Array
     stiffness: float
@@ -72,6 +74,17 @@ class LocalResponse(Record):
         with np.errstate(divide="ignore"):
             return DEVIATION * np.abs(self.strains) / np.abs(self.growth)
 
+    def strongest(self, number: int = 5) -> LocalResponse:
+        """The same response of the targets of the largest |η|, that many or all of them, the largest first.
+
+        Raises `InputError` for a number below one.
+        """
+        if of_kind(int, number=number) < 1:
+            raise InputError(f"number must be one or more, not {number}")
+        kept = np.argsort(-np.abs(self.strains), kind="stable")[:number]
+        arrays = {name: getattr(self, name)[kept] for name in ("strains", "errors", "growth", "growth_errors")}
+        return replace(self, targets=tuple(self.targets[n] for n in kept), **arrays)
+
 
 @running("local_response")
 def local_response(springs: Any, source: Any, targets: Any, throw: bool = True) -> Solution[LocalResponse]:
@@ -81,7 +94,8 @@ def local_response(springs: Any, source: Any, targets: Any, throw: bool = True) 
              weak forces, of `weak_equilibrium`
     source   two vertices (i, j) that no edge joins, or (i, j, image) with the cell of j relative to that of i.  Without
              an image it is the nearest one at equal stresses, which `source` of the value states
-    targets  a pair, or a list of pairs
+    targets  a pair, or a list of pairs; (i, (n_x, n_y)) is the motion of vertex i along a direction; "all": every pair
+             that two edges in a row join, up to 3000, of which `strongest` of the value picks the largest responses
 
     Errors (estimate): `errors` of the value, against the configuration in exact balance under the floating-point σ; of
     a state, at its coordinates as given.
@@ -102,29 +116,46 @@ def local_response(springs: Any, source: Any, targets: Any, throw: bool = True) 
     springs = of_known_kind(response_of_pairs, CriticalConfiguration, SpringState, springs=springs)
     of_kind(bool, throw=throw)
     network = springs.network
-    one, several = pair_of(network, source, "source"), _pairs(targets)
-    others = [pair_of(network, target, f"targets[{n}]") for n, target in enumerate(several)]
+    one = pair_of(network, source, "source")
+    if isinstance(targets, str) and targets == "all":
+        others = _all_pairs(network, one)
+    else:
+        others = [target_of(network, target, f"targets[{n}]") for n, target in enumerate(_pairs(targets))]
     for other in others:
         check_distinct(one, other)
     solution: Solution[LocalResponse] = response_of_pairs(springs, one, tuple(others))
     return solution.or_raise("no local response") if throw else solution
 
 
+def _all_pairs(network: Network, source: Pair) -> list[Target]:
+    """The targets of "all", without the source."""
+    others: list[Target] = [pair for pair in next_neighbours(network) if pair not in (source, source.reversed)]
+    if not 0 < len(others) <= _MOST_TARGETS:
+        raise InputError(
+            f"targets='all' are {len(others):,} pairs here, not 1 to {_MOST_TARGETS:,}: give a list of pairs"
+        )
+    return others
+
+
 def _pairs(targets: Any) -> list[Any]:
     """The pairs of a list, or the only one."""
     if not isinstance(targets, Sequence | np.ndarray) or isinstance(targets, str) or not len(targets):
-        raise InputError(f"targets must be a list of pairs of vertices, such as [(3, 20)], not {shown(targets)}")
+        raise InputError(
+            f"targets must be a list of pairs of vertices, such as [(3, 20)], or 'all', not {shown(targets)}"
+        )
     return [targets] if is_number(targets[0]) else list(targets)
 
 
 @singledispatch
-def response_of_pairs(springs: Any, source: Pair, targets: tuple[Pair, ...]) -> Solution[LocalResponse]:
+def response_of_pairs(springs: Any, source: Pair, targets: tuple[Target, ...]) -> Solution[LocalResponse]:
     """The response by the kind of the springs."""
     raise InputError(f"local responses are those of springs on edges, not of {shown(springs)}")
 
 
 @response_of_pairs.register(CriticalConfiguration)
-def _at_transition(critical: CriticalConfiguration, source: Pair, targets: tuple[Pair, ...]) -> Solution[LocalResponse]:
+def _at_transition(
+    critical: CriticalConfiguration, source: Pair, targets: tuple[Target, ...]
+) -> Solution[LocalResponse]:
     if not np.isfinite(critical.bond_vectors).all():
         raise InputError("the configuration is not known, its coordinates are NaN: look at the status of its solution")
     found = compliances(critical)
@@ -144,7 +175,7 @@ def _at_transition(critical: CriticalConfiguration, source: Pair, targets: tuple
 
 
 def _growth_errors(
-    critical: CriticalConfiguration, found: Compliances, source: Pair, targets: tuple[Pair, ...], growth: Array
+    critical: CriticalConfiguration, found: Compliances, source: Pair, targets: tuple[Target, ...], growth: Array
 ) -> Array:
     """Errors (estimate) of dη/dt, (n,): the changes by two sets of errors of the bonds, with a margin."""
     L, sigma = critical.bond_vectors, critical.sigma
@@ -160,7 +191,7 @@ def _growth_errors(
     return errors
 
 
-def _growths(found: Compliances, source: Pair, targets: tuple[Pair, ...]) -> Array:
+def _growths(found: Compliances, source: Pair, targets: tuple[Target, ...]) -> Array:
     """dη/dt of each target, (n,)."""
     ratio = found.motion(source).distance / np.array([found.motion(target).distance for target in targets])
     mixed, own = np.array([found.growth(target, source) for target in targets]), found.growth(source, source)
@@ -169,7 +200,7 @@ def _growths(found: Compliances, source: Pair, targets: tuple[Pair, ...]) -> Arr
 
 
 @response_of_pairs.register(SpringState)
-def _under_stress(state: SpringState, source: Pair, targets: tuple[Pair, ...]) -> Solution[LocalResponse]:
+def _under_stress(state: SpringState, source: Pair, targets: tuple[Target, ...]) -> Solution[LocalResponse]:
     if not under_stress(state, _TOLERANCE):
         raise InputError("springs without stress do not resist: give the critical configuration, or a strained state")
     found = _of_state(state)
@@ -206,7 +237,7 @@ def _answer(
     springs: CriticalConfiguration | SpringState,
     found: Compliances,
     source: Pair,
-    targets: tuple[Pair, ...],
+    targets: tuple[Target, ...],
     errors: Array,
     growth: Array,
     own_error: float,
@@ -217,13 +248,15 @@ def _answer(
     """
     strains, own = np.array([strain(found, source, target) for target in targets]), found.compliance(source, source)
     motion = found.motion(source)
+    # The motion of a vertex is a length: that of the source is its distance.
+    unit = np.array([motion.distance if isinstance(target, Vertex) else 1.0 for target in targets])
     moved = motion.displacement * motion.distance / own
     if not springs.network.pins:
         moved = moved - moved.mean(axis=0)
     force, slip = motion.residual
     residual = max(float(np.abs(part).max(initial=0.0)) for part in (force, slip))
     # Errors are NaN, not known, where those of the bond vectors are.
-    if not np.isfinite(strains).all() or (errors > TRUSTED * np.maximum(1.0, np.abs(strains))).any():
+    if not np.isfinite(strains).all() or (errors > TRUSTED * np.maximum(unit, np.abs(strains))).any():
         note = "rounding errors exceed a hundredth of the response: choose stresses of more similar magnitude"
         return _failed(springs, source, targets, Status.ill_conditioned, note)
     value = LocalResponse(
@@ -233,7 +266,7 @@ def _answer(
 
 
 def _failed(
-    springs: CriticalConfiguration | SpringState, source: Pair, targets: tuple[Pair, ...], status: Status, note: str
+    springs: CriticalConfiguration | SpringState, source: Pair, targets: tuple[Target, ...], status: Status, note: str
 ) -> Solution[LocalResponse]:
     """No response, for a reason."""
     nothing, unknown = np.full(len(targets), np.nan), np.full_like(springs.coordinates, np.nan)

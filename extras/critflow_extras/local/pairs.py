@@ -1,4 +1,4 @@
-"""Pairs of vertices that no edge joins, each with the image of its head, and the vector between them.
+"""Pairs of vertices that no edge joins, each with the image of its head, and the vector between them; single vertices.
 
 The vector of a pair is that of a path of edges, r = Σ ±(L_α − m_α C) + n C with the images m of the edges and n of the
 pair and the cell C (rows), so that its derivative by the bond vectors is ±1 on the path.
@@ -10,20 +10,22 @@ import re
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import lru_cache
-from itertools import product
+from itertools import combinations, product
 from typing import Any
 
 import numpy as np
 import scipy.sparse as sp
 from scipy.sparse.csgraph import breadth_first_order
 
-from critflow.arguments import shown
+from critflow.arguments import is_number, shown
+from critflow.checks import floats
 from critflow.manifold import CriticalManifold
 from critflow.networks import Array, IntArray, Network
 from critflow.points import short_cell
 from critflow.result import InputError
 
 _WRITTEN = re.compile(r"(\d+)-(\d+)((?::[+-]?\d+)*)")
+_AXIS = re.compile(r"(\d+)([xyz])")
 _SPELLING = "write a pair as 3-20, or 3-20:1:0 for vertex 20 in the next cell along the first vector"
 
 
@@ -42,6 +44,17 @@ class Pair:
     def reversed(self) -> Pair:
         """The same pair from its head."""
         return Pair(self.head, self.tail, tuple(-n for n in self.image))
+
+    def pull(self, network: Network, direction: Array) -> Array:
+        """Unit forces (N_v, d) at both ends along a direction (d,), outwards."""
+        force = np.zeros((network.n_vertices, network.dimension))
+        force[self.head] += direction
+        force[self.tail] -= direction
+        return force
+
+    def apart(self, displacement: Array) -> Array:
+        """Relative motion (d,) of the ends."""
+        return np.asarray(displacement[self.head] - displacement[self.tail])
 
     def vector(self, network: Network, L: Array) -> Array:
         """r (d,) for bond vectors L (N_b, d)."""
@@ -67,6 +80,38 @@ class Pair:
         if network.cell is not None:
             images = total @ network.offsets[used] @ network.cell
         return used[total != 0], total[total != 0], start - origin + cell - images
+
+
+@dataclass(frozen=True)
+class Vertex:
+    """The motion of one vertex along a unit vector (d,).
+
+    floating  relative to the mean motion of all vertices, where nothing is pinned
+    """
+
+    number: int
+    direction: tuple[float, ...]
+    floating: bool
+
+    def __str__(self) -> str:
+        return f"{self.number} along ({', '.join(f'{n:.4g}' for n in self.direction)})"
+
+    def pull(self, network: Network, direction: Array) -> Array:
+        """A unit force (N_v, d) on the vertex, balanced by equal ones on all vertices where nothing is pinned."""
+        force = np.zeros((network.n_vertices, network.dimension))
+        force[self.number] = direction
+        return force - force.mean(axis=0) if self.floating else force
+
+    def apart(self, displacement: Array) -> Array:
+        """Motion (d,) of the vertex, to be multiplied by its direction."""
+        return np.asarray(displacement[self.number] - (displacement.mean(axis=0) if self.floating else 0.0))
+
+    def path(self, network: Network) -> tuple[IntArray, Array, Array]:
+        """No edges: the direction depends on no bond vector, and its length is 1."""
+        return np.zeros(0, np.int64), np.zeros(0), np.array(self.direction)
+
+
+Target = Pair | Vertex
 
 
 @dataclass(frozen=True, eq=False)
@@ -122,6 +167,41 @@ def pair_of(network: Network, given: Any, name: str) -> Pair:
     return checked_pair(network, [_whole(one, name) for one in given[:2]], given[2] if len(given) == 3 else None, name)
 
 
+def target_of(network: Network, given: Any, name: str) -> Target:
+    """A checked pair, or the motion of one vertex along a direction (vertex, (n_x, n_y)); `InputError` otherwise."""
+    listed = isinstance(given, Sequence | np.ndarray) and not isinstance(given, str) and len(given) == 2
+    if not listed or is_number(given[1]):
+        return pair_of(network, given, name)
+    return _vertex(network, _whole(given[0], name), floats(given[1], f"the direction of {name}"), name)
+
+
+def _vertex(network: Network, number: int, direction: Array, name: str) -> Vertex:
+    if not 0 <= number < network.n_vertices or number in network.pins:
+        raise InputError(f"{name} names vertex {number}, which is fixed or not there: name one that can move")
+    size = float(np.linalg.norm(direction))
+    if direction.shape != (network.dimension,) or not 0 < size < np.inf:
+        raise InputError(f"the direction of {name} must be {network.dimension} numbers, not all zero")
+    return Vertex(number, tuple((direction / size).tolist()), not network.pins)
+
+
+def next_neighbours(network: Network) -> list[Pair]:
+    """All pairs that two edges in a row join, and no edge: angles at a vertex, whose changes are all local strains."""
+    walks: list[list[tuple[int, Array]]] = [[] for _ in range(network.n_vertices)]
+    for (tail, head), offset in zip(network.edges.tolist(), network.offsets, strict=True):
+        walks[tail].append((head, offset))
+        walks[head].append((tail, -offset))
+    joined = {(a, b, *image.tolist()) for a, walk in enumerate(walks) for b, image in walk}
+    found = dict[tuple[int, ...], Pair]()
+    for walk in walks:
+        for (i, here), (j, there) in combinations(walk, 2):
+            a, b, image = (i, j, there - here) if i <= j else (j, i, here - there)
+            key = (a, b, *image.tolist())
+            pinned = a in network.pins and b in network.pins
+            if a != b and key not in joined and not pinned:
+                found[key] = Pair(a, b, tuple(image.tolist()))
+    return list(found.values())
+
+
 def _whole(vertex: Any, name: str) -> int:
     if isinstance(vertex, bool) or not isinstance(vertex, int | np.integer):
         raise InputError(f"{name} must name vertices by whole numbers, not {shown(vertex)}")
@@ -144,6 +224,18 @@ def read_pair(network: Network, text: str) -> Pair:
         raise InputError(f"no pair of vertices is called {text!r:.40}: {_SPELLING}")
     tail, head, image = match.groups()
     return checked_pair(network, [int(tail), int(head)], [int(n) for n in image.split(":")[1:]] or None, "the pair")
+
+
+def read_target(network: Network, text: str) -> Target:
+    """A pair, or a vertex and an axis, such as 20x."""
+    if (match := _AXIS.fullmatch(text.strip())) is None:
+        return read_pair(network, text)
+    axis = "xyz".index(match[2])
+    if axis >= network.dimension:
+        raise InputError(
+            f"the target {text.strip()!r:.40} has an axis that the network lacks: take {'xyz'[: network.dimension]}"
+        )
+    return _vertex(network, int(match[1]), np.eye(network.dimension)[axis], "the target")
 
 
 def checked_pair(network: Network, ends: list[int], image: Any, name: str) -> Pair:
@@ -198,7 +290,7 @@ def _equal_stresses(network: Network) -> Array:
     return network.all_coordinates(CriticalManifold(network).balance(np.ones(network.n_edges)).coordinates)
 
 
-def check_distinct(source: Pair, target: Pair) -> None:
+def check_distinct(source: Pair, target: Target) -> None:
     """`InputError` where source and target are the same pair."""
     if target in (source, source.reversed):
         raise InputError(f"the source and a target are the same pair {source}, whose response is 1: name another")

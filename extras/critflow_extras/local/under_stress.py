@@ -18,29 +18,29 @@ from critflow.networks import Array
 from critflow.numerics import EPS, dot
 from critflow.quantities import Balanced
 from critflow_extras.local.compliance import Compliances
-from critflow_extras.local.pairs import Pair
+from critflow_extras.local.pairs import Target
 
 
 @dataclass(frozen=True, eq=False)
 class StressedCompliances(Compliances):
     """Motions of pairs at the stress tσ, which is `sigma` (N_b,) here, by one factor."""
 
-    def error(self, target: Pair, source: Pair) -> float:
+    def error(self, target: Target, source: Target) -> float:
         """Error (estimate) of G_ts: with the roundings of y."""
         return super().error(target, source) + 4 * EPS * float(np.abs(self._yielded(target, source)).sum())
 
-    def derivatives(self, target: Pair, source: Pair) -> tuple[Array, Array]:
+    def derivatives(self, target: Target, source: Target) -> tuple[Array, Array]:
         """∂G_ts/∂(tσ) (N_b,) and ∂G_ts/∂L (N_b, d) at constant k and directions of the pairs."""
         by_sigma, by_L = super().derivatives(target, source)
         L, yielded = self.bond_vectors, self._yielded(target, source)
         square = dot(L, L)
         return by_sigma + yielded * self.yielding / square, by_L + 2 * (yielded / square)[:, None] * L
 
-    def by_stiffness(self, target: Pair, source: Pair) -> Array:
+    def by_stiffness(self, target: Target, source: Target) -> Array:
         """∂G_ts/∂k (N_b,) at constant tσ and L."""
         return -self._yielded(target, source) * self.yielding / dot(self.bond_vectors, self.bond_vectors)
 
-    def _yielded(self, target: Pair, source: Pair) -> Array:
+    def _yielded(self, target: Target, source: Target) -> Array:
         """λ_t y λ_s (N_b,)."""
         return self.motion(target).multipliers * self.yielding * self.motion(source).multipliers
 

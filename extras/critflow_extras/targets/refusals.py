@@ -84,7 +84,7 @@ def _beyond_reciprocity(targets: Sequence[Target]) -> str:
     local = [(target, target.quantity) for target in targets if isinstance(target.quantity, LocalStrain)]
     for n, (one, forth) in enumerate(local):
         for other, back in local[:n]:
-            pairs = ((forth.source, back.target), (forth.target, back.source))
+            pairs = ((back.target, forth.source), (forth.target, back.source))
             if forth.stress != back.stress or not all(a in (b, b.reversed) for a, b in pairs):
                 continue
             # The limits of both on one side of zero, as magnitudes.

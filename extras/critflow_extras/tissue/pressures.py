@@ -82,8 +82,13 @@ def pressure_jumps(network: Network) -> sp.csr_array:
 
     Raises `InputError` for networks that are not planar or have no known faces.
     """
-    if network.dimension != 2 or network.faces is None:
-        raise InputError("pressures need the faces of a planar network: give positions")
+    if network.dimension != 2:
+        raise InputError("pressures need the faces of a planar network, and this one lies in space: leave them out")
+    if network.faces is None:
+        raise InputError(
+            "pressures need the faces of a planar network: network_from(edges=, positions=, pins=) finds them where no "
+            "edges cross"
+        )
     if (network.edges[:, 0] == network.edges[:, 1]).any():
         raise InputError("an edge joins a vertex to its own image, which pressures exclude: repeat the cell")
     faces: Faces = network.faces

@@ -72,6 +72,38 @@ def test_a_lattice_is_rigid_to_first_order():
     assert found.critical_strains == {}
 
 
+FREE = {
+    **{kind: lattice(kind, 3, 3) for kind in ("triangular", "honeycomb", "kagome", "square")},
+    **{kind: lattice(kind, 2, 2, 2) for kind in ("cubic", "diamond")},
+    "floppy": VORONOI,
+}
+
+
+@pytest.mark.parametrize("case", FREE)
+def test_counts_on_a_free_cell(case):
+    """Those of the rigidity matrix with the strains of the cell as columns, also for stiffnesses over nine decades."""
+    network = FREE[case].with_stiffness(np.geomspace(1, 1e9, FREE[case].n_edges))
+    L, d = network.bond_vectors(network.positions), network.dimension
+    n = L / np.linalg.norm(L, axis=1)[:, None]
+    moved = (network.incidence.toarray()[:, :, None] * n[:, None]).reshape(len(L), -1)
+    strained = np.array([n[:, i] * L[:, j] + n[:, j] * L[:, i] for i in range(d) for j in range(i, d)]).T
+    matrix = np.hstack([moved, strained])
+    rank = np.linalg.matrix_rank(matrix, tol=1e-9)
+    found = examine(network, deformations=())
+    free = found.free_cell
+    assert (free.n_self_stresses, free.n_zero_modes) == (len(L) - rank, matrix.shape[1] - rank)
+    assert not free.largest_zero > 1e-7 and not free.smallest_nonzero < 0.1
+    assert f"on a free cell: {len(L) - rank} self-stress" in str(found)
+
+
+def test_rigidity_to_first_order_names_its_cell():
+    found = examine(lattice("triangular", 4, 4))
+    assert "in its fixed cell no motion keeps all lengths" in str(found) and "may deform" not in str(found)
+    # Three bars between two vertices fix them in the cell, and resist one of its three strains.
+    found = examine(lattice("honeycomb", 1, 1), deformations=())
+    assert found.order == "first" and "where the cell may deform, 2 motions keep them" in str(found)
+
+
 def test_a_patch_with_fixed_vertices_has_moduli_per_named_volume():
     inner = (VORONOI.offsets == 0).all(axis=1)
     patch = network_from(edges=VORONOI.edges[inner], positions=VORONOI.positions, pins="hull")

@@ -116,6 +116,13 @@ def test_ase_atoms_with_a_neighbour_list():
     read = network_from(atoms, cutoff=1.1)
     assert "neighbour list" in str(read) and (read.network.dimension, read.network.n_edges) == (2, 48)
     np.testing.assert_allclose(np.linalg.norm(read.network.bond_vectors(read.positions), axis=1), 1, rtol=1e-12)
+    # Fixed atoms are fixed vertices; other constraints are named.
+    constraints = pytest.importorskip("ase.constraints")
+    atoms.set_constraint(
+        [constraints.FixAtoms([0, 3]), constraints.FixAtoms([3, 5]), constraints.FixedPlane(7, [0, 0, 1])]
+    )
+    held = network_from(atoms, cutoff=1.1)
+    assert sorted(held.network.pins) == [0, 3, 5] and "3 vertices are fixed" in str(held) and "FixedPlane" in str(held)
     # Edges are longer than a thin slab is high, in which no image is nearer.
     atoms.cell[2, 2] = 1.1
     np.testing.assert_array_equal(network_from(atoms, edges=network.edges).network.offsets, network.offsets)
@@ -150,6 +157,9 @@ def test_meshes_of_meshio(tmp_path, monkeypatch):
     bent = np.array([[0, 0], [3, 0], [1, 1], [2, 1.0]])
     found = network_from(meshio.Mesh(bent, [("line4", np.array([[0, 1, 2, 3]]))]), pins=[0, 1])
     np.testing.assert_array_equal(found.network.edges, [[0, 2], [2, 3], [3, 1]])
+    # Lines of an OBJ file, which meshio skips: chains, with textures, or counted from the last vertex.
+    (tmp_path / "star.obj").write_text("".join(f"v {a} {b} {c}\n" for a, b, c in x) + "l 1 4/2 2 # bars\nl -2 -1\n")
+    assert network_from(tmp_path / "star.obj", pins=[0, 1, 2]).data.edges.tolist() == [[0, 3], [3, 1], [2, 3]]
     # A package that meshio lacks is named.
     missing = ModuleNotFoundError("No module named 'h5py'", name="h5py")
     monkeypatch.setattr(meshio, "read", lambda path: (_ for _ in ()).throw(missing))
@@ -203,6 +213,107 @@ def test_a_mesh_of_polygons_has_them_as_faces(tmp_path):
     hollow = network_from(positions=x, polygons=np.delete(triangles, inner, axis=0), pins="hull")
     assert hollow.network.faces.n_faces == read.network.faces.n_faces - 1
     assert hollow.sides.sum(axis=1).max() == 3 and hollow.sides.shape == (len(triangles) - 1, read.network.n_edges)
+
+
+GRAPH = {
+    "node": {"0": {}, "1": {"x": 2.0}, "7": {"x": 1, "y": 2}, "9": {"x": 1, "y": 0.7, "pz": -1.0, "is_anchor": False}},
+    "edge": {"0": {"9": {"q": 2.0, "l0": 0.0}}, "1": {"9": {}}, "7": {}, "9": {"7": {"colour": 3}}},
+}
+COMPAS_1 = {**GRAPH, "dna": {"x": 0.0, "y": 0.0, "z": 0.0, "is_anchor": True}, "dea": {"q": 1.0, "l0": 0.0}}
+COMPAS_2 = {
+    "dtype": "compas.datastructures/Graph",
+    "data": {**GRAPH, "default_node_attributes": COMPAS_1["dna"], "default_edge_attributes": COMPAS_1["dea"]},
+}
+CELLS = {  # as COMPAS writes it; 1-2 is no edge
+    "dtype": "compas.datastructures/Mesh",
+    "data": {
+        "default_vertex_attributes": {"is_support": False},
+        "default_edge_attributes": {"q": 0.0},
+        "vertex": {str(n): {"x": n % 3, "y": n // 3, "z": 0.0, "is_support": n != 1} for n in range(6)},
+        "face": {"0": [0, 1, 4, 3], "1": [1, 2, 5, 4]},
+        "edgedata": {"(2, 1)": {"is_edge": False}, "1-4": {"q": 3.0}},
+    },
+}
+
+
+@pytest.mark.parametrize(("content", "edges"), [(COMPAS_1, 3), (COMPAS_2, 3), (CELLS, 2)])
+def test_json_of_compas(tmp_path, content, edges):
+    path = tmp_path / "net.json"
+    path.write_text(json.dumps(content))
+    read = network_from(path)
+    assert read.network.n_edges == edges and read.rest_lengths is None and "COMPAS net.json" in str(read)
+    if edges == 3:
+        assert sorted(read.network.pins) == [0, 1, 2] and read.vertex_names == ("0", "1", "7", "9")
+        assert read.force_densities.tolist() == [2.0, 1.0, 1.0]
+        assert "loads of 1 vertex" in str(read) and "colour" in str(read)
+    else:
+        assert read.force_densities.tolist() == [0.0, 3.0] and read.data.sides.tolist() == [[0, -1], [0, 1]]
+
+
+def outlines(size):
+    """16 hexagons of three rows, each with corners of its own, (6, 2)."""
+    turn = np.arange(6) * np.pi / 3
+    hexagon = size * np.stack([np.cos(turn), np.sin(turn)], axis=1)
+    return [hexagon + np.array([1.5 * i, np.sqrt(3) * (j + 0.5 * (i % 2))]) for i in range(4) for j in range(4)]
+
+
+def geojson(polygons):
+    rings = [[*corners.tolist(), corners[0].tolist()] for corners in polygons]
+    features = [{"type": "Feature", "geometry": {"type": "Polygon", "coordinates": [ring]}} for ring in rings]
+    return {"type": "FeatureCollection", "features": [*features, {"type": "Feature", "geometry": None}]}
+
+
+def test_polygons_with_corners_of_their_own_are_welded(tmp_path):
+    whole, apart = outlines(1.0), outlines(0.97)
+    read = network_from(polygons=whole, pins="hull")
+    assert (read.network.n_edges, read.network.faces.n_faces) == (55, 10) and "96 corners were welded to 48" in str(
+        read
+    )
+    numbered = network_from(positions=np.concatenate(whole), polygons=np.arange(96).reshape(16, 6), pins="hull")
+    np.testing.assert_array_equal(numbered.network.edges, read.network.edges)
+    # Corners that are apart are so in a sentence, whose distance joins them.
+    gaps = network_from(polygons=apart, pins="hull")
+    assert "16 of 16 polygons share no side" in str(gaps) and gaps.network.n_edges == 28
+    weld = float(re.search(r"weld=([\d.]+)", str(gaps))[1])
+    np.testing.assert_array_equal(
+        network_from(polygons=apart, weld=weld, pins="hull").network.edges, read.network.edges
+    )
+    assert "share no side" not in str(read)
+    path = tmp_path / "cells.geojson"
+    path.write_text(json.dumps(geojson(apart)))
+    assert main(["convert", str(path), str(tmp_path / "c.csv"), "--weld", "0.08", "--pins", "hull"]) == 0
+    assert network_from(tmp_path / "c.csv").network.n_edges == 55
+    assert "1 of type None" in str(network_from(path, pins="hull"))
+
+
+def test_polygons_of_shapely():
+    shapely = pytest.importorskip("shapely")
+    cells, whole = (
+        [shapely.Polygon(corners) for corners in outlines(1.0)],
+        network_from(polygons=outlines(1.0), pins="hull"),
+    )
+    for found in (network_from(polygons=cells, pins="hull"), network_from(shapely.MultiPolygon(cells), pins="hull")):
+        np.testing.assert_array_equal(found.network.edges, whole.network.edges)
+
+
+RING = [[0, 0], [4, 0], [4, 4], [0, 4], [0, 0]]
+HOLE = [[1, 1], [2, 1], [2, 2], [1, 1]]
+BAD_POLYGONS = {
+    "hole": {"type": "Polygon", "coordinates": [RING, HOLE]},
+    "only 1 of type Point": {"type": "Point", "coordinates": [0, 0]},
+    "no polygons": {"type": "FeatureCollection", "features": []},
+    "points": {"type": "Polygon", "coordinates": [[0, 1, 2]]},
+    "one object": [RING],
+}
+
+
+@pytest.mark.parametrize("word", BAD_POLYGONS)
+def test_bad_polygons_are_one_sentence(tmp_path, word):
+    path = tmp_path / "bad.geojson"
+    path.write_text(json.dumps(BAD_POLYGONS[word]))
+    with pytest.raises(InputError, match=word) as raised:
+        network_from(path, pins="hull")
+    assert "\n" not in str(raised.value)
 
 
 STAR = [[0, 0], [4, 0], [0, 3], [1, 1.5]]

@@ -33,9 +33,20 @@ def exact_strains(network, sigma, source, targets):
 
 def difference(network, x, pair):
     """a over the free coordinates, (n_free d,), and |r| of a pair."""
+    if len(pair) == 2:
+        return motion(network, *pair)
     tail, head, image = pair
     r = x[head] - x[tail] + (0 if network.cell is None else numbers(image) @ numbers(network.cell))
     length = roots((r * r).sum())
     a = zeros(network.n_vertices, network.dimension)
     a[head], a[tail] = r / length, -r / length
     return a[network.free].ravel(), length
+
+
+def motion(network, vertex, direction):
+    """The same of a vertex along a unit vector, relative to the mean where nothing is pinned; its length is 1."""
+    a = zeros(network.n_vertices, network.dimension)
+    a[vertex] = numbers(direction)
+    if not network.pins:
+        a = a - a.sum(axis=0) / network.n_vertices
+    return a[network.free].ravel(), numbers(1)

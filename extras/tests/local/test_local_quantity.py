@@ -26,6 +26,8 @@ CASES = {
     "pins": (hung_ring(), "local[0-3,1-6]"),
     "pin of a pair": (hung_ring(), "local[0-3,4-17]"),
     "space": (voronoi_3d(4), "local[0-9,4-15]"),
+    "vertex": (NETWORK, "local[0-9,4x]"),
+    "vertex between pins": (hung_ring(), "local[0-3,1y,0.1]"),
     "under stress": (NETWORK, "local[0-9,4-15,0.01]"),
     "image under stress": (NETWORK, "local[0-9:1:0,3-17:1:-1,0.2]"),
     "pins under stress": (hung_ring(), "local[0-3,4-17,0.1]"),
@@ -171,6 +173,8 @@ UNKNOWN = {
     "local[0-9,9-0]": "are the same pair",
     "local[0-90,4-15]": "vertex 90, which is not there",
     "local[0-9:1,4-15]": "must be 2 whole numbers",
+    "local[0-9,4z]": "take xy",
+    "local[0-9,90x]": "fixed or not there",
     "locl[0-9,4-15]": r"did you mean 'local\[I-J,K-L\]'",
 }
 REFUSED = {name: (lambda name=name: quantity(NETWORK, name), word) for name, word in UNKNOWN.items()}

@@ -10,6 +10,7 @@ from units import in_units
 from critflow import CriticalManifold, Status, lattice, spring_state, strain_path, voronoi_network
 from critflow.manifold import critical_configuration
 from critflow_extras import local_response
+from critflow_extras.local.pairs import Pair, next_neighbours
 
 NETWORK = voronoi_network(20, seed=1)
 CRITICAL = CriticalManifold(NETWORK).configuration(random_stress(30, 1))
@@ -20,6 +21,8 @@ CASES = {
     "oblique cell": (lattice("honeycomb", 3, 3), (0, 9), [(4, 15), (2, 12, (1, 0))]),
     "pins": (hung_ring(), (0, 2), [(1, 6), (3, 20), (4, 7)]),
     "space": (voronoi_3d(4), (0, 9), [(4, 15), (2, 12)]),
+    "vertices": (NETWORK, SOURCE, [(4, (1.0, -2.0)), (4, 15), (0, (0, 1))]),
+    "vertices between pins": (hung_ring(), (0, 2), [(1, (3.0, 4.0)), (0, (0, 1))]),
 }
 
 
@@ -37,7 +40,7 @@ def states(critical, stress):
 
 
 def triples(pairs):
-    return [(pair.tail, pair.head, pair.image) for pair in pairs]
+    return [(one.tail, one.head, one.image) if isinstance(one, Pair) else (one.number, one.direction) for one in pairs]
 
 
 def apart(found, exact):
@@ -86,6 +89,13 @@ def dense_strains(state, limit):
     inverse = np.linalg.inv(state.factorize().multiply(np.eye(state.forces.size)))
     rows, lengths = [], []
     for pair in (limit.source, *limit.targets):
+        if not isinstance(pair, Pair):
+            a = np.zeros_like(state.coordinates)
+            a[pair.number] = pair.direction
+            a -= 0 if network.pins else a.mean(axis=0)
+            rows.append(a[network.free].ravel())
+            lengths.append(1.0)
+            continue
         cell = 0 if network.cell is None else np.array(pair.image) @ network.cell
         r = state.coordinates[pair.head] - state.coordinates[pair.tail] + cell
         lengths.append(np.linalg.norm(r))
@@ -113,6 +123,28 @@ def test_displacements_keep_all_lengths_and_have_the_strains():
     for pair, expected in zip((found.source, *found.targets), (1.0, *found.strains), strict=True):
         r = pair.vector(NETWORK, L)
         assert (u[pair.head] - u[pair.tail]) @ r / (r @ r) == pytest.approx(expected, abs=1e-12)
+
+
+def test_the_motion_of_a_vertex_is_that_of_the_displacements():
+    found = local_response(CRITICAL, SOURCE, [(4, (3.0, 4.0)), (4, (0, -1))]).value
+    moved = found.displacements[4]
+    assert found.strains == pytest.approx([moved @ [0.6, 0.8], -moved[1]], abs=1e-13)
+
+
+def test_all_targets_and_the_strongest_of_them():
+    found = local_response(CRITICAL, SOURCE, "all").value
+    # Three angles at each of 20 vertices; the source is none of them.
+    assert len(found.targets) == 60
+    best = found.strongest(4)
+    assert list(abs(best.strains)) == sorted(abs(found.strains), reverse=True)[:4] and len(best.targets) == 4
+    again = local_response(CRITICAL, SOURCE, [(t.tail, t.head, t.image) for t in best.targets]).value
+    np.testing.assert_allclose(again.strains, best.strains, rtol=1e-12)
+    np.testing.assert_allclose(again.limit, best.limit, rtol=1e-9)
+    assert len(found.strongest(99).targets) == 60
+    # Edges close triangles: left are distances √3 and 2, three of each at a vertex.
+    assert len(next_neighbours(lattice("triangular", 4, 4))) == 6 * 16
+    hung = local_response(at("pins"), (0, 2), "all").value.targets
+    assert not any({one.tail, one.head} <= set(CASES["pins"][0].pins) for one in hung)
 
 
 def test_errors_that_are_not_known():
@@ -270,6 +302,13 @@ test_mistakes_are_one_sentence = refused(
         "words": (response("0-9"), "source must be two vertices"),
         "no targets": (response(targets=[]), "targets must be a list of pairs"),
         "target of words": (response(targets="4-15"), "targets must be a list of pairs"),
+        "no direction": (response(targets=[(4, (0.0, 0.0))]), "not all zero"),
+        "direction too short": (response(targets=[(4, (1.0,))]), "must be 2 numbers"),
+        "a vertex that is fixed": (
+            response((0, 2), [(min(hung_ring().pins), (1, 0))], at("pins")),
+            "fixed or not there",
+        ),
+        "none of the targets": (lambda: local_response(CRITICAL, SOURCE, TARGETS).value.strongest(0), "one or more"),
         "image too short": (response((0, 9, (1,))), "must be 2 whole numbers"),
         "image not whole": (response((0, 9, (0.5, 0))), "whole numbers, not 0.5"),
         "image without a cell": (response((0, 2, (1, 0)), [(1, 6)], at("pins")), "has no cell"),

@@ -10,6 +10,7 @@ from tissue_patches import loaded
 from critflow import (
     CriticalManifold,
     InputError,
+    Network,
     Status,
     elasticity,
     lattice,
@@ -107,6 +108,12 @@ def test_what_pressures_cannot_serve_is_refused():
     ):
         with pytest.raises(InputError, match=r"pressure|three edges"):
             call()
+    # Positions without faces: the remedy is the call that finds them.
+    square = np.array([[0, 0], [1, 0], [1, 1], [0, 1], [0.5, 0.5]])
+    edges = [[0, 4], [1, 4], [2, 4], [3, 4], [0, 1], [1, 2], [2, 3], [3, 0]]
+    bare = Network(edges, pins={0: square[0], 2: square[2]}, positions=square)
+    with pytest.raises(InputError, match="network_from"):
+        CriticalManifold(bare).configuration(np.ones(8), np.zeros(4))
 
 
 def test_singular_balance_has_no_coordinates():
