@@ -3,7 +3,6 @@
 import numpy as np
 
 from critflow import voronoi_network
-from critflow_extras import network_from
 
 VORONOI = voronoi_network(n_vertices=40, seed=1)
 
@@ -29,23 +28,3 @@ def loaded(n_vertices=20, seed=1, size=0.1):
         np.exp(0.3 * rng.standard_normal(network.n_edges)),
         size * rng.standard_normal(network.faces.n_faces),
     )
-
-
-def traced(network, pieces):
-    """The network with sides of several edges, pieces on each: straight at its positions."""
-    (tail, head), L = network.edges.T, network.bond_vectors(network.positions)
-    n, m = network.n_vertices, network.n_edges
-    inner = n + np.arange(m * (pieces - 1)).reshape(m, pieces - 1)
-    chain = np.column_stack([tail, inner, head])
-    edges = np.stack([chain[:, :-1], chain[:, 1:]], axis=-1).reshape(-1, 2)
-    parts = np.arange(1, pieces)[None, :, None] / pieces
-    points = (network.positions[tail][:, None] + parts * L[:, None]).reshape(-1, 2)
-    offsets = np.zeros((m, pieces, 2), int)
-    offsets[:, -1] = network.offsets
-    return network_from(
-        edges=edges,
-        positions=np.concatenate([network.positions, points]),
-        cell=network.cell,
-        offsets=None if network.cell is None else offsets.reshape(-1, 2),
-        pins=sorted(network.pins) or None,
-    ).network

@@ -4,12 +4,13 @@ import numpy as np
 import pytest
 from refusals import refused
 from scipy.stats import chi2
-from tissue_patches import loaded, traced
+from tissue_patches import loaded
 
 import critflow_extras.tissue.pressures  # noqa: F401  # a service of it is used
 from critflow import CriticalManifold, lattice, voronoi_network
 from critflow_extras import nearest_critical, network_from
 from critflow_extras.inference import nearest
+from studies.tension_inference import traced
 
 
 def test_planted_tensions_and_pressures_are_recovered():
