@@ -151,6 +151,7 @@ def sides_figure(ds):
     freedom = ds.side_freedom.values[0]
     low, high = (chi2.ppf(part, freedom[tested]) / freedom[tested] for part in (0.005, 0.995))
     tests.bar(tested, high - low, 0.4, low, color="0.85", zorder=0, label="99 % interval")
+    tests.use_sticky_edges = False
     tests.axhline(1, color="0.5", linewidth=0.8, zorder=0)
     tests.set(ylabel="χ² over degrees of freedom", xlim=errors.get_xlim())
     if counts[0] == 0:

@@ -58,8 +58,8 @@ def network_from(
              is that of their borders in a periodic cell
 
     Many parameters: hints that a source may lack.  Further keywords are those of the source: offsets, bond_vectors,
-    stiffness, rest_lengths, force_densities, positions, edges, cutoff, pixel.  Raises `InputError` or `NetworkError`
-    with a question where the source is ambiguous, and `EnvironmentFailure` where a package is missing.
+    stiffness, rest_lengths, force_densities, positions, edges, cutoff, pixel, traced.  Raises `InputError` or
+    `NetworkError` with a question where the source is ambiguous, and `EnvironmentFailure` where a package is missing.
 
     >>> import critflow as cf
     >>> import critflow_extras as ce
@@ -307,7 +307,7 @@ def _from_keywords(given: dict[str, Any]) -> NetworkData:
     if kind == "labels":
         with _one_sentence(value if _is_path(value) else "the array", "a picture"):
             mask = read_labels(Path(value)) if _is_path(value) else value
-        return from_labels(mask, **_taken(given, ("pixel",)))
+        return from_labels(mask, **_taken(given, ("pixel", "traced")))
     if "positions" not in given:
         raise InputError(f"{kind}= needs positions=, one row for each vertex")
     positions = given.pop("positions")

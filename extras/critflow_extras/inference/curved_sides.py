@@ -31,12 +31,16 @@ class PositionFit:
 
     freedom  degrees of freedom: coordinates less components of (σ, p) that they determine
 
-    Raises `InputError` where the coordinates are fewer.
+    Raises `InputError` where the coordinates are fewer, and where there is no cell.
     """
 
     def __init__(self, network: Network, jumps: sp.csr_array):
         self.network, self.jumps = network, jumps
         m, n_faces = jumps.shape
+        if n_faces == 0:
+            raise InputError(
+                "no edges close a cell, so no pressure is known: trace whole cells, or leave out pressures=True"
+            )
         # Σσ is fixed, and Σp of a periodic network.
         sums = np.repeat([1.0, 0.0], [m, n_faces])
         self.gauges = sp.csr_array(np.array([sums] if network.pins else [sums, 1 - sums]))

@@ -176,6 +176,11 @@ def with_a_start():
     return nearest_critical(network, network.positions, start=sigma, pressures=True)
 
 
+def without_cells():
+    star = network_from(edges=[[0, 1], [0, 2], [0, 3]], positions=[[0, 0], [1, 0], [-1, 1], [-1, -1]], pins=[1, 2, 3])
+    return nearest_critical(star.network, star.positions, pressures=True)
+
+
 def of_other_sides():
     return nearest_critical(BASES["periodic"], BASES["periodic"].positions, pressures=True, sides=[0, 1])
 
@@ -183,6 +188,7 @@ def of_other_sides():
 test_bad_input_raises_one_sentence = refused(
     {
         "four edges a vertex": (of_four_edges_a_vertex, "trace the sides"),
+        "no closed cell": (without_cells, "trace whole cells"),
         "a start": (with_a_start, "needs no start"),
         "a side with two tensions": (with_sides([30]), "edges 0 and 1 are of one side"),
         "two sides of one number": (with_sides([1, 1, 1, 1]), "edges 0 and 2 are of two sides"),
