@@ -184,6 +184,8 @@ class Examination(Record):
         if parts:
             inner = f"the self-stresses resist strain, and {counted(vertices, 'vertex')} can move without resistance"
             return f"rigid, with {counted(parts, 'loose part')}", inner
+        if self.order == "first" and self.network.cell is not None:
+            meaning = "no motion in this cell keeps all lengths"
         if self.order == "floppy":
             part = self.n_self_stresses > 0
             meaning += "; the self-stresses stiffen a part of it only" if part else ", and every modulus is zero"
@@ -287,6 +289,7 @@ def _rigidity(examination: Examination) -> list[str]:
         f"- singular values: {zero}the least above zero is {least}{counts.smallest_nonzero:.1e} (tolerance "
         f"{examination.tolerance:.0e})",
     ]
+    lines += _free_cell(examination)
     if tension is not None:
         exists = f"exists: its least σ is {tension:.2g} of the largest" if tension else "does not exist"
         lines.append(f"- a self-stress in tension on every edge {exists}")
@@ -296,6 +299,24 @@ def _rigidity(examination: Examination) -> list[str]:
             f"- vertices that move most in the floppy motions: {', '.join(map(examination.vertex_name, most))}"
         )
     return [*lines, ""]
+
+
+def _free_cell(examination: Examination) -> list[str]:
+    """Counts where the cell may deform too, N_s − rank C and N_0 + d(d + 1)/2 − rank C, with the gap of the rank.
+
+    C is the tensor of the springs at rest (Guest and Hutchinson 2003; Borcea and Streinu 2010).
+    """
+    network = examination.network
+    found = examination.critical_elasticity if examination.order == "critical" else examination.elasticity
+    if network.cell is None or network.pins or examination.order == "undecided" or not _finite(found):
+        return []
+    assert found is not None
+    values = np.linalg.eigvalsh(found.value.tensor)[::-1]
+    rank = int(np.sum(values > _ZERO * values[0]))
+    stresses, motions = examination.n_self_stresses - rank, examination.n_floppy_modes + len(values) - rank
+    gap = f", eigenvalues {values[rank - 1]:.1e} and {values[rank]:.1e}" if 0 < rank < len(values) else ""
+    counts = f"{counted(stresses, 'self-stress')}, {counted(motions, 'floppy mode')}"
+    return [f"- in a cell that may deform: {counts} (the rank of C is {rank} of {len(values)}{gap})"]
 
 
 def _nearest(examination: Examination) -> list[str]:

@@ -227,3 +227,18 @@ def test_the_report_says_that_moduli_are_absolute():
     one, five = (examine(network.with_stiffness(np.full(network.n_edges, k))) for k in (1.0, 5.0))
     assert five.elasticity.value.bulk == pytest.approx(5 * one.elasticity.value.bulk, rel=1e-12)
     assert "stiffness k 5; moduli are not divided by k, their unit is that of k" in str(five)
+
+
+@pytest.mark.parametrize(
+    "name, counts, title",
+    [
+        ("triangular", "8 self-stresses, 0 floppy modes (the rank of C is 3 of 3)", "no motion in this cell"),
+        ("kagome", "6 self-stresses, 7 floppy modes (the rank of C is 3 of 3)", "a self-stress"),
+        ("square", "4 self-stresses, 5 floppy modes (the rank of C is 2 of 3, eigenvalues", "a self-stress"),
+        ("honeycomb", "0 self-stresses, 10 floppy modes (the rank of C is 1 of 3, eigenvalues", "one self-stress"),
+    ],
+)
+def test_counts_are_also_those_of_a_cell_that_may_deform(name, counts, title):
+    # They differ by N_b − d N_v − d(d + 1)/2, which leaves the translations among the motions.
+    found = examine(lattice(name, 3, 3))
+    assert f"in a cell that may deform: {counts}" in str(found) and found.headline[1].startswith(title)
