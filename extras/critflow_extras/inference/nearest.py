@@ -419,12 +419,15 @@ def infer_pressures(network: Network, x: Array, error: float | None, sides: Arra
     spread, relative = np.full(len(u), np.nan), np.full(len(tensions), np.nan)
     if status is Status.ok and (2 * network.n_vertices) ** 2 <= LARGEST_DENSE:
         spread, relative = standard_errors(fit, u, L, numbers)
-    n_pushed = int(np.sum(found.value.sigma < 0))
-    pushed = f"{n_pushed} of {m} edges carry compression" if n_pushed else ""
+    note = _remark(found.value.sigma, chi_squared, fit.freedom) if status is Status.ok else ""
+    # More coordinates than unknowns may still leave one open, as on straight lines through vertices of four edges.
+    if fit.freedom and (lost := float(np.median(s * relative))) > 1:
+        status = Status.ill_conditioned
+        note = f"half of the tensions have standard errors over {lost:.2g} times these: trace sides that are curved"
     return Nearest(
         value=found.value,
         status=status,
-        note="; ".join(filter(None, (pushed, _misfit(chi_squared, fit.freedom)))) if status is Status.ok else "",
+        note=note,
         stats=Stats("gauss-newton" if fit.freedom else "linear", steps, found.value.residual, found.stats.condition),
         displacement=displacement,
         translation=shift,
@@ -457,6 +460,7 @@ def _least_distance(manifold: PressureManifold, fit: PositionFit, x: Array) -> t
         apart = apart[network.free] if network.pins else apart
         return float(np.sum(apart**2)), apart, balance.bond_vectors
 
+    cost = np.nan
     try:
         # The same forces, weighted by the errors that those of the positions give them.
         starts = u, fit.step(L, u, 0 * at(u)[1])[0]
@@ -490,6 +494,13 @@ def _scatter(cost: float, freedom: int, error: float | None) -> tuple[float, flo
     if error is not None:
         return error, cost / error**2 if freedom > 0 else np.nan
     return (float(np.sqrt(cost / freedom)) if freedom > 0 else np.nan), np.nan
+
+
+def _remark(sigma: Array, chi_squared: float, freedom: int) -> str:
+    """Sentences on compressed edges and on χ²."""
+    n_pushed = int(np.sum(sigma < 0))
+    pushed = f"{n_pushed} of {len(sigma)} edges carry compression" if n_pushed else ""
+    return "; ".join(filter(None, (pushed, _misfit(chi_squared, freedom))))
 
 
 def _misfit(chi_squared: float, freedom: int) -> str:

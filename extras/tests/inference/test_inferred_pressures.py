@@ -7,7 +7,7 @@ from scipy.stats import chi2
 from tissue_patches import loaded
 
 import critflow_extras.tissue.pressures  # noqa: F401  # a service of it is used
-from critflow import CriticalManifold, lattice, voronoi_network
+from critflow import CriticalManifold, Status, lattice, voronoi_network
 from critflow_extras import nearest_critical, network_from
 from critflow_extras.inference import nearest
 from studies.tension_inference import traced
@@ -33,7 +33,7 @@ def test_planted_tensions_and_pressures_are_recovered():
 def test_standard_errors_are_those_of_differences(pieces, monkeypatch):
     known = planted(loaded(8)[0], pieces)
     network, x = known.network, known.coordinates
-    found, columns = nearest_critical(network, x, 1.0, pressures=True), []
+    found, columns = nearest_critical(network, x, 1e-3, pressures=True), []
     nothing = np.zeros(network.n_edges + network.faces.n_faces), np.zeros(len(found.side_tensions))
     monkeypatch.setattr(nearest, "standard_errors", lambda *arguments: nothing)  # not needed at the differences
     for entry in np.ndindex(x.shape):
@@ -150,6 +150,13 @@ def test_a_model_that_does_not_fit_is_said_by_chi_squared(picture, word):
     noise = 1e-4 * np.random.default_rng(0).standard_normal(x.shape)
     found = nearest_critical(network, x + noise, 2e-4 if word == "more exact" else 1e-4, pressures=True)
     assert found.ok and "χ²" in found.note and word in found.note
+
+
+def test_straight_lines_through_vertices_of_four_edges_determine_no_tensions():
+    network = traced(lattice("square", 3, 3), 2)
+    x = network.positions + 1e-3 * np.random.default_rng(0).standard_normal(network.positions.shape)
+    found = nearest_critical(network, x, 1e-3, pressures=True, throw=False)
+    assert found.status is Status.ill_conditioned and "standard errors" in found.note and found.freedom > 0
 
 
 def test_sides_have_the_numbers_that_are_given():
