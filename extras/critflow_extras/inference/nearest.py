@@ -423,7 +423,7 @@ def infer_pressures(network: Network, x: Array, error: float | None, sides: Arra
     # More coordinates than unknowns may still leave one open, as on straight lines through vertices of four edges.
     if fit.freedom and (lost := float(np.median(s * relative))) > 1:
         status = Status.ill_conditioned
-        note = f"half of the tensions have standard errors over {lost:.2g} times these: trace sides that are curved"
+        note = f"the median standard error of a tension is {lost:.2g} times the tension: trace sides that are curved"
     return Nearest(
         value=found.value,
         status=status,
