@@ -79,7 +79,7 @@ MAY_BE_NAN = set(
     """
     error_bound condition residual bond_errors ratio uncertainty nearest_singular least_stiffness gap
     smallest_nonzero largest_zero objective_error bound error stress_error undetermined cuts weights after
-    amplification
+    amplification chi_squared
     """.split()
 )
 

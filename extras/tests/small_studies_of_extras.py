@@ -12,7 +12,7 @@ SETTINGS = {
         *("seeds=0:1", "n_vertices=24", "sources=max_B_0,random_stress", "isogonal_vertices=24"),
         *("coefficients=0.1,0.3", "strains=0.01"),
     ),
-    "tension_inference": ("seeds=0:3", "n_vertices=20", "noises=1e-6,1e-3"),
+    "tension_inference": ("seeds=0:3", "n_vertices=20", "noises=1e-6,1e-3", "traced=0,2"),
     "weak_forces": ("seeds=0:1", "n_vertices=24", "kappas=0.000001,0.0001"),
     "three_dimensions": ("seeds=0:2", "n_vertices=60"),
     "topology": ("seeds=0:1", "n_vertices=24", "cuts=3", "pruned_vertices=40", "pruned_edges=4"),

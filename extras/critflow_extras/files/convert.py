@@ -59,7 +59,7 @@ def network_from(
              is that of their borders in a periodic cell
 
     Many parameters: hints that a source may lack.  Further keywords are those of the source: offsets, bond_vectors,
-    stiffness, rest_lengths, force_densities, positions, edges, cutoff, pixel, weld.  Raises `InputError` or
+    stiffness, rest_lengths, force_densities, positions, edges, cutoff, pixel, traced, weld.  Raises `InputError` or
     `NetworkError` with a question where the source is ambiguous, and `EnvironmentFailure` where a package is missing.
 
     >>> import critflow as cf
@@ -314,7 +314,7 @@ def _from_keywords(given: dict[str, Any]) -> NetworkData:
     if kind == "labels":
         with _one_sentence(value if _is_path(value) else "the array", "a picture"):
             mask = read_labels(Path(value)) if _is_path(value) else value
-        return from_labels(mask, **_taken(given, ("pixel",)))
+        return from_labels(mask, **_taken(given, ("pixel", "traced")))
     if kind == "polygons":
         return _of_polygons(value, given)
     if "positions" not in given:

@@ -3,18 +3,22 @@
 from __future__ import annotations
 
 from importlib import import_module  # at its use: a library of 0.2 s that only files of pictures need
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
 import scipy
 from numpy.typing import ArrayLike, NDArray
 
+from critflow.arguments import of_kind
 from critflow.checks import components, floats
 from critflow.result import InputError
 from critflow_extras.files.data import Array, IntArray, NetworkData, counted
 
 # Sides of pixels in a border inside a corner, at most.
 _INSIDE = 8
+# Fewest sides of pixels between vertices on a border: their mean is that of the border within a fraction of a pixel.
+_SPACING = 4
 
 
 def read_labels(path: Path) -> NDArray:
@@ -31,12 +35,18 @@ def read_labels(path: Path) -> NDArray:
     return pages[0] if len(pages) == 1 else pages
 
 
-def from_labels(labels: ArrayLike, pixel: ArrayLike = 1.0) -> NetworkData:
+def from_labels(labels: ArrayLike, pixel: ArrayLike = 1.0, traced: int = 0) -> NetworkData:
     """The cell network of a label mask: vertices are corners at which three or more labels meet, edges join them.
 
     Label 0 is the outside, each other one a face.  Corners closer than 2.5 pixels, such as those of a four-fold one,
     are one vertex.
+
+    traced  vertices of two edges on each border, which follow its curvature; fewer where it is short, and none at the
+            edges of the picture
     """
+    traced = of_kind(int, traced=traced)
+    if traced < 0:
+        raise InputError(f"traced must be a number of vertices on each border from 0, not {traced}")
     mask = np.asarray(labels)
     if mask.ndim != 2 or mask.dtype.kind not in "iub":
         raise InputError("a label mask is a two-dimensional array of whole numbers, 0 outside: give a page of it")
@@ -48,11 +58,14 @@ def from_labels(labels: ArrayLike, pixel: ArrayLike = 1.0) -> NetworkData:
     if not len(corners):
         raise InputError("no three labels meet anywhere in the mask: give a segmentation of touching cells")
     points, vertex = _merged(corners, 2.5)
-    edges, sides, closed = _borders(padded, corners, vertex)
+    edges, sides, closed, paths = _borders(padded, corners, vertex)
     if not len(edges):
         raise InputError("no two corners share a border of two labels: give a segmentation of touching cells")
     at_edge = (corners == 0.5) | (corners == np.array(mask.shape) + 0.5)
     notes = [f"{len(points)} corners and {len(edges)} borders were found"]
+    if traced:
+        points, edges, sides = _along(paths, points, edges, sides, traced, mask.shape)
+        notes.append(f"{len(edges)} edges follow them, with up to {counted(traced, 'vertex')} on each")
     if closed:
         notes.append(f"{counted(closed, 'border')} from a corner to itself or without any, left out")
     return NetworkData(
@@ -73,8 +86,8 @@ def _pixel_sizes(pixel: ArrayLike) -> Array:
     return np.broadcast_to(sizes, 2)
 
 
-def _borders(mask: IntArray, corners: Array, vertex: IntArray) -> tuple[IntArray, IntArray, int]:
-    """The two vertices and labels of each border of two labels, and the number of other borders longer than a corner.
+def _borders(mask: IntArray, corners: Array, vertex: IntArray) -> tuple[IntArray, IntArray, int, list[Array]]:
+    """The two vertices and labels of each border of two labels, the number of other borders, and the paths.
 
     A border is a chain of sides of pixels from one corner to the next; two labels may have several.
     """
@@ -99,7 +112,45 @@ def _borders(mask: IntArray, corners: Array, vertex: IntArray) -> tuple[IntArray
     first = np.unique(chain, return_index=True)[1]
     named = np.where(labels == 0, -1, labels)[first[count == 2]]
     long = np.bincount(chain, minlength=len(count)) > _INSIDE
-    return edges, named, int((long & (count != 2)).sum())
+    order = np.argsort(chain, kind="stable")
+    pieces = np.split(order, np.cumsum(np.bincount(chain, minlength=len(count)))[:-1])
+    paths = [_walked(sides[pieces[c]], at, int(edges[n, 0]), width) for n, c in enumerate(np.flatnonzero(count == 2))]
+    return edges, named, int((long & (count != 2)).sum()), paths
+
+
+def _walked(sides: IntArray, at: IntArray, start: int, width: int) -> Array:
+    """Middles (n, 2) of the sides of pixels of one chain, in turn from a vertex."""
+    around: dict[int, list[int]] = {}
+    for side, ends in enumerate(sides.tolist()):
+        for end in ends:
+            around.setdefault(end, []).append(side)
+    point = next(end for end in around if at[end] == start)
+    left, turn = set(range(len(sides))), []
+    while following := [side for side in around[point] if side in left]:
+        left.remove(following[0])
+        turn.append(following[0])
+        a, b = sides[following[0]].tolist()
+        point = a + b - point
+    return np.asarray(np.stack(np.divmod(sides[turn], width), axis=-1).mean(axis=1) + 0.5)
+
+
+def _along(
+    paths: list[Array], points: Array, edges: IntArray, sides: IntArray, traced: int, shape: tuple[int, ...]
+) -> tuple[Array, IntArray, IntArray]:
+    """Points, edges and their labels with vertices on the borders, each the mean of the path around it."""
+    places, owners = list(points), list[int]()
+    chains = list[tuple[int, int]]()
+    for number, path in enumerate(paths):
+        ends = edges[number].tolist()
+        at_edge = ((path == 0.5) | (path == np.array(shape) + 0.5)).any(axis=1)
+        n = 0 if at_edge.all() else max(min(traced, len(path) // _SPACING - 1), 0)
+        cuts = ((np.arange(n + 1) + 0.5) * len(path) / (n + 1)).astype(int)
+        inner = [path[low:high].mean(axis=0) for low, high in pairwise(cuts)]
+        walk = [ends[0], *range(len(places), len(places) + n), ends[1]]
+        places += inner
+        chains += pairwise(walk)
+        owners += [number] * (n + 1)
+    return np.array(places), np.array(chains), sides[owners]
 
 
 def _merged(points: Array, distance: float) -> tuple[Array, IntArray]:

@@ -5,15 +5,13 @@
 The map x(σ) is that of force densities, so its derivative by θ = log σ is the solution u of P u = −gᵀ(θ̇ σ ∘ L), one
 sparse system for displacement, multipliers and stresses together (Gauss-Newton, damped by Levenberg and Marquardt).
 
-With pressures balance A(x)(σ, p) = 0 at observed positions is linear in stresses and pressures.  Where three edges meet
-at each vertex these have, but for their scale and a common pressure, as many components as the coordinates: every
-picture balances under exactly one (σ, p), and no residual is left to test it by.  An error δx of the positions changes
-them by −A⁻¹ M δx, with the matrix M = P + iQ of balance as real 2 × 2 blocks.
+With pressures the map is x(σ, p), and the steps are those of `curved_sides`.  Where three edges meet at each vertex
+every picture balances under exactly one (σ, p), and no residual is left to test it by; sides that are traced with
+vertices of their own, of two edges, leave one degree of freedom for each.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
@@ -24,15 +22,17 @@ from scipy.linalg import cho_factor
 from scipy.linalg.blas import dsymv
 from scipy.linalg.lapack import dpotri
 from scipy.sparse.linalg import ArpackNoConvergence, LinearOperator, eigsh, splu
+from scipy.stats import chi2
 
 from critflow.arguments import of_kind
 from critflow.calls import running
-from critflow.checks import edge_values
+from critflow.checks import IntArray, edge_values
 from critflow.manifold import Balance, CriticalManifold
 from critflow.networks import Array, Network, validated_coordinates
 from critflow.numerics import LARGEST_DENSE
 from critflow.result import InputError, Solution, Stats, Status
 from critflow.sparse import FixedPattern, end_pairs, free_ends, spread_columns
+from critflow_extras.inference.curved_sides import PositionFit, arc_tensions, sides_of, standard_errors
 from critflow_extras.tissue.pressures import PressureManifold
 
 NEAREST_CONVERGED = 1e-9  # change of log σ in a step of Gauss and Newton below which it has converged
@@ -61,23 +61,33 @@ _MOST_STEPS = 200
 _GROWTH, _DECAY, _LARGEST = 10.0, 0.2, 1e12
 # Longest change of log σ in one step.
 _LONGEST = 3.0
+# Expected relative gain of a step with pressures that ends the descent: far within the standard errors.
+_NO_GAIN = 1e-7
+_SHORTEST = 1e-3  # shortest part of such a step
 
 
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)
 class Nearest(Solution[Any]):
     """The critical configuration nearest to observed positions, with pressures a `PressurisedConfiguration`.
 
-    distance      root mean square of |x_i + c − x̂_i|, in units of length; rounding where pressures are inferred
+    distance      root mean square of |x_i + c − x̂_i|, in units of length; rounding where freedom is zero
     displacement  x + c − x̂, (N_v, d): from the observed to the critical configuration
     translation   c (d,), zero with pins
     stress_error  (N_b,) standard error for independent errors s of all coordinates, of log σ, or of σ with pressures;
                   NaN for large networks
     undetermined  (N_b,) the relative change of σ that the positions determine least, of unit norm; NaN for large
                   networks, and with pressures
-    error         s, given or estimated from the distance and the number of degrees of freedom; positions alone do not
-                  show it with pressures
-    pressure_error  (N_f,) standard error of p likewise; empty without pressures
-    amplification   with pressures the root mean square relative error of tensions, over that of coordinates, s/⟨|L|⟩
+    error         s, given or estimated from the distance and the degrees of freedom; NaN where these are none
+    chi_squared   D for a given error: above its 99 % interval the model misfits, which the note says; else NaN
+    freedom       degrees of freedom of D: coordinates less stresses and pressures that they determine
+
+    With pressures also
+
+    pressure_error  (N_f,) standard error of p at fixed Σσ
+    sides           (N_b,) the side of each edge, numbered from 0: edges joined by vertices of two edges are one side
+    side_tensions   (N_sides,) T = √(τ² + (q|L|/2)²), the tension along the arc of a side, in the scale of `value`
+    side_errors     (N_sides,) standard error of T at fixed ΣT
+    amplification   root mean square relative error of T, over that of coordinates, s over the mean length of sides
     """
 
     distance: float
@@ -86,7 +96,12 @@ class Nearest(Solution[Any]):
     stress_error: Array = field(repr=False)
     undetermined: Array = field(repr=False)
     error: float
+    chi_squared: float
+    freedom: int
     pressure_error: Array = field(default_factory=lambda: np.zeros(0), repr=False)
+    sides: IntArray = field(default_factory=lambda: np.zeros(0, np.int64), repr=False)
+    side_tensions: Array = field(default_factory=lambda: np.zeros(0), repr=False)
+    side_errors: Array = field(default_factory=lambda: np.zeros(0), repr=False)
     amplification: float = np.nan
 
     @property
@@ -115,13 +130,15 @@ def nearest_critical(
     throw: bool = True,
     *,
     pressures: bool = False,
+    sides: ArrayLike | None = None,
 ) -> Nearest:
     """The configuration in balance under positive stresses that is nearest to observed coordinates (N_v, d).
 
     error  standard error s of the observed coordinates, from which those of the stresses follow; None: estimated
     start  stresses (N_b,) to begin with; by default those that balance best at the observed positions
-    pressures  infer a pressure in each face too, where three edges meet at each vertex: the positions then balance
-           exactly, and errors of coordinates are amplified far more
+    pressures  infer a pressure in each face too, for stresses of any sign.  Where three edges meet at each vertex all
+           positions balance, and their errors are amplified; trace sides with vertices of two edges against both
+    sides  with pressures the number of the side of each edge (N_b,); by default found at vertices of two edges
 
     The minimum is local: D is not convex in σ.  `stats.residual` is the largest component of dD/dθ over Σ|x̂|².
     Where the infimum is approached as edges shrink to zero length or lose their stress, the configuration is close to
@@ -139,7 +156,7 @@ def nearest_critical(
     network = of_kind(Network, CriticalManifold, network=network)
     of_kind(np.ndarray, coordinates=coordinates)
     of_kind(float, None, error=error)
-    of_kind(np.ndarray, None, start=start)
+    of_kind(np.ndarray, None, start=start, sides=sides)
     max_steps = of_kind(int, max_steps=max_steps)
     of_kind(bool, throw=throw, pressures=pressures)
     manifold = CriticalManifold.of(network)
@@ -149,9 +166,11 @@ def nearest_critical(
     if max_steps < 0:
         raise InputError(f"max_steps must not be negative, not {max_steps}")
     if pressures and start is not None:
-        raise InputError("pressures=True solves a linear system and needs no start: omit it")
+        raise InputError("pressures=True starts from a linear system and needs no start: omit it")
+    if sides is not None and not pressures:
+        raise InputError("sides= belongs to pressures=True, which bend the sides of cells: give both")
     if pressures:
-        nearest, failure = infer_pressures(manifold.network, x, error), "no tensions and pressures balance here"
+        nearest, failure = infer_pressures(manifold.network, x, error, sides), "no tensions and pressures balance here"
     else:
         nearest = _nearest(manifold, x, error, start, max_steps)
         failure = "no nearest critical configuration was found"
@@ -168,13 +187,13 @@ def _nearest(
     found = manifold.solve(np.exp(here.theta))
     dimensions = x.size - (0 if manifold.network.pins else x.shape[1])
     freedom = dimensions - (manifold.network.n_edges - 1)
-    s = error if error is not None else float(np.sqrt(here.cost / freedom)) if freedom > 0 else np.nan
-    stress_error, undetermined = fit.uncertainty(here, s)
     displacement = found.value.coordinates + here.shift - x
+    s, chi_squared = _scatter(here.cost, freedom, error)
+    stress_error, undetermined = fit.uncertainty(here, s)
     return Nearest(
         value=found.value,
         status=status if found.ok else found.status,
-        note=_note(here, steps, status),
+        note=_note(here, steps, status) or _misfit(chi_squared, freedom),
         stats=Stats("gauss-newton", steps, residual=fit.gradient(here), error_bound=found.value.error_bound),
         distance=float(np.sqrt(here.cost / manifold.network.n_vertices)),
         displacement=displacement,
@@ -182,6 +201,8 @@ def _nearest(
         stress_error=stress_error,
         undetermined=undetermined,
         error=s,
+        chi_squared=chi_squared,
+        freedom=freedom,
     )
 
 
@@ -374,75 +395,120 @@ def _best_balance(manifold: CriticalManifold, x: Array) -> Array:
     return np.maximum(sigma, least * float(np.mean(np.abs(sigma))))
 
 
-def infer_pressures(network: Network, x: Array, error: float | None) -> Nearest:
-    """σ and p in balance at coordinates x (N_v, 2), with their standard errors for an error s of the coordinates.
+def infer_pressures(network: Network, x: Array, error: float | None, sides: ArrayLike | None = None) -> Nearest:
+    """σ and p whose configuration is nearest to coordinates x (N_v, 2), with their standard errors for an error s.
 
-    Raises `InputError` for networks without faces, and where (σ, p) has not as many components as the coordinates.
+    Raises `InputError` for networks without faces, where coordinates do not determine (σ, p), and for sides that no
+    balance allows.
     """
-    L, m = network.bond_vectors(x), network.n_edges
     manifold = PressureManifold(network)
-    jumps = manifold.jumps
-    n_faces = jumps.shape[1]
-    forces = _forces(network, L, jumps)
-    # Σσ is fixed, and Σp of a periodic network.
-    sums = np.repeat([1.0, 0.0], [m, n_faces])
-    gauges = sp.csr_array(np.array([sums] if network.pins else [sums, 1 - sums]))
-    if forces.shape[0] + gauges.shape[0] != forces.shape[1]:
-        raise InputError(
-            f"{forces.shape[0]} coordinates do not determine {m} tensions and {n_faces} pressures, which needs three "
-            "edges at each free vertex: leave out pressures=True, or pressures of zero"
-        )
-    factor = splu(sp.csc_array(sp.vstack([forces, gauges])))
-    right = np.zeros(forces.shape[1])
-    right[forces.shape[0]] = 1.0
-    u = factor.solve(right)
+    fit, numbers = PositionFit(network, manifold.jumps), sides_of(network, sides)
+    u, cost, steps, status = _least_distance(manifold, fit, x)
+    m = network.n_edges
     found = manifold.solve(u[:m], u[m:])
     scale = float(found.value.sigma @ u[:m] / (u[:m] @ u[:m]))
-    apart = found.value.coordinates - x
-    shift = np.zeros(2) if network.pins else -apart.mean(axis=0)
-    displacement = apart + shift
+    displacement, shift = _displacement(network, found.value.coordinates, x)
     distance = float(np.sqrt(np.mean(np.sum(displacement**2, axis=1))))
-    length = np.linalg.norm(L, axis=1)
-    spread = np.full(len(u), np.nan)
-    if (2 * network.n_vertices) ** 2 <= LARGEST_DENSE:
-        spread = _spread(network, factor.solve, u, jumps, gauges.shape[0])
-    relative = spread[:m] / np.abs(u[:m])
-    s = np.nan if error is None else float(error)
-    certain = found.ok and distance < REPRODUCED * float(length.mean())
-    n_pushed = int(np.sum(found.value.sigma < 0))
+    length = np.linalg.norm(network.bond_vectors(x), axis=1)
+    # Without degrees of freedom the positions are those of (σ, p), unless these have lost their digits.
+    if not found.ok or (fit.freedom == 0 and not distance < REPRODUCED * float(length.mean())):
+        status = Status.ill_conditioned
+    s, chi_squared = _scatter(cost, fit.freedom, error)
+    L = found.value.bond_vectors
+    tensions = scale * arc_tensions(fit, u, L, numbers)
+    spread, relative = np.full(len(u), np.nan), np.full(len(tensions), np.nan)
+    if status is Status.ok and (2 * network.n_vertices) ** 2 <= LARGEST_DENSE:
+        spread, relative = standard_errors(fit, u, L, numbers)
+    note = _remark(found.value.sigma, chi_squared, fit.freedom) if status is Status.ok else ""
+    # More coordinates than unknowns may still leave one open, as on straight lines through vertices of four edges.
+    if fit.freedom and (lost := float(np.median(s * relative))) > 1:
+        status = Status.ill_conditioned
+        note = f"the median standard error of a tension is {lost:.2g} times the tension: trace sides that are curved"
     return Nearest(
         value=found.value,
-        status=Status.ok if certain else Status.ill_conditioned,
-        note=f"{n_pushed} of {m} edges carry compression" if n_pushed and certain else "",
-        stats=Stats("linear", 1, residual=found.value.residual, condition=found.stats.condition),
+        status=status,
+        note=note,
+        stats=Stats("gauss-newton" if fit.freedom else "linear", steps, found.value.residual, found.stats.condition),
         displacement=displacement,
         translation=shift,
         stress_error=s * scale * spread[:m],
         undetermined=np.full(m, np.nan),
         pressure_error=s * scale * spread[m:],
-        amplification=float(np.sqrt(np.mean(relative**2)) * length.mean()),
+        amplification=float(np.sqrt(np.mean(relative**2)) * length.sum() / len(tensions)),
         error=s,
         distance=distance,
+        chi_squared=chi_squared,
+        freedom=fit.freedom,
+        sides=numbers,
+        side_tensions=tensions,
+        side_errors=s * np.abs(tensions) * relative,
     )
 
 
-def _forces(network: Network, L: Array, jumps: sp.csr_array) -> sp.csr_array:
-    """A (2 n_free, N_b + N_f): unbalanced forces, by vertex and axis, of (σ, p)."""
-    order = np.arange(2 * len(network.free)).reshape(2, -1).T.ravel()
-    spread = abs(network.divergence)
-    pushed = sp.vstack([spread @ sp.diags_array(half) @ jumps for half in (-0.5 * L[:, 1], 0.5 * L[:, 0])])
-    return sp.csr_array(sp.hstack([spread_columns(network, L).T, sp.csr_array(pushed)[order]]))
+def _least_distance(manifold: PressureManifold, fit: PositionFit, x: Array) -> tuple[Array, float, int, Status]:
+    """(σ, p) of the nearest configuration, with D s², by Gauss-Newton steps, halved until they come nearer."""
+    network, m = manifold.network, manifold.network.n_edges
+    L = network.bond_vectors(x)
+    u = fit.least_forces(L)
+    if fit.freedom == 0:
+        return u, 0.0, 1, Status.ok
+
+    def at(u: Array) -> tuple[float, Array, Array]:
+        """The squared distance, x + c − x̂ of vertices that are not fixed, and bond vectors, at (σ, p)."""
+        balance = manifold.balance(u[:m], u[m:])
+        apart = _displacement(network, network.all_coordinates(balance.coordinates), x)[0]
+        apart = apart[network.free] if network.pins else apart
+        return float(np.sum(apart**2)), apart, balance.bond_vectors
+
+    cost = np.nan
+    try:
+        # The same forces, weighted by the errors that those of the positions give them.
+        starts = u, fit.step(L, u, 0 * at(u)[1])[0]
+        (cost, apart, L), u = min(((at(start), start) for start in starts), key=lambda start: start[0][0])
+        for step in range(2, _MOST_STEPS):
+            there, gain = fit.step(L, u, apart)
+            change, part, nearer = there - u, 1.0, at(there)
+            ended = gain < _NO_GAIN * cost or cost < (NEAREST_EXACT * np.linalg.norm(L)) ** 2
+            while not nearer[0] < cost and not ended and part > _SHORTEST:
+                part /= 2
+                nearer = at(u + part * change)
+            if not nearer[0] < cost:
+                return u, cost, step, Status.ok if ended else Status.stalled
+            (cost, apart, L), u = nearer, u + part * change
+            if ended:
+                return u, cost, step, Status.ok
+    except RuntimeError:  # an exact zero pivot
+        return u, cost, 1, Status.singular
+    return u, cost, _MOST_STEPS, Status.step_limit
 
 
-def _spread(network: Network, solve: Callable[[Array], Array], u: Array, jumps: sp.csr_array, n_gauges: int) -> Array:
-    """Standard errors of u = (σ, p) for unit errors of all coordinates that were observed."""
-    m = network.n_edges
-    moved = network.free_incidence if network.pins else network.incidence
-    pulled = network.divergence @ sp.diags_array(u[:m]) @ moved
-    pushed = 0.5 * abs(network.divergence) @ sp.diags_array(jumps @ u[m:]) @ moved
-    # Rows by vertex and axis as in the matrix of forces; columns are x and y of all vertices.
-    blocks = np.empty((pulled.shape[0], 2, 2 * pulled.shape[1]))
-    blocks[:, 0] = np.hstack([pulled.toarray(), -pushed.toarray()])
-    blocks[:, 1] = np.hstack([pushed.toarray(), pulled.toarray()])
-    right = np.concatenate([blocks.reshape(-1, blocks.shape[2]), np.zeros((n_gauges, blocks.shape[2]))])
-    return np.asarray(np.linalg.norm(solve(right), axis=1))
+def _displacement(network: Network, coordinates: Array, x: Array) -> tuple[Array, Array]:
+    """x + c − x̂ (N_v, d) with the best translation c (d,), zero with pins."""
+    apart = coordinates - x
+    shift = np.zeros(x.shape[1]) if network.pins else -apart.mean(axis=0)
+    return apart + shift, shift
+
+
+def _scatter(cost: float, freedom: int, error: float | None) -> tuple[float, float]:
+    """The error s of coordinates, given or of D s², and χ² = D, which is NaN without a given error."""
+    if error is not None:
+        return error, cost / error**2 if freedom > 0 else np.nan
+    return (float(np.sqrt(cost / freedom)) if freedom > 0 else np.nan), np.nan
+
+
+def _remark(sigma: Array, chi_squared: float, freedom: int) -> str:
+    """Sentences on compressed edges and on χ²."""
+    n_pushed = int(np.sum(sigma < 0))
+    pushed = f"{n_pushed} of {len(sigma)} edges carry compression" if n_pushed else ""
+    return "; ".join(filter(None, (pushed, _misfit(chi_squared, freedom))))
+
+
+def _misfit(chi_squared: float, freedom: int) -> str:
+    """A sentence on χ² outside of its 99 % interval."""
+    if not freedom > 0 or np.isnan(chi_squared):
+        return ""
+    low, high = chi2.ppf([0.005, 0.995], freedom)
+    test = f"χ² = {chi_squared:.4g} for {freedom} degrees of freedom, of which 99 % have {low:.4g} to {high:.4g}"
+    if chi_squared > high:
+        return f"{test}: balance does not explain the positions within their error, nor do the stated errors hold"
+    return f"{test}: the positions are more exact than the given error" if chi_squared < low else ""

@@ -8,7 +8,7 @@ from scipy.spatial import KDTree
 from critflow import InputError
 from critflow.command.main import main
 from critflow_extras import draw as draw_network
-from critflow_extras import network_from, tissue
+from critflow_extras import nearest_critical, network_from, tissue
 from critflow_extras.files.labels import from_labels
 
 
@@ -61,6 +61,31 @@ def test_every_border_of_two_labels_is_an_edge():
     # Islands inside one label touch nothing.
     mask[2:6, 2:6] = 4
     assert from_labels(mask).n_edges == 6 and "1 border" in from_labels(mask).notes[1]
+
+
+def test_traced_borders_show_the_pressures_that_bend_them():
+    # Cells argmin p |r − q|² have arcs of known tensions as sides (Noll, Streichan and Shraiman, 2020).
+    rng = np.random.default_rng(3)
+    q = 60.0 * np.stack(np.mgrid[:5, :5], axis=-1).reshape(-1, 1, 2) + rng.uniform(-12, 12, (25, 1, 2))
+    p = 1 + 0.15 * rng.standard_normal((25, 1))
+    pixels = np.stack(np.mgrid[:240, :240], axis=-1).reshape(-1, 2)
+    labels = 1 + np.argmin(p * ((pixels - q) ** 2).sum(axis=-1), axis=0).reshape(240, 240)
+    plain, read = (network_from(labels=labels, traced=n, pins="border") for n in (0, 2))
+    np.testing.assert_array_equal(read.positions[: plain.network.n_vertices], plain.positions)
+    # Distances of the vertices on the sides from the arcs, to first order.
+    a, b = read.data.sides.T - 1
+    middle = read.positions[read.network.edges[:, 0]][:, ::-1] * [-1, 1]
+    level = [p[k, 0] * ((middle - q[k, 0]) ** 2).sum(axis=1) for k in range(25)]
+    traced = read.network.edges[:, 0] >= plain.network.n_vertices
+    slope = 2 * np.sqrt(p[a] * p[b])[:, 0] * np.linalg.norm(q[a] - q[b], axis=-1)[:, 0]
+    off = np.abs(np.array(level)[a, np.arange(len(a))] - np.array(level)[b, np.arange(len(a))]) / slope
+    assert traced.sum() > 60 and off[traced].max() < 0.5
+    found = nearest_critical(read, read.positions, pressures=True)
+    assert found.ok and found.freedom > 60
+    first = np.unique(found.sides, return_index=True)[1]
+    assert np.corrcoef(found.side_tensions, slope[first])[0, 1] > 0.8
+    with pytest.raises(InputError, match="traced"):
+        network_from(labels=labels, traced=-1)
 
 
 def test_files_of_labels_in_python_and_in_the_command(tmp_path, capsys):
