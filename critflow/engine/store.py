@@ -107,11 +107,14 @@ def persistent(work: Callable[_P, _T]) -> Callable[_P, _T]:
 
 
 def several(work: Callable[[_Item], _T], items: Iterable[_Item], at_once: int = AT_ONCE) -> Iterator[_T]:
-    """Results of the items in their order, of which there are a few more than the next one."""
+    """Results of the items in their order, a few at a time.
+
+    No thread works while the caller has a result: it may write with the netCDF library, which is not thread-safe.
+    """
     left = iter(items)
     with ThreadPoolExecutor(at_once) as pool:
         while some := list(islice(left, 2 * at_once)):
-            yield from pool.map(work, some)
+            yield from list(pool.map(work, some))
 
 
 def dataset_files(path: Path) -> list[Path]:

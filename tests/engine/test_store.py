@@ -17,7 +17,7 @@ from disturbed import STUDY, begun, ended, stamps_of, wait_until, words_of
 from critflow.command.main import main
 from critflow.engine import store
 from critflow.engine.settings import select
-from critflow.engine.store import Folder, StoredCase, read_shard, shard_path, write_shard, write_text
+from critflow.engine.store import Folder, StoredCase, read_shard, several, shard_path, write_shard, write_text
 from critflow.result import EnvironmentFailure, Status
 
 
@@ -303,3 +303,20 @@ def test_a_resumed_run_reads_each_shard_once_at_its_start_and_several_at_once(tm
     path = shard_path(folder.shards, selection.cases[2])
     path.write_bytes(path.read_bytes()[:-1])
     assert [one.state for one in folder.states(selection)] == ["done", "done", "damaged", "done"]
+
+
+def test_no_thread_reads_while_the_caller_has_a_result():
+    """It may write with the netCDF library then, which is not thread-safe."""
+    working = list[int]()
+
+    def work(item):
+        working.append(item)
+        time.sleep(1e-3 * item)
+        working.remove(item)
+        return item
+
+    results = []
+    for item in several(work, range(20), at_once=4):
+        assert not working
+        results.append(item)
+    assert results == list(range(20))
