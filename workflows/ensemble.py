@@ -194,9 +194,17 @@ def _distributions(axes, ds, name, labels):
         low, middle, high = np.nanquantile(other[places], (1 / 6, 0.5, 5 / 6), axis=1)
         style = {"fmt": "D", "color": "0.15", "markersize": 4, "markerfacecolor": "white", "linewidth": 1}
         axes.errorbar(places, middle, (middle - low, high - middle), **style)
+        low, high = axes.get_ylim()
+        axes.set_ylim(low - 0.25 * (high - low), high)  # room for the legend
         axes.plot([], [], color=COLOURS[0], linewidth=5, alpha=0.45, label="energy, as printed")
         axes.plot(
-            [], [], "D", color="0.15", markersize=4, markerfacecolor="white", label="stress-corrected, two thirds"
+            [],
+            [],
+            "D",
+            color="0.15",
+            markersize=4,
+            markerfacecolor="white",
+            label="stress-corrected (median, two thirds)",
         )
         axes.legend(fontsize=7.5, frameon=False, loc="lower left", handlelength=1.2, borderaxespad=0.1)
 
