@@ -622,6 +622,12 @@ ALIASES = {
 }
 """Long spellings of names."""
 
+# Names of what elasticity has by direction, and its method.
+_BY_DIRECTION = {
+    **dict.fromkeys(("nu", "ν", "poisson", "poissons_ratio"), "poisson"),
+    **dict.fromkeys(("E", "young", "youngs_modulus"), "young"),
+}
+
 
 def quantity(network: Network, name: str | Quantity) -> Quantity:
     """The quantity of a name, or the given quantity itself.
@@ -683,6 +689,8 @@ def _indexed() -> dict[str, tuple[str, Factory]]:
 
 def _unknown(network: Network, name: str) -> str:
     """The sentence for a name that no quantity has."""
+    if name in _BY_DIRECTION:
+        return f"no quantity is called {name!r}: elasticity(...).value.{_BY_DIRECTION[name]}(direction) has it"
     listed, kinds = names(network), {stem: kind for stem, (kind, _) in _indexed().items()}
     spellings = [*listed, *(alias for alias, symbol in ALIASES.items() if symbol in listed)]
     same_letters = [spelling for spelling in spellings if spelling.casefold() == name.casefold()]

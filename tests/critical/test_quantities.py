@@ -113,6 +113,8 @@ UNKNOWN = {
     "colour": "V_tau",
     "modulus[twist]": "modulus",
     "modulus[uniaxial_free]": "free",
+    "nu": r"poisson\(direction\) has it",
+    "E": r"young\(direction\) has it",
 }
 test_unknown_names_are_one_sentence = refused(
     {name: (lambda name=name: quantity(voronoi_network(20, seed=1), name), word) for name, word in UNKNOWN.items()}

@@ -7,6 +7,7 @@ exactly and without another solve: C is stationary in the relaxations u.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple, Self
 
@@ -23,12 +24,20 @@ from critflow.sparse import block_laplacian, edge_blocks
 from critflow.springs import SpringState, spring_state
 from critflow_extras.certificates.counts import rigidity
 from critflow_extras.design_names.components import TensorComponent
-from critflow_extras.design_stiffness.poisson import NAME, TensorRatio, poisson_refusal, with_poisson
+from critflow_extras.design_stiffness.poisson import (
+    NAME,
+    TensorRatio,
+    poisson_refusal,
+    poisson_targets,
+    with_poisson,
+)
 from critflow_extras.rest.at_rest import response_at_rest
 from critflow_extras.targets.problem import DesignOptions, DesignResult, EdgeLimits, Target, Variables, limit_sizes
 from critflow_extras.targets.stress_form import tensor_weights
 
 POSITIVE_TENSOR = 1e-12  # eigenvalues of a requested tensor below this part of the largest one count as zero
+
+ISOTROPIC = 1e-2  # deviation from an isotropic tensor, in units of the bulk modulus, that counts as none
 
 # Targets smaller than this part of the largest one have absolute errors.
 _SMALL = 1e-2
@@ -137,6 +146,18 @@ class Stiffnesses(Variables):
         errors = np.einsum("nab,ab->n", np.abs(W), response.value.errors.tensor)
         value = spring_state(network, self.state.rest_lengths, self.state.coordinates, self.state.law)
         return DesignResult(value, response, values, errors, self.values(self.at(z), quantities)[1])
+
+    def remark(self, result: DesignResult, targets: Sequence[Target]) -> str:
+        """The components in which the tensor of a design for moduli alone deviates most from an isotropic one."""
+        if not all(isinstance(target.quantity, TransitionModulus) for target in targets):
+            return ""
+        d, C = self.network.dimension, result.solved.value.tensor
+        apart = {one.name: abs(one.of_tensor(C)[0]) for one in poisson_targets(d, 0.0) if one.name != NAME}
+        largest, names = max(apart, key=apart.__getitem__), component_names(d)
+        if not apart[largest] > ISOTROPIC:
+            return ""
+        values = ", ".join(f"{name} = {C[names[name]]:.3g}" for name in sorted(re.findall("C_[xyz]+", largest)))
+        return f"the tensor is anisotropic, {values}: for an isotropic one give 'poisson' and one modulus"
 
 
 def _is_square(quantity: Quantity) -> bool:

@@ -12,7 +12,7 @@ Under finite stress the Hessian RᵀKR + P takes the place of P, and edges yield
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import singledispatch
 from typing import Any
@@ -25,7 +25,7 @@ from critflow.elastic import under_stress
 from critflow.linear_response import accumulated_rounding
 from critflow.manifold import CriticalConfiguration
 from critflow.networks import Array, Network
-from critflow.numerics import EPS
+from critflow.numerics import EPS, REGULARISATION
 from critflow.result import InputError, Record, Solution, Stats, Status
 from critflow.saddles import Saddle
 from critflow.self_stress import require_one_stress_by_rank
@@ -101,7 +101,7 @@ def local_response(springs: Any, source: Any, targets: Any, throw: bool = True) 
     a state, at its coordinates as given.
 
     `Status.rigid` and NaN where edges hold the source; `Status.ill_conditioned` and NaN where an error exceeds a
-    hundredth, or is not known since the solve has not converged;
+    hundredth, or is not known since the solve has not converged or rounding hides the growth;
     `Status.unstable` and NaN for a state that is no minimum.
     Raises `InputError` for pairs that are edges, equal vertices, a target equal to the source, several self-stresses,
     stresses that are not positive, and states at rest or out of balance.
@@ -169,26 +169,26 @@ def _at_transition(
     # Those of η and 1/G_ss, by which it is made of the growths of compliances, and those of the latter.
     growth_errors = np.full_like(growth, np.nan)
     if np.isfinite(errors).all():
-        growth_errors = errors * abs(found.growth(source, source) / own) + np.abs(growth) * own_error * own
-        growth_errors += _growth_errors(critical, found, source, targets, growth)
+        own_growth = abs(found.growth(source, source) / own)
+        growth_errors = errors * own_growth + np.abs(growth) * own_error * own
+        growth_errors += _MARGIN * EPS * np.abs(growth)
+        for other in _disturbed(critical):
+            growth_errors += _MARGIN * np.abs(_growths(other, source, targets) - growth)
+        # Errors are of first order in motions that are not known themselves where their growths are not.
+        strains = np.array([strain(found, source, target) for target in targets])
+        errors = np.where(growth_errors < own_growth * np.maximum(1.0, np.abs(strains)), errors, np.inf)
     return _answer(critical, found, source, targets, errors, np.array([growth, growth_errors]), own_error)
 
 
-def _growth_errors(
-    critical: CriticalConfiguration, found: Compliances, source: Pair, targets: tuple[Target, ...], growth: Array
-) -> Array:
-    """Errors (estimate) of dη/dt, (n,): the changes by two sets of errors of the bonds, with a margin."""
+def _disturbed(critical: CriticalConfiguration) -> Iterator[Compliances]:
+    """Compliances by two sets of errors of the bonds and two regularisations, of which refinement may leave a part."""
     L, sigma = critical.bond_vectors, critical.sigma
     # By their roundings at least: half of one moves no number.
     moved = np.maximum(critical.bond_errors[:, None], EPS * np.abs(L))
-    errors = _MARGIN * EPS * np.abs(growth)
-    for seed in range(2):
+    for seed, part in enumerate((0.1, 0.01)):
         there = L + moved * np.random.default_rng(seed).choice([-1.0, 1.0], L.shape)
-        factor = critical.manifold.system(sigma).factorize(sigma, there)
-        # To the last digit: what an ended refinement leaves of the regularisation is no rounding.
-        other = Compliances(critical.network, sigma, there, factor, tolerance=0.0)
-        errors += _MARGIN * np.abs(_growths(other, source, targets) - growth)
-    return errors
+        factor = critical.manifold.saddle.factorize(sigma, there, part * REGULARISATION)
+        yield Compliances(critical.network, sigma, there, factor, tolerance=0.0)
 
 
 def _growths(found: Compliances, source: Pair, targets: tuple[Target, ...]) -> Array:

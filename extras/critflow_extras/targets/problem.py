@@ -289,6 +289,10 @@ class Variables(ABC):
         """A sentence where a proof excludes the targets, else an empty string."""
         return ""
 
+    def remark(self, result: DesignResult, targets: Sequence[Target]) -> str:
+        """A sentence on what a design has besides its targets, else an empty string."""
+        return ""
+
     def distance(self, z: Array) -> float:
         """Root mean square of the change."""
         return float(np.sqrt(np.mean((z - self.origin) ** 2)))

@@ -306,6 +306,8 @@ def _report(problem: TargetProblem, targets: Sequence[Target], end: Minimum, sta
     }
     if not result.solved.ok:
         status, note = result.solved.status, result.solved.note
+    elif status is Status.ok:
+        note = variables.remark(result, targets)
     return Design(
         value=result.value,
         status=status,

@@ -80,6 +80,20 @@ def test_poissons_ratio_has_limits_a_scale_and_an_extreme():
     assert limited.value.network.stiffness.min() > 0.5 - 1e-6 and limited.value.network.stiffness.max() < 2 + 1e-6
 
 
+def test_a_design_for_moduli_alone_says_where_it_is_anisotropic():
+    found = changed(delaunay_network(30, seed=1), {"B_0": 1.5, "G_0": 0.2})
+    C = relaxed_tensor(found.value.network)
+    assert f"anisotropic, C_xxxx = {C[0, 0]:.3g}, C_yyyy = {C[1, 1]:.3g}: " in found.note and "'poisson'" in found.note
+    sheared = changed(lattice("triangular", 4, 4), {"B_0": 1.0, "modulus[uniaxial]": 2.0})
+    assert "anisotropic" in sheared.note
+    # Isotropic ones say nothing, nor those of which components are requested.
+    ratio = (1.5 - 0.2) / (1.5 + 0.2)
+    for targets in ({"B_0": 1.5, "poisson": ratio}, {"B_0": 1.5, "G_0": 0.2, "poisson": ratio}, {"C_xxxx": 3.0}):
+        silent = changed(CELL, targets)
+        assert silent.status is Status.ok and silent.note == ""
+    assert changed(lattice("triangular", 4, 4), {"B_0": 1.5}).note == ""
+
+
 def test_poissons_ratio_in_space():
     # A face-centred cubic crystal, moved at random: with inversion symmetry the ratio would be that of Cauchy, 1/4.
     x = np.array([[0, 0, 0], [0, 0.5, 0.5], [0.5, 0, 0.5], [0.5, 0.5, 0]])

@@ -44,6 +44,8 @@ def test_error_estimate_holds_against_fifty_digits(seed):
     with mp.workdps(50):
         error = float(abs(value.coordinates - exact).max())
     assert 0 < error <= value.error_bound < 1e-14
+    # Refined in extended precision, coordinates are the exact ones, rounded once.
+    np.testing.assert_array_equal(value.coordinates, exact.astype(float))
 
 
 def test_forces_are_gradients_of_stress_and_areas():

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from units import INVERSE, SCALED, Units, same_in_units
 
-from critflow import Status, voronoi_network
+from critflow import Status, stiffening, voronoi_network
 from critflow_extras import critical_from_perimeters
 
 
@@ -19,13 +19,26 @@ def fitted(network, units, spread=0.02):
     return {"number": (*ends, critical.sigma, found.value.face_tensions), "length": (critical.coordinates,)}
 
 
+def stiffened(network, units):
+    stiffness = units.stiffness * np.random.default_rng(2).uniform(0.5, 2.0, 20)
+    tissue = critical_from_perimeters(network, units.length * perimeters(0.02), stiffness=stiffness).value
+    found = stiffening(tissue, deformation="simple_shear")
+    value, bound = found.value, found.stats.error_bound
+    return {"number": (found.status,), "stiffness": (value.C, value.C_B, bound.modulus_0, bound.C)}
+
+
 def network():
     return voronoi_network(40, seed=2)
 
 
 FAR = [SCALED, INVERSE, Units(length=2.0**-40), Units(length=2.0**13), Units(length=2.0**40)]
 test_tissues_in_other_units = same_in_units(
-    {"in tension": (fitted, network), "slack": (lambda net, units: fitted(net, units, 0.3), network)}, others=FAR
+    {
+        "in tension": (fitted, network),
+        "slack": (lambda net, units: fitted(net, units, 0.3), network),
+        "stiffening": (stiffened, network),
+    },
+    others=FAR,
 )
 
 

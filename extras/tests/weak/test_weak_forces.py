@@ -207,6 +207,17 @@ def test_moduli_of_another_deformation_are_those_of_relaxed_energies():
     assert weak.modulus(1e-3, kappa, "simple_shear") > 0
 
 
+def test_errors_of_moduli_along_a_path_with_curvature_are_their_deviations():
+    kappa, strains, h = 1e-4, np.array([0.0, 1e-3]), 1e-4
+    path = lambda gamma: np.diag([(1 + gamma) ** 2, 1 / (1 + gamma)])  # noqa: E731  of determinant 1 + γ
+    weak = weak_forces(CRITICAL, AngleSprings(), path).value
+    near = np.concatenate([strains - h, strains + h])
+    work = weak_equilibrium(CRITICAL, AngleSprings(), near, kappa, path).value.stress * (1 + near)
+    true = (work[2:] - work[:2]) / (2 * h * (1 + strains))
+    ratio = np.abs(weak.modulus(strains, kappa) - true) / weak.modulus_error(strains, kappa)
+    assert (ratio > 0.7).all() and (ratio < 1.1).all()
+
+
 def test_nonaffinity_is_that_of_displacements_and_diverges():
     weak, h, kappa = weak_forces(CRITICAL, near_angles()).value, 1e-6, 1e-4
     rate = (weak.displacement(h, kappa) - weak.displacement(-h, kappa)) / (2 * h)
