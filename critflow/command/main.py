@@ -177,6 +177,7 @@ def run(
     """Compute a study, and write its dataset, figures and claims.
 
     Cases that are stored are not computed again. `critflow list NAME` prints the settings of a study.
+    \fMany parameters: each is an option of the command.
     """
     from critflow.engine.run import plan_run, run_study
 

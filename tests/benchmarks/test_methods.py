@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 
 from critflow import Status
-from workflows.benchmarks.speed import moduli as modulus_tasks
-from workflows.benchmarks.speed import references
-from workflows.benchmarks.speed import strain as strain_tasks
-from workflows.benchmarks.speed.springs import StrainedSprings
-from workflows.benchmarks.speed.strain import peer_error
+from workflows.benchmarks import moduli as modulus_tasks
+from workflows.benchmarks import references
+from workflows.benchmarks import strain as strain_tasks
+from workflows.benchmarks.springs import StrainedSprings
+from workflows.benchmarks.strain import peer_error
 
 TASKS = {task.word: task for m in (strain_tasks, modulus_tasks) for task in m.TASKS}
 

@@ -8,9 +8,8 @@ from problems import random_stress
 from critflow import CriticalManifold, Network, critical_from_lengths, upper_bound, voronoi_network
 from critflow.double_double import add, divide, lengths, square_root
 from critflow.sparse import block_laplacian
-from workflows.benchmarks import reference
+from workflows.benchmarks import reference, references
 from workflows.benchmarks.reference import MP
-from workflows.benchmarks.speed import references
 
 # Digits in which energies are differentiated.
 DIGITS = 70

@@ -2,7 +2,7 @@
 
 Of a `Network` only data are read: edges, free vertices, boundary vectors, stiffness, cell and pins.  Floating-point
 input is exact input; an answer has at least `WANTED` correct digits, or `Unknown` is raised (`high_precision.py`).
-References of large networks are in double-double arithmetic (`speed/references.py`), which tests compare with
+References of large networks are in double-double arithmetic (`references.py`), which tests compare with
 this module on small ones.
 
 Symbols: g incidence (N_b, n_free), b boundary vectors, L = g x + b, σ stress, k stiffness, ℓ rest lengths, R = ∂h/∂x

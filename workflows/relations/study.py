@@ -12,7 +12,7 @@ docs/theory/random_stresses.md and docs/theory/relations.md have the proofs; thi
 
 import numpy as np
 
-from critflow import CriticalManifold, Status, elasticity, stiffening, upper_bound, voronoi_network
+from critflow import CriticalManifold, Status, elasticity, upper_bound, voronoi_network
 from critflow.engine import Coordinate, Study, stable_rng
 from critflow.growth import shear_growth
 from critflow.isogonal import length_shares
@@ -21,6 +21,7 @@ from critflow.quantities import quantity
 from critflow.result import CritflowError
 
 from ..shared.checks import check_known, check_network, check_positive
+from ..shared.measurements import known_stiffening
 from ..shared.populations import MEANING, PAPER_POPULATIONS, POPULATIONS, SETTINGS, configuration, prepared
 from ..shared.reports import PAPER
 from ..shared.tables import networks, numbers, outcomes, stacked
@@ -32,7 +33,7 @@ VERTICES_A_CELL = 6.77  # of a Voronoi network of random points in space
 SPACE_HARD_CORE = 0.8
 MEASURED = (
     *("B_0", "gap", "medium_gap", "shuffled_gap", "C_G_mean", "C_G_bound", "isotropic_ratio"),
-    *("C_B", "curvature_C_B", "missing_stiffness_C_B", "asymmetry"),
+    *("C_B", "B_0_error_bound", "C_B_error_bound", "curvature_C_B", "missing_stiffness_C_B", "asymmetry"),
 )
 
 
@@ -109,7 +110,8 @@ def _population(manifold, parameters, seed, population):
     if found.status is not Status.ok:
         return result
     critical, rng = found.value, stable_rng(seed, "relations", "shuffled", population)
-    sigma, known = critical.sigma, stiffening(critical).value
+    sigma, (known, errors) = critical.sigma, known_stiffening(None, critical, "dilation")
+    result |= {"B_0_error_bound": errors.bulk_0, "C_B_error_bound": errors.C_B}
     result |= {"B_0": known.bulk_0, "C_B": known.C_B, "gap": upper_bound(manifold, "B_0") / known.bulk_0 - 1}
     if not (sigma > 0).all():
         return result
@@ -267,7 +269,9 @@ study = Study(
             C_G_mean="mean of C_G over both pure shears, energy convention, in units of k",
             C_G_bound="lower bound of C_G_mean, in units of k",
             isotropic_ratio="mean of C_G over B_0 in the cell in which G_0 = 0",
+            B_0_error_bound="bound on the rounding error of B_0",
             C_B="growth of the bulk modulus with strain, in units of k",
+            C_B_error_bound="bound on the rounding error of C_B",
             curvature_C_B="C_B by the curvature of the critical manifold, in units of k",
             missing_stiffness_C_B="lower bound of C_B by the stiffness missing to max B_0, in units of k",
             asymmetry="largest |λ + λ' − 1| of pairs of shares",

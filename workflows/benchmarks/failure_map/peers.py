@@ -15,9 +15,9 @@ from critflow.springs import SpringState
 
 from .. import reference
 from ..lammps import representable
+from ..moduli import NEARLY_EXACT, by_matscipy
 from ..reference import Unknown
-from ..speed.moduli import NEARLY_EXACT, by_matscipy
-from ..speed.strain import MINIMISERS, apart, relaxer
+from ..strain import MINIMISERS, apart, relaxer
 from ..timing import TALLY, Answer, counting, installed
 from .outcomes import Finding, Outcome, Violation
 

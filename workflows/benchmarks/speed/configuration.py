@@ -18,8 +18,8 @@ from critflow import CriticalManifold, Network, voronoi_network
 from critflow.double_double import Extended
 from critflow.engine import stable_rng
 
+from .. import references
 from ..timing import TALLY, Answer, Method, Run, Task, peer
-from . import references
 
 SIZES = (100, 1_000, 10_000, 100_000, 1_000_000)
 # Dense matrices beyond are out of the question.

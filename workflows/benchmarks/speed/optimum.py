@@ -31,8 +31,8 @@ from critflow.optima import objective_of
 from critflow.quantities import evaluate
 
 from ...shared.populations import LABELS, OPTIMA
+from ..scipy_methods import Solved, by_scipy, minimiser
 from ..timing import TALLY, Answer, Method, Run, Task, peer
-from .scipy_methods import Solved, by_scipy, minimiser
 
 SIZES = (100, 1_000, 10_000)
 CONE = (1e-4, 1e-6, 1e-8, 1e-10, 1e-12)

@@ -1,6 +1,7 @@
 """All tasks of the benchmark, by word, with their methods, sizes and strains."""
 
-from . import configuration, moduli, optimum, stages, strain
+from .. import moduli, strain
+from . import configuration, optimum, stages
 
 MODULES = strain, moduli, optimum, configuration
 

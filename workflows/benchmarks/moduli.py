@@ -22,9 +22,9 @@ from critflow.networks import Array
 from critflow.quantities import pure_shear
 from critflow.springs import SpringState
 
-from ..timing import TALLY, Answer, Method, Run, Task, peer
 from . import references
 from .springs import StrainedSprings, prepared
+from .timing import TALLY, Answer, Method, Run, Task, peer
 
 SIZES = (100, 1_000, 10_000)
 # Steps of the differences over γ; half of it still keeps both sides past the transition.

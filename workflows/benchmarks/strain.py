@@ -23,10 +23,10 @@ from critflow.minimisers import Point, fire, lbfgs, minimise
 from critflow.networks import Array
 from critflow.springs import SpringState
 
-from ..lammps import Lammps, representable
-from ..timing import TALLY, Answer, Method, Run, Task
+from .lammps import Lammps, representable
 from .scipy_methods import by_scipy
 from .springs import StrainedSprings, prepared
+from .timing import TALLY, Answer, Method, Run, Task
 
 SIZES = (100, 1_000, 10_000)
 LEVELS = (1.0, 1e-1, 1e-2, 1e-3, 1e-4, 1e-6, 1e-8, 1e-10)
