@@ -26,7 +26,7 @@ def test_a_study_runs_on_a_graph_as_on_its_tables():
     digests = set()
     for name in ("mine.graphml", "mine.csv"):
         write_network(NETWORK, name)
-        digests.add(own_network.with_digest({"network": name})["network"].partition("@")[2])
+        digests.add(own_network.with_digest(9, {"network": name, "n_vertices": 9})["network"].partition("@")[2])
     assert len(digests) == 1
     assert run("mine.graphml") == 0
     with xr.open_dataset("out/ensemble.nc") as dataset:
@@ -36,9 +36,9 @@ def test_a_study_runs_on_a_graph_as_on_its_tables():
 def test_tables_of_other_columns_are_the_same_network(tmp_path):
     write_network(NETWORK, "mine.csv")
     table = tmp_path / "mine_edges.csv"
-    first = own_network.with_digest({"network": "mine.csv"})
+    first = own_network.with_digest(9, {"network": "mine.csv", "n_vertices": 9})
     table.write_text(table.read_text().replace("tail,head", "source,target").replace("stiffness", "k"))
-    assert own_network.with_digest({"network": "mine.csv"}) == first
+    assert own_network.with_digest(9, {"network": "mine.csv", "n_vertices": 9}) == first
 
 
 @pytest.mark.parametrize(("network", "word"), [("mine.png", "pictures.md"), ("loop.csv", "edge 2 joins vertex 1")])

@@ -21,6 +21,6 @@ def test_errors_of_the_inference_scale_with_the_noise(runs):
 def test_vertices_on_sides_reduce_the_errors_of_tensions(runs):
     _, dataset = runs("tension_inference")
     assert (dataset.side_status == Status.ok).all()
-    assert (dataset.side_error[:, 0] > 3 * dataset.side_error[:, 1]).all()
+    assert dataset.side_error[:, 0].median() > 3 * dataset.side_error[:, 1].median()
     assert ((dataset.side_ratio > 0.2) & (dataset.side_ratio < 2.5)).all()
     assert (np.abs(dataset.side_chi_squared[:, 1] - 1) < 0.5).all() and (dataset.side_freedom[:, 1] == 60).all()
