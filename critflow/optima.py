@@ -98,8 +98,7 @@ def optimize(
     edge of zero length, `Status.slack_edges` for a length variance whose infimum has slack edges, `Status.singular`
     where lengths grow without end.  The objective is then the limit of the value.  Every optimum of a descent may be
     local: where no stress gives equal lengths, different starts end at different length variances.
-    Raises `InputError` for bad arguments, `SolveError` when the status is not `ok` and `throw`.
-    Many parameters: each is one choice.
+    Raises `InputError` for bad arguments, `SolveError` if not `ok` and `throw`. Many parameters: each is one choice.
 
     >>> import critflow as cf
     >>> stiffest = cf.optimize(cf.voronoi_network(n_vertices=20, seed=1), 'B_0')
