@@ -27,6 +27,7 @@ from distributed import Client, Future, LocalCluster, as_completed
 from distributed.comm.core import CommClosedError
 from distributed.scheduler import KilledWorker, NoWorkerError
 from distributed.security import Security
+from distributed.system import MEMORY_LIMIT
 
 from critflow.engine.settings import Workers
 from critflow.engine.store import Folder
@@ -184,7 +185,8 @@ def _local_client(workers: Workers, processes: int) -> Iterator[Client]:
                     n_workers=processes,
                     threads_per_worker=1,
                     processes=True,
-                    memory_limit="auto" if workers.gigabytes is None else int(workers.gigabytes * 1e9),
+                    # The default of dask is the share of a core, which one worker of two cores would be half of.
+                    memory_limit=int(workers.gigabytes * 1e9 if workers.gigabytes else MEMORY_LIMIT / processes),
                     host="127.0.0.1",
                     security=True,
                     scheduler_kwargs={"dashboard": False, "dashboard_address": "127.0.0.1:0"},

@@ -25,6 +25,7 @@ import pytest
 import xarray as xr
 from distributed import Client, LocalCluster
 from distributed.security import Security
+from distributed.system import MEMORY_LIMIT
 from disturbed import begun, ended, messages, numbers_of, stored_files, stored_whole, wait_until
 from problems import forbidden
 
@@ -65,6 +66,14 @@ def assert_only_the_bad_cases_failed(folder, kinds):
     assert (status == np.array([Status.ok, Status.failed, Status.ok])).all(), status
     assert len(list((folder / "failed").iterdir())) == len(kinds)
     assert len(list((folder / "shards").iterdir())) == len(kinds)  # one for each value of the first axis
+
+
+def test_local_workers_share_the_memory_of_the_machine():
+    """By default of dask one worker of two cores would have half."""
+    processes = 1
+    with dask.config.set(dask_workers._SETTINGS), dask_workers._local_client(Workers(processes), processes) as client:
+        workers = client.scheduler_info()["workers"].values()
+        assert sum(worker["memory_limit"] for worker in workers) == pytest.approx(MEMORY_LIMIT, rel=1e-3)
 
 
 def test_whatever_a_case_raises_or_returns_the_others_are_computed(tmp_path, output_of):
