@@ -87,9 +87,10 @@ def test_the_failure_map_of_a_file(monkeypatch, tmp_path):
         select(study, ("network=large.csv",))
 
 
-def test_a_size_of_generated_networks_is_refused_beside_a_file(capsys):
-    assert run("ensemble", "network=mine.csv", "n_vertices=20") == 2
-    assert "n_vertices is of generated networks" in capsys.readouterr().err
+@pytest.mark.parametrize("setting", ["n_vertices=20", "hard_core=0.5"])
+def test_settings_of_generated_networks_are_refused_beside_a_file(setting, capsys):
+    assert run("ensemble", "network=mine.csv", setting) == 2
+    assert f"{setting.partition('=')[0]} is of generated networks" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(

@@ -15,7 +15,7 @@ import critflow as cf
 from critflow import CritflowError, CriticalManifold, InputError, Network
 from critflow.extensions import from_extras, has_extras
 from critflow.manifold import require_one_stress_by_count
-from critflow.points import check_voronoi
+from critflow.points import STANDARD_HARD_CORE, check_voronoi
 from critflow.result import StudyError
 
 from .checks import check_network
@@ -29,8 +29,9 @@ def with_digest(n_vertices, parameters):
     n_vertices  of generated networks by default: a file has its own, and another number would be ignored
     """
     text = parameters.get("network", "")
-    if text and parameters["n_vertices"] != n_vertices:
-        raise StudyError("n_vertices is of generated networks, and the network of a file has its own: leave it out")
+    for name, default in (("n_vertices", n_vertices), ("hard_core", STANDARD_HARD_CORE)):
+        if text and parameters.get(name, default) != default:
+            raise StudyError(f"{name} is of generated networks, and the network of a file has its own: leave it out")
     return {**parameters, "network": _identified(text)} if text else parameters
 
 
