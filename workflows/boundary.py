@@ -15,7 +15,7 @@ from critflow.engine import Claim, Coordinate, Study, decimals, stable_rng
 from critflow.pictures import COLOURS
 
 from .shared.checks import voronoi_check
-from .shared.reports import PAPER
+from .shared.reports import PAPER, minus
 from .shared.tables import NETWORK, PLANE, networks, numbers, of_network, outcomes
 from .shared.verification import contradictions, forces
 
@@ -165,7 +165,7 @@ def _draw_collapsed(axes, one, cell, b):
             arrowprops={"arrowstyle": "-|>", "color": CROSSING, "linewidth": 2.4, "shrinkA": 0, "shrinkB": 3},
         )  # fmt: skip
         axes.text(
-            *(middle + 0.7 * b_of), f"({image[0]:d}, {image[1]:d})\n{count} edge{'s' if count > 1 else ''}",
+            *(middle + 0.7 * b_of), minus(f"({image[0]:d}, {image[1]:d})") + f"\n{count} edge{'s' if count > 1 else ''}",
             fontsize=8.5, ha="center", va="center", color=CROSSING, bbox=box, zorder=6,
         )  # fmt: skip
     _window(axes, cell)

@@ -173,7 +173,7 @@ def compression_figure(ds):
         one.set(yscale="log", ylabel=f"{label} of compressed edges")
         size_axis(one, ds.n_vertices.values)
         one.yaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
-        one.yaxis.set_major_formatter("{x:,.3g}")
+        one.yaxis.set_major_formatter("{x:,.10g}")
         one.yaxis.set_minor_formatter(NullFormatter())
     sizes, least = ds.n_vertices.values, by_size(ds.least_compressed_length)
     axes[1].plot(sizes, np.nanmean(least, 1), "k--", lw=1.1)

@@ -333,7 +333,7 @@ def geometry_figure(ds):
     s = np.stack(np.meshgrid(np.arange(-0.4, 0.9, 0.4), np.arange(-0.4, 0.9, 0.4)), axis=-1).reshape(-1, 2)
     sigma, squares = stretched(ds, s)
     rooted = np.nan_to_num(sigma.min(axis=1)) > _APART
-    arrows = {"length": 0.35, "color": COMPRESSED, "linewidth": 2.2, "arrow_length_ratio": 0.25, "zorder": 4}
+    arrows = {"length": 0.22, "color": COMPRESSED, "linewidth": 2.2, "arrow_length_ratio": 0.35, "zorder": 4}
     axes.quiver(*squares[rooted].T, *sigma[rooted].T, **arrows)
     chart.plot(*s[rooted].T, "o", color=COMPRESSED, markersize=3)
     chart.plot([], [], color=PURPLE, label="$s_1$ = const")
