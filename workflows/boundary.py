@@ -164,8 +164,9 @@ def _draw_collapsed(axes, one, cell, b):
             "", middle + b_of, middle, zorder=4,
             arrowprops={"arrowstyle": "-|>", "color": CROSSING, "linewidth": 2.4, "shrinkA": 0, "shrinkB": 3},
         )  # fmt: skip
+        name = minus(f"({image[0]:d}, {image[1]:d})")
         axes.text(
-            *(middle + 0.7 * b_of), minus(f"({image[0]:d}, {image[1]:d})") + f"\n{count} edge{'s' if count > 1 else ''}",
+            *(middle + 0.7 * b_of), f"{name}\n{count} edge{'s' if count > 1 else ''}",
             fontsize=8.5, ha="center", va="center", color=CROSSING, bbox=box, zorder=6,
         )  # fmt: skip
     _window(axes, cell)

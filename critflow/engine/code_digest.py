@@ -7,10 +7,10 @@ The digest covers
             of the engine, how a case is called and its numbers are cast
     study   the case function and the definitions that it reaches, in its files, this engine and `critflow.studies`
 
-Comments, docstrings, the texts of refusals and layout invalidate no stored case, nor do figures, claims and other
-definitions that the case function does not reach, even in the same file.  Libraries, to which the solvers of
-critflow-extras belong, are stored with each case and told apart.  No name of a machine, user or folder is stored
-anywhere.
+Comments, docstrings, the texts of refusals and of progress, and layout invalidate no stored case, nor do figures,
+claims and other definitions that the case function does not reach, even in the same file.  Libraries, to which the
+solvers of critflow-extras belong, are stored with each case and told apart.  No name of a machine, user or folder is
+stored anywhere.
 """
 
 from __future__ import annotations
@@ -367,11 +367,15 @@ def _file(module: str) -> Path | None:
 
 
 def _parsed(path: Path) -> ast.Module:
-    """The syntax tree of a file without docstrings, and without the words of the errors that it raises."""
+    """The syntax tree of a file without docstrings, and without the words of its errors and of its progress."""
     tree = ast.parse(path.read_bytes())
-    for node in ast.walk(tree):
-        if isinstance(node, ast.Raise):
-            for text in (one for one in ast.walk(node) if isinstance(one, ast.Constant) and isinstance(one.value, str)):
+    nodes = list(ast.walk(tree))
+    imports = [node for node in nodes if isinstance(node, ast.ImportFrom) and node.module == "critflow.calls"]
+    progress = {name.name for node in imports for name in node.names}
+    for node in nodes:
+        told = isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id in progress
+        for words in node.args[-1:] if told else [node] * isinstance(node, ast.Raise):  # type: ignore[attr-defined]
+            for text in (w for w in ast.walk(words) if isinstance(w, ast.Constant) and isinstance(w.value, str)):
                 text.value = ""
         if isinstance(body := getattr(node, "body", None), list):
             texts = [s for s in body if isinstance(s, ast.Expr) and isinstance(s.value, ast.Constant)]

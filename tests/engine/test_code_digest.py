@@ -121,6 +121,7 @@ def test_a_file_is_executed_once_for_each_content(tmp_path):
 STUDY = '''
 """A study in a file."""
 import critflow as cf
+from critflow.calls import tell
 from critflow.result import Status
 from critflow.engine import Axis, Study, Variable
 from . import _tools
@@ -138,6 +139,7 @@ def case(parameters, *, seed):
 def helper(seed):
     if seed < 0:
         raise ValueError("negative")
+    tell(f"seed {seed}")
     return seed * one() * SCALE["good"] * _tools.three
 
 def figure(ds):
@@ -186,6 +188,7 @@ COUNTS_NOT = [
     ("numbers.py", '"""A number."""', '"""A number and its status."""'),
     ("numbers.py", '"""A study in a file."""', '"""Another word."""'),
     ("numbers.py", 'ValueError("negative")', 'ValueError("below zero")'),
+    ("numbers.py", 'tell(f"seed ', 'tell(f"number '),
     ("numbers.py", "    return seed * one()", "    # The weight\n    return  seed *one()"),
     ("numbers.py", '"n"\n', '"another"\n'),
     ("numbers.py", "return drawn(ds, ", "return drawn(ds, 3, "),
