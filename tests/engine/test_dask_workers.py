@@ -33,7 +33,7 @@ from critflow.command.main import main
 from critflow.engine import dask_workers
 from critflow.engine.code_digest import load_file
 from critflow.engine.settings import Workers, select
-from critflow.result import Status
+from critflow.result import EnvironmentFailure, Status
 
 pytestmark = pytest.mark.timeout(300)
 
@@ -244,6 +244,17 @@ def test_more_tasks_are_submitted_where_the_scheduler_has_more_threads(monkeypat
     assert next(wanted) == 1000
     nodes |= {f"node {n}": 32 for n in range(99)}
     assert next(wanted) == 6400
+
+
+@pytest.mark.parametrize(
+    ("error", "words"), [(OSError("Timed out trying to connect"), "ended"), (TimeoutError(), "does not answer")]
+)
+def test_a_scheduler_that_ends_while_it_is_asked_is_reported(error, words):
+    def nthreads(callback_timeout):
+        raise error
+
+    with pytest.raises(EnvironmentFailure, match=f"the scheduler {words}: .*again"):
+        next(dask_workers._tasks_wanted(SimpleNamespace(nthreads=nthreads), "tls://head"))
 
 
 PAGE = Path(__file__).parents[2] / "docs" / "command.md"
