@@ -147,8 +147,11 @@ def test_a_worker_that_is_killed_while_the_run_stops_fails_no_case(tmp_path):
     wait_until((out / ".stop").exists, run.is_alive, lambda: messages(out))
     time.sleep(0.5)
     children = psutil.Process(run.pid).children(recursive=True)
-    (worker,) = [one for one in children if str(traces[0]) in {file.path for file in one.open_files()}]
-    worker.kill()
+
+    def tracing():
+        return [one for one in children if str(traces[0]) in {file.path for file in one.open_files()}]
+
+    wait_until(tracing, run.is_alive, lambda: messages(out))[0].kill()
     assert ended(run, 60.0) == 130, messages(out)
     assert not list((out / "failed").glob("*.txt")) and not stored_whole(out, ["seeds=0:3"])
 
