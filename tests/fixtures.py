@@ -1,11 +1,12 @@
 """Two sizes of the test suite.
 
-`pytest` runs every test but the sweeps: repetitions of a test over many seeds, sizes or steps, and the tests of studies
-other than the ensemble, of benchmarks and of pages. `pytest -m ""` runs everything, and draws the pictures of the
-studies; `.ci/run` does that.
+`pytest` runs every test but the sweeps: repetitions of a test over many seeds, sizes or steps, the tests of studies
+other than the ensemble, of benchmarks and of pages, and the pictures and long programs of the documents.
+`pytest -m ""` runs everything, and draws the pictures of the studies; `.ci/run` does that.
 """
 
 import os
+import re
 from contextlib import contextmanager, nullcontext
 from pathlib import Path
 
@@ -38,13 +39,18 @@ def everything(config):
 
 # Folders of tests of what the package does not contain, and studies that users start with.
 _MADE_HERE, _RUN_BY_USERS = ("studies", "benchmarks", "pages"), ("test_ensemble.py", "test_own_network.py")
+# Pictures and long programs of the documents.
+_OF_DOCUMENTS = re.compile(
+    r"test_(a_picture_of_the_gallery|a_committed_picture|an_eighth_population)"
+    r"|.*\[docs/(question|command|howto/dataset)\.md"
+)
 
 
 @pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(items):
     for item in items:
         made_here = item.path.parent.name in _MADE_HERE and item.path.name not in _RUN_BY_USERS
-        if made_here or item.name.startswith("test_a_picture_of_the_gallery"):
+        if made_here or _OF_DOCUMENTS.match(item.name):
             item.add_marker(pytest.mark.sweep)
     # Files that wait for other processes begin, so that no process is alone with them at the end.
     items.sort(key=lambda item: item.path.parent.name != "engine")

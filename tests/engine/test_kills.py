@@ -45,13 +45,10 @@ def assert_resumed(golden, tally):
 @pytest.mark.parametrize(
     ("action", "stride"),
     [
-        ("kill", 5),
-        ("terminate", 5),
-        ("interrupt", 13),
-        ("full", 7),
+        *((action, 13) for action in ("kill", "terminate", "interrupt", "full")),
         *(
             pytest.param(action, stride, marks=pytest.mark.sweep)
-            for action, stride in (("kill", 1), ("interrupt", 5), ("full", 3))
+            for action, stride in (("kill", 1), ("terminate", 5), ("interrupt", 5), ("full", 3))
         ),
     ],
 )
