@@ -286,6 +286,21 @@ def test_polygons_with_corners_of_their_own_are_welded(tmp_path):
     assert "1 of type None" in str(network_from(path, pins="hull"))
 
 
+def test_corners_on_sides_of_other_polygons_split_them():
+    """A wall of 4 × 4 bricks, whose rows are shifted by half a brick."""
+    at = [(2 * i + j % 2, j) for j in range(4) for i in range(4)]
+    bricks = np.array(at)[:, None] + np.array([[0, 0], [2, 0], [2, 1], [0, 1]], float)
+    read = network_from(polygons=bricks, pins="hull")
+    assert (read.network.n_edges, read.network.faces.n_faces) == (43, 6) and "24 corners are on sides" in str(read)
+    noisy = bricks + 0.01 * np.random.default_rng(1).normal(size=bricks.shape)
+    assert network_from(polygons=noisy, pins="outer_face", weld=0.1).network.faces.n_faces == 4
+    x, index = np.unique(bricks.reshape(-1, 2), axis=0, return_inverse=True)
+    shared = {"positions": x, "polygons": index.reshape(-1, 4), "pins": "hull"}
+    named = network_from(**shared)
+    assert named.network.faces is None and "24 vertices lie on an edge" in str(named)
+    assert network_from(**shared, weld=0.1).network.n_edges == 43
+
+
 def test_polygons_of_shapely():
     shapely = pytest.importorskip("shapely")
     cells, whole = (
