@@ -142,7 +142,10 @@ def _welded(
         corners = index[list(cell)]
         left = tuple(corners[corners != np.roll(corners, 1)].tolist())
         if len(left) < 3 or len({*left}) < len(left):
-            raise InputError(f"weld={tolerance:.3g} joins corners across polygon {number}: give a smaller distance")
+            raise InputError(
+                f"weld={tolerance:.3g} joins corners across polygon {number}, or it has a corner twice: give a smaller "
+                "distance, or correct it"
+            )
         joined.append(left)
     moved = float(np.linalg.norm(x - at[index], axis=1).max())
     welded = f"{len(x):,} corners were welded to {len(first):,} within weld={tolerance:.3g}"

@@ -160,6 +160,17 @@ def test_meshes_of_meshio(tmp_path, monkeypatch):
     # Lines of an OBJ file, which meshio skips: chains, with textures, or counted from the last vertex.
     (tmp_path / "star.obj").write_text("".join(f"v {a} {b} {c}\n" for a, b, c in x) + "l 1 4/2 2 # bars\nl -2 -1\n")
     assert network_from(tmp_path / "star.obj", pins=[0, 1, 2]).data.edges.tolist() == [[0, 3], [3, 1], [2, 3]]
+    # Rhino writes lines as curves, each with vertices of its own.
+    ends = [(x[a], x[b]) for a, b in ((0, 3), (1, 3), (2, 3))]
+    curves = ["".join(f"v {a} {b} {c}\n" for a, b, c in two) + "deg 1\ncurv 0 2 -2 \\\n-1\nend\n" for two in ends]
+    (tmp_path / "rhino.obj").write_text("cstype bspline\n" + "".join(curves))
+    read = network_from(tmp_path / "rhino.obj", pins="degree")
+    assert read.data.edges.tolist() == [[0, 1], [2, 1], [3, 1]] and "6 vertices that coincide were joined to 4" in str(
+        read
+    )
+    (tmp_path / "rhino.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\ndeg 3\ncurv 0 1 1 2 3\n")
+    with pytest.raises(InputError, match="degree 3 are no lines"):
+        network_from(tmp_path / "rhino.obj")
     # A package that meshio lacks is named.
     missing = ModuleNotFoundError("No module named 'h5py'", name="h5py")
     monkeypatch.setattr(meshio, "read", lambda path: (_ for _ in ()).throw(missing))
