@@ -53,7 +53,7 @@ def from_compas(body: Mapping[str, Any]) -> NetworkData:
     attributes = [{**of_edges, **row} for row in own]
     is_edge = np.array([all(row.get(name, True) for name in _IS_EDGE) for row in attributes])
     loaded = sum(any(row.get(axis) for axis in ("px", "py", "pz")) for row in rows)
-    load = f"loads of {counted(loaded, 'vertex')} (px, py, pz) were not read: a network holds none"
+    load = f"loads of {counted(loaded, 'vertex')} (px, py, pz) were not read: loaded(...) takes them"
     values: dict[str, Any] = {}
     for name, written in EDGE_VALUES.items():
         column = next((key for key in written if all(key in row for row in attributes)), None)

@@ -74,6 +74,11 @@ def network_from(
     if cell is not None and not voronoi:
         if data.cell is not None:
             raise InputError(f"the source, {data.source}, has a cell of its own: leave cell= out, or correct it there")
+        if data.source == "polygons" and data.ids:
+            raise InputError(
+                "corners of polygons are welded in the plane, not across a periodic cell: number the corners, with one "
+                "number for all images of each, and give positions= and polygons= without weld="
+            )
         data = replace(data, cell=_vectors(cell, data.dimension))
     check(data)
     data = in_its_plane(data)

@@ -10,7 +10,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
+from scipy.spatial import cKDTree
 
 from critflow.checks import floats, integers
 from critflow.network_files import stored_configuration
@@ -189,6 +190,26 @@ def polygon_edges(polygons: Sequence[Sequence[int]]) -> tuple[IntArray, IntArray
     last = np.zeros(len(edges), np.int64)
     last[edge.ravel()] = np.arange(len(pairs))
     return edges, np.column_stack([owner[first], np.where(last == first, -1, owner[last])])
+
+
+def vertices_on_edges(x: Array, edges: IntArray, tolerance: ArrayLike) -> IntArray:
+    """Edge and vertex (n, 2) where an end of other edges lies on an edge, between its ends; in turn along each edge.
+
+    tolerance  distance from the edge and from its ends, one number or (N_b,)
+    """
+    ends = np.unique(edges)
+    tail, along = x[edges[:, 0]], x[edges[:, 1]] - x[edges[:, 0]]
+    length = np.linalg.norm(along, axis=1)
+    near = cKDTree(x[ends]).query_ball_point(tail + along / 2, length / 2)
+    edge = np.repeat(np.arange(len(edges)), [len(one) for one in near])
+    vertex = ends[np.concatenate([*near, []]).astype(np.int64)]
+    direction = along[edge] / np.maximum(length[edge], np.finfo(float).tiny)[:, None]
+    apart = x[vertex] - tail[edge]
+    at = np.einsum("nd,nd->n", apart, direction)
+    off = np.linalg.norm(apart - at[:, None] * direction, axis=1)
+    most = np.broadcast_to(tolerance, len(edges))[edge]
+    on = np.flatnonzero((off <= most) & (at > most) & (length[edge] - at > most))
+    return np.column_stack([edge, vertex])[on[np.lexsort([at[on], edge[on]])]]
 
 
 def optional(module: str) -> Any:

@@ -82,6 +82,11 @@ _HINTS: dict[str, tuple[str | None, str, Callable[[Any], Any]]] = {
         "Size of a pixel of a label mask; two numbers for rows and columns.",
         partial(numbers_of, "pixel", "'0.5' or '0.5 0.4'"),
     ),
+    "traced": (
+        "NUMBER",
+        "Vertices on each border of a label mask, which follow its curvature.",
+        partial(numbers_of, "traced", "2"),
+    ),
     "weld": ("DISTANCE", "Join corners of polygons within this distance.", value_of),
     "labels": (None, "The file is a picture whose values number the cells of a tissue.", bool),
     "voronoi": (None, "The file has centres of cells: take their periodic Voronoi network; needs --cell.", bool),

@@ -17,6 +17,9 @@ from critflow_extras.files.data import Array, IntArray, NetworkData, counted
 
 # Sides of pixels in a border inside a corner, at most.
 _INSIDE = 8
+# Part of the pixels of label 0 beside cells that lie between two of them; at an outline only its corners do.
+_GAPS = 1 / 3
+_TOUCHING_CELLS = "give a segmentation of touching cells, such as skimage.segmentation.expand_labels makes"
 # Fewest sides of pixels between vertices on a border: their mean is that of the border within a fraction of a pixel.
 _SPACING = 4
 
@@ -51,16 +54,17 @@ def from_labels(labels: ArrayLike, pixel: ArrayLike = 1.0, traced: int = 0) -> N
     if mask.ndim != 2 or mask.dtype.kind not in "iub":
         raise InputError("a label mask is a two-dimensional array of whole numbers, 0 outside: give a page of it")
     size, padded = _pixel_sizes(pixel), np.pad(mask.astype(np.int64), 1)
+    _require_touching(padded)
     # Corners of pixels around which at least three labels meet.
     around = np.stack([padded[:-1, :-1], padded[:-1, 1:], padded[1:, :-1], padded[1:, 1:]], axis=-1)
     distinct = 1 + (np.diff(np.sort(around, axis=-1), axis=-1) != 0).sum(axis=-1)
     corners = np.asarray(np.argwhere(distinct >= 3) + 0.5)
     if not len(corners):
-        raise InputError("no three labels meet anywhere in the mask: give a segmentation of touching cells")
+        raise InputError(f"no three labels meet anywhere in the mask: {_TOUCHING_CELLS}")
     points, vertex = _merged(corners, 2.5)
     edges, sides, closed, paths = _borders(padded, corners, vertex)
     if not len(edges):
-        raise InputError("no two corners share a border of two labels: give a segmentation of touching cells")
+        raise InputError(f"no two corners share a border of two labels: {_TOUCHING_CELLS}")
     at_edge = (corners == 0.5) | (corners == np.array(mask.shape) + 0.5)
     notes = [f"{len(points)} corners and {len(edges)} borders were found"]
     if traced:
@@ -76,6 +80,16 @@ def from_labels(labels: ArrayLike, pixel: ArrayLike = 1.0, traced: int = 0) -> N
         source="label mask",
         notes=tuple(notes),
     )
+
+
+def _require_touching(mask: IntArray) -> None:
+    """Raise `InputError` where lines of label 0 separate the cells."""
+    mask, outside = np.abs(mask), mask == 0
+    highest = scipy.ndimage.maximum_filter(mask, 3)[outside]
+    lowest = scipy.ndimage.minimum_filter(np.where(outside, mask.max(), mask), 3)[outside]
+    beside, between = int((highest > 0).sum()), int((lowest < highest).sum())
+    if between > _GAPS * beside:
+        raise InputError(f"lines of label 0, {between:,} pixels, separate the cells: {_TOUCHING_CELLS}")
 
 
 def _pixel_sizes(pixel: ArrayLike) -> Array:

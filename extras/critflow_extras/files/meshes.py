@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import io
 from collections.abc import Sequence
-from contextlib import redirect_stderr
+from contextlib import redirect_stderr, redirect_stdout
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from scipy.spatial import cKDTree
 
+from critflow.checks import components
 from critflow.result import EnvironmentFailure, InputError
 from critflow_extras.files.data import (
     EDGE_VALUES,
@@ -22,6 +24,8 @@ from critflow_extras.files.data import (
     polygon_edges,
 )
 
+# Ends of curves within this part of the size of the drawing are one vertex: single precision has 1e-7.
+_ROUNDING = 1e-6
 # Corners of the sides of each kind of cell; those of higher order begin with the same corners.
 _TRIANGLE, _QUAD = ((0, 1), (1, 2), (2, 0)), ((0, 1), (1, 2), (2, 3), (3, 0))
 _PLANE = {"triangle": 3, "quad": 4}
@@ -85,32 +89,48 @@ def read_mesh(path: Path) -> NetworkData:
     meshio = optional("meshio")
     try:
         # meshio prints its reasons before it ends the program.
-        with redirect_stderr(io.StringIO()) as reasons:
+        with redirect_stdout(io.StringIO()), redirect_stderr(io.StringIO()) as reasons:
             mesh = meshio.read(path)
     except SystemExit:
         reason = " ".join(reasons.getvalue().split()).removeprefix("Error: ")
         raise InputError(f"{path} cannot be read as a mesh: {reason or 'its content is broken'}") from None
     except ModuleNotFoundError as missing:
         raise EnvironmentFailure(f"{path.suffix} files need {missing.name}: pip install {missing.name}") from None
-    if path.suffix.lower() == ".obj" and len(lines := _obj_lines(path)):
-        mesh = meshio.Mesh(mesh.points, [*mesh.cells, ("line", lines)])
-    return from_mesh(mesh, f"mesh {path.name}")
+    if path.suffix.lower() != ".obj":
+        return from_mesh(mesh, f"mesh {path.name}")
+    lines, curves = _obj_lines(path)
+    points, note = mesh.points, []
+    if curves:
+        # Curves do not share the vertices at their ends.
+        tolerance = _ROUNDING * float(np.ptp(points, axis=0).max())
+        near = components(cKDTree(points).query_pairs(tolerance, output_type="ndarray").astype(np.int64), len(points))
+        _, first, index = np.unique(near, return_index=True, return_inverse=True)
+        note = [
+            f"{curves:,} curves are lines, and {len(points):,} vertices that coincide were joined to {len(first):,}"
+        ]
+        points, lines = points[first], index[lines]
+    cells = [*mesh.cells, ("line", lines)] if len(lines) else mesh.cells
+    return from_mesh(meshio.Mesh(points, cells), f"mesh {path.name}").noting(*note)
 
 
-def _obj_lines(path: Path) -> IntArray:
-    """The elements `l` of an OBJ file (n, 2), which meshio skips: chains of vertices from 1, or from the end by −1.
+def _obj_lines(path: Path) -> tuple[IntArray, int]:
+    """The elements `l` of an OBJ file and its curves of degree 1 (n, 2), which meshio skips, and the number of curves.
 
-    A vertex may have a texture, 3/7.
+    Chains of vertices from 1, or from the end by −1; a vertex may have a texture, 3/7.  Rhino writes lines as curves,
+    with two parameters before the vertices.
     """
-    n_vertices, pairs = 0, list[tuple[int, int]]()
-    for line in path.read_text(encoding="utf-8").splitlines():
+    n_vertices, curves, pairs = 0, 0, list[tuple[int, int]]()
+    for line in path.read_text(encoding="utf-8").replace("\\\n", " ").splitlines():
         kind, *words = line.partition("#")[0].split() or [""]
         n_vertices += kind == "v"
-        if kind == "l":
-            numbers = [int(word.partition("/")[0]) for word in words]
+        curves += kind == "curv"
+        if kind == "deg" and words != ["1"]:
+            raise InputError(f"its curves of degree {' '.join(words):.20} are no lines: export polylines")
+        if kind in ("l", "curv"):
+            numbers = [int(word.partition("/")[0]) for word in words[2 * (kind == "curv") :]]
             chain = [n - 1 if n > 0 else n_vertices + n for n in numbers]
             pairs += pairwise(chain)
-    return np.array(pairs, np.int64).reshape(-1, 2)
+    return np.array(pairs, np.int64).reshape(-1, 2), curves
 
 
 def write_mesh(data: NetworkData, path: Path) -> None:

@@ -17,7 +17,7 @@ from scipy.spatial import cKDTree
 from critflow.arguments import is_number
 from critflow.checks import components, finite_rows, floats
 from critflow.result import InputError
-from critflow_extras.files.data import Array, NetworkData, counted, polygon_edges
+from critflow_extras.files.data import Array, NetworkData, counted, polygon_edges, vertices_on_edges
 
 # Corners of different polygons within this part of the size of all of them are one that was written twice: single
 # precision has 1e-7.
@@ -47,6 +47,8 @@ def from_polygons(positions: Any, polygons: Any, weld: Any = None) -> NetworkDat
         tolerance = _tolerance(x, cells, weld)
         if tolerance:
             x, cells, names, notes = _welded(x, cells, tolerance)
+            cells, joined = _with_junctions(x, cells, tolerance)
+            notes += joined
         notes = (*notes, *_apart(x, cells))
     edges, sides = polygon_edges(cells)
     read = NetworkData(edges=edges, positions=x, sides=sides, ids=names, source="polygons")
@@ -140,12 +142,37 @@ def _welded(
         corners = index[list(cell)]
         left = tuple(corners[corners != np.roll(corners, 1)].tolist())
         if len(left) < 3 or len({*left}) < len(left):
-            raise InputError(f"weld={tolerance:.3g} joins corners across polygon {number}: give a smaller distance")
+            raise InputError(
+                f"weld={tolerance:.3g} joins corners across polygon {number}, or it has a corner twice: give a smaller "
+                "distance, or correct it"
+            )
         joined.append(left)
     moved = float(np.linalg.norm(x - at[index], axis=1).max())
     welded = f"{len(x):,} corners were welded to {len(first):,} within weld={tolerance:.3g}"
     note = f"{welded}; the farthest moved by {moved:.2g}"
     return at, joined, tuple(map(str, first.tolist())), (note,)
+
+
+def _with_junctions(
+    x: Array, cells: Sequence[tuple[int, ...]], tolerance: float
+) -> tuple[list[tuple[int, ...]], tuple[str, ...]]:
+    """Polygons that have the corners of others on their sides as corners too, and a sentence."""
+    edges = polygon_edges(cells)[0]
+    inner = dict[tuple[int, int], list[int]]()
+    for edge, vertex in vertices_on_edges(x, edges, tolerance).tolist():
+        a, b = edges[edge].tolist()
+        inner.setdefault((a, b), []).append(vertex)
+        inner.setdefault((b, a), []).insert(0, vertex)
+    if not inner:
+        return list(cells), ()
+    joined = []
+    for number, cell in enumerate(cells):
+        corners = [v for a, b in zip(cell, (*cell[1:], cell[0]), strict=True) for v in (a, *inner.get((a, b), ()))]
+        if len({*corners}) < len(corners):
+            raise InputError(f"weld={tolerance:.3g} joins corners across polygon {number}: give a smaller distance")
+        joined.append(tuple(corners))
+    n = len({vertex for between in inner.values() for vertex in between})
+    return joined, (f"{counted(n, 'corner', 'is')} on sides of other polygons, which have them as corners too",)
 
 
 def _apart(x: Array, cells: Sequence[Sequence[int]]) -> tuple[str, ...]:

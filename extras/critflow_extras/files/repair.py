@@ -19,7 +19,15 @@ from critflow.manifold import CriticalConfiguration
 from critflow.networks import Network
 from critflow.result import InputError, NetworkError, Solution, Stats, Status
 from critflow_extras.files.boundaries import require_boundary
-from critflow_extras.files.data import EDGE_VALUES, Array, IntArray, NetworkData, bond_vectors_of, counted
+from critflow_extras.files.data import (
+    EDGE_VALUES,
+    Array,
+    IntArray,
+    NetworkData,
+    bond_vectors_of,
+    counted,
+    vertices_on_edges,
+)
 from critflow_extras.pruning.pruning import carrying_part
 
 # Volumes of unit cell vectors below this are none.
@@ -28,6 +36,8 @@ _NO_VOLUME = 1e-9
 _FAR = 1e100
 # Coordinates that vary by less than this part of the size of a network have no extent.
 _FLAT = 1e-9
+# Vertices within this part of the length of an edge from it are on it.
+_TOUCHING = 1e-9
 
 
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)
@@ -157,6 +167,15 @@ def _faces(data: NetworkData) -> tuple[Faces | None, tuple[str, ...]]:
         faces = planar_faces(data.edges, bond_vectors_of(data), data.n_vertices)
     except NetworkError as error:
         return None, (f"the network has no faces: {error}",)
+    tolerance = _TOUCHING * np.linalg.norm(bond_vectors_of(data), axis=1)
+    # Edges that overlap do not cross either.
+    if data.cell is None and len(on := vertices_on_edges(data.positions, data.edges, tolerance)):
+        n, (edge, one) = len(np.unique(on[:, 1])), on[0].tolist()
+        vertex, a, b = (data.name(end) for end in (one, *data.edges[edge].tolist()))
+        return None, (
+            f"the network has no faces: {counted(n, 'vertex', 'lies')} on an edge without being its end, vertex "
+            f"{vertex} on edge {a}-{b} first: split such edges, those of polygons by weld=",
+        )
     if data.sides is None:
         return faces, ()
     # A polygon is whole where it borders every edge of a walk; holes between polygons are no faces.

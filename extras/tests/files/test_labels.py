@@ -105,6 +105,9 @@ def test_files_of_labels_in_python_and_in_the_command(tmp_path, capsys):
     words = ["convert", str(tmp_path / "cells.png"), str(out)]
     assert main([*words, "--labels", "--pixel", "2 1", "--pins", "border"]) == 0
     np.testing.assert_array_equal(network_from(out).positions, whole.positions)
+    assert main([*words, "--labels", "--traced", "1", "--pins", "border"]) == 0
+    traced = network_from(labels=mask, traced=1, pins="border").network
+    assert network_from(out).network.n_edges == traced.n_edges > whole.network.n_edges
     assert main(words) == 2
     assert "--labels for a mask" in capsys.readouterr().err
 
@@ -116,6 +119,7 @@ def test_what_is_no_mask_is_one_sentence(tmp_path):
     pages[0].save(tmp_path / "pages.tif", save_all=True, append_images=pages[1:])
     for labels, word in (
         (np.arange(64).reshape(8, 8) // 64, "three labels"),
+        (np.where(brick_wall() == np.roll(brick_wall(), 1, (0, 1)), brick_wall(), 0), "lines of label 0"),
         (np.zeros((9, 9)), "whole numbers"),
         (tmp_path / "colours.png", "colours"),
         (tmp_path / "pages.tif", "give a page"),

@@ -242,6 +242,8 @@ test_bad_input_is_one_sentence = refused_changes(
     ({"polygons": 3}, "polygons"),
     ({"polygons": [X[:4]], "weld": -1}, "weld"),
     ({"polygons": [X[:4]], "weld": 99}, "smaller"),
+    ({"polygons": [[[1, 1], [2, 2], [1, 1], [1, 1]], X[:4]]}, "polygon 0, or it has a corner twice"),
+    ({"polygons": [[[0, 0], [1, 0], [1, 1]], [[0, 0], [1, 1], [0, 1]]], "cell": 9.0}, "across a periodic cell"),
     ({"labels": np.eye(9, dtype=int), "pixel": 0}, "pixel"),
     ({**ARRAYS, "cell": np.eye(4)}, "cell"),
     ({"source": "network.xyzzy"}, "ending"),

@@ -160,6 +160,17 @@ def test_meshes_of_meshio(tmp_path, monkeypatch):
     # Lines of an OBJ file, which meshio skips: chains, with textures, or counted from the last vertex.
     (tmp_path / "star.obj").write_text("".join(f"v {a} {b} {c}\n" for a, b, c in x) + "l 1 4/2 2 # bars\nl -2 -1\n")
     assert network_from(tmp_path / "star.obj", pins=[0, 1, 2]).data.edges.tolist() == [[0, 3], [3, 1], [2, 3]]
+    # Rhino writes lines as curves, each with vertices of its own.
+    ends = [(x[a], x[b]) for a, b in ((0, 3), (1, 3), (2, 3))]
+    curves = ["".join(f"v {a} {b} {c}\n" for a, b, c in two) + "deg 1\ncurv 0 2 -2 \\\n-1\nend\n" for two in ends]
+    (tmp_path / "rhino.obj").write_text("cstype bspline\n" + "".join(curves))
+    read = network_from(tmp_path / "rhino.obj", pins="degree")
+    assert read.data.edges.tolist() == [[0, 1], [2, 1], [3, 1]] and "6 vertices that coincide were joined to 4" in str(
+        read
+    )
+    (tmp_path / "rhino.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\ndeg 3\ncurv 0 1 1 2 3\n")
+    with pytest.raises(InputError, match="degree 3 are no lines"):
+        network_from(tmp_path / "rhino.obj")
     # A package that meshio lacks is named.
     missing = ModuleNotFoundError("No module named 'h5py'", name="h5py")
     monkeypatch.setattr(meshio, "read", lambda path: (_ for _ in ()).throw(missing))
@@ -284,6 +295,21 @@ def test_polygons_with_corners_of_their_own_are_welded(tmp_path):
     assert main(["convert", str(path), str(tmp_path / "c.csv"), "--weld", "0.08", "--pins", "hull"]) == 0
     assert network_from(tmp_path / "c.csv").network.n_edges == 55
     assert "1 of type None" in str(network_from(path, pins="hull"))
+
+
+def test_corners_on_sides_of_other_polygons_split_them():
+    """A wall of 4 × 4 bricks, whose rows are shifted by half a brick."""
+    at = [(2 * i + j % 2, j) for j in range(4) for i in range(4)]
+    bricks = np.array(at)[:, None] + np.array([[0, 0], [2, 0], [2, 1], [0, 1]], float)
+    read = network_from(polygons=bricks, pins="hull")
+    assert (read.network.n_edges, read.network.faces.n_faces) == (43, 6) and "24 corners are on sides" in str(read)
+    noisy = bricks + 0.01 * np.random.default_rng(1).normal(size=bricks.shape)
+    assert network_from(polygons=noisy, pins="outer_face", weld=0.1).network.faces.n_faces == 4
+    x, index = np.unique(bricks.reshape(-1, 2), axis=0, return_inverse=True)
+    shared = {"positions": x, "polygons": index.reshape(-1, 4), "pins": "hull"}
+    named = network_from(**shared)
+    assert named.network.faces is None and "24 vertices lie on an edge" in str(named)
+    assert network_from(**shared, weld=0.1).network.n_edges == 43
 
 
 def test_polygons_of_shapely():

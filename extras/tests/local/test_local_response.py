@@ -1,5 +1,7 @@
 """Local responses against 60 digits, relaxed Hessians and hand calculation, and their refusals."""
 
+from itertools import product
+
 import numpy as np
 import pytest
 from pair_reference import exact_strains
@@ -47,23 +49,24 @@ def apart(found, exact):
     return np.array([abs(float(one - other)) for one, other in zip(np.atleast_1d(found), exact, strict=True)])
 
 
-@pytest.mark.parametrize("width", [0.3, 1.5, 3.0, 5.0])
-@pytest.mark.parametrize("name", CASES)
-def test_errors_against_sixty_digits(name, width):
-    network, source, targets = CASES[name]
-    if name == "space" and width > 1:
-        return  # a dense matrix of some minutes
-    critical = at(name, width)
-    found = local_response(critical, source, targets).value
-    exact, stiffness, growth = exact_strains(network, critical.sigma, *triples([found.source]), triples(found.targets))
-    errors = apart(found.strains, exact)
-    assert (errors <= found.errors).all()
-    assert apart(found.stiffness, [stiffness]) <= found.stiffness_error
-    assert (apart(found.growth, growth) <= found.growth_errors).all()
-    # Not larger than needed: within a few digits of the largest of the errors, and of the rounding of the value.
-    rounding = np.finfo(float).eps * np.abs(found.strains).max()
-    # True errors differ by a decade between processors.
-    assert found.errors.max() < 3e5 * max(errors.max(), rounding)
+def test_errors_against_sixty_digits():
+    ratios = []
+    for name, width in product(CASES, (0.3, 1.5, 3.0, 5.0)):
+        network, source, targets = CASES[name]
+        if name == "space" and width > 1:
+            continue  # a dense matrix of some minutes
+        critical = at(name, width)
+        found = local_response(critical, source, targets).value
+        exact, stiffness, growth = exact_strains(
+            network, critical.sigma, *triples([found.source]), triples(found.targets)
+        )
+        errors = apart(found.strains, exact)
+        assert (errors <= found.errors).all(), (name, width)
+        assert apart(found.stiffness, [stiffness]) <= found.stiffness_error, (name, width)
+        assert (apart(found.growth, growth) <= found.growth_errors).all(), (name, width)
+        ratios += (found.errors / errors).tolist()
+    # Not larger than needed.  One error is at times zero by chance; their median is 107 or 140 by the processor.
+    assert np.median(ratios) < 200
 
 
 @pytest.mark.parametrize("name", CASES)
