@@ -27,7 +27,7 @@ from ..shared.reports import PAPER
 from ..shared.tables import networks, numbers, outcomes, stacked
 from .figures import growth_figure, histogram_figure, medium_figure, pairs_figure
 from .medium import LAWS, drawn, gap, share_of_stress
-from .report import claims, summary
+from .report import claims
 
 VERTICES_A_CELL = 6.77  # of a Voronoi network of random points in space
 SPACE_HARD_CORE = 0.8
@@ -305,5 +305,4 @@ study = Study(
         "pairs": pairs_figure,
     },
     claims=claims,
-    summary=summary,
 )
