@@ -32,6 +32,7 @@ from critflow.checks import (
     integers,
 )
 from critflow.faces import Faces, PlanarFaces
+from critflow.numerics import restore_read_only
 from critflow.result import NetworkError
 
 
@@ -110,10 +111,7 @@ class Network:
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         """Values of fields, whose arrays nobody can then write to; also of a copy."""
-        for value in state.values():
-            if isinstance(value, np.ndarray):
-                value.flags.writeable = False
-        self.__dict__.update(state)
+        restore_read_only(self, state)
 
     def __getstate__(self) -> dict[str, Any]:
         """Without patterns of matrices, which are made again at their first use."""
