@@ -89,8 +89,7 @@ class CriticalConfiguration(Record):
         """The numbers alone: factors of matrices are in the memory of one process."""
         return {one.name: getattr(self, one.name) for one in fields(self) if one.name != "maker"}
 
-    def __setstate__(self, state: dict[str, Any]) -> None:
-        restore_read_only(self, state)
+    __setstate__ = restore_read_only
 
     @cached_property
     def lengths(self) -> Array:

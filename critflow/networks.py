@@ -32,6 +32,7 @@ from critflow.checks import (
     integers,
 )
 from critflow.faces import Faces, PlanarFaces
+from critflow.numerics import restore_read_only
 from critflow.result import NetworkError
 
 
@@ -108,12 +109,8 @@ class Network:
         arrays = {"edges": edges, "offsets": offsets, "cell": cell, "stiffness": stiffness, "positions": positions}
         self.__setstate__({**arrays, "pins": pins, "n_vertices": n_vertices})
 
-    def __setstate__(self, state: dict[str, Any]) -> None:
-        """Values of fields, whose arrays nobody can then write to; also of a copy."""
-        for value in state.values():
-            if isinstance(value, np.ndarray):
-                value.flags.writeable = False
-        self.__dict__.update(state)
+    # Values of fields, whose arrays nobody can then write to; also of a copy.
+    __setstate__ = restore_read_only
 
     def __getstate__(self) -> dict[str, Any]:
         """Without patterns of matrices, which are made again at their first use."""

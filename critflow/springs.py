@@ -256,8 +256,7 @@ class SpringState(Record):
     def __post_init__(self) -> None:
         set_read_only(self, "rest_lengths", "coordinates", "bond_vectors")
 
-    def __setstate__(self, state: dict[str, Any]) -> None:
-        restore_read_only(self, state)
+    __setstate__ = restore_read_only
 
     # Springs, one for each edge.
 

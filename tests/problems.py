@@ -29,6 +29,7 @@ from critflow.minimisers import Function, Point
 from critflow.points import random_sequential_addition
 from critflow.sparse import FixedPattern
 from workflows.benchmarks import reference
+from workflows.benchmarks.failure_map.problems import stress_of_lines, subdivided_square
 
 SQRT3 = np.sqrt(3.0)
 
@@ -386,12 +387,16 @@ def critical_of(network, seed=1):
     return CriticalManifold(network).configuration(random_stress(network.n_edges, seed))
 
 
-def relaxed_directly(critical, gamma):
-    """Springs at rest in a configuration, relaxed in one step after V → V (1 + γ)."""
+def expanded(critical, gamma):
+    """Springs at rest in a critical configuration, after an affine expansion V → V (1 + γ)."""
     network = critical.network
     state = spring_state(network, critical.lengths, critical.coordinates)
-    F = (1 + gamma) ** (1 / network.dimension) * np.eye(network.dimension)
-    solution = equilibrium(state.deformed(F))
+    return state.deformed((1 + gamma) ** (1 / network.dimension) * np.eye(network.dimension))
+
+
+def relaxed_directly(critical, gamma):
+    """Springs at rest in a configuration, relaxed in one step after V → V (1 + γ)."""
+    solution = equilibrium(expanded(critical, gamma))
     assert solution.status is Status.ok
     return solution.value
 
@@ -412,34 +417,14 @@ def partly_compressed(n_vertices, seed):
     return CriticalManifold(network).configuration(sigma)
 
 
-def subdivided_square(n):
-    """A square lattice with a vertex in the middle of each edge: one self-stress per line, at most 2 N_v edges.
-
-    Every line of length n has 2n springs: B = 2n (n/2)²/(2n)/n² = ¼, G = 0.
-    """
-    edges, offsets = [], []
-    for column, row in np.ndindex(n, n):
-        site = 3 * (column * n + row)
-        right, above = 3 * ((column + 1) % n * n + row), 3 * (column * n + (row + 1) % n)
-        edges += [(site, site + 1), (site + 1, right), (site, site + 2), (site + 2, above)]
-        offsets += [(0, 0), (int(column + 1 == n), 0), (0, 0), (0, int(row + 1 == n))]
-    return Network(edges, offsets, n * np.eye(2))
-
-
 def stressed_lines(n):
-    """The subdivided square with a different stress on every line."""
-    network = subdivided_square(n)
-    line = np.linspace(0.5, 1.5, 2 * n)
-    column, row = np.divmod(np.arange(n * n), n)
-    sigma = np.stack([line[row], line[row], line[n + column], line[n + column]], axis=1).ravel()
-    return CriticalManifold(network).configuration(sigma)
+    """A square lattice with a vertex in the middle of each edge, and a different stress on every line."""
+    return CriticalManifold(subdivided_square(n)).configuration(stress_of_lines(np.linspace(0.5, 1.5, 2 * n)))
 
 
-def strained(network: Network, gamma: float, seed: int = 1):
-    """Springs at rest in a critical configuration, after an affine expansion V → V (1 + γ)."""
-    critical = critical_of(network, seed)
-    state = spring_state(network, critical.lengths, critical.coordinates)
-    return state.deformed((1 + gamma) ** (1 / network.dimension) * np.eye(network.dimension))
+def strained(network: Network, gamma: float):
+    """A random critical configuration of a network, expanded."""
+    return expanded(critical_of(network), gamma)
 
 
 # Error bounds

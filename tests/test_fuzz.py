@@ -141,8 +141,7 @@ def test_error_bounds_exceed_the_errors(random):
 
 def facts(network, sigma):
     """Numbers that do not depend on the description, in units of the largest cell vector or pin distance and mean k."""
-    manifold = CriticalManifold(network)
-    solution = manifold.solve(sigma)
+    solution = CriticalManifold(network).solve(sigma)
     critical, found = solution.value, {"status": solution.status}
     if not solution.ok:
         return found

@@ -17,7 +17,7 @@ from critflow.pictures import COLOURS
 from .shared.checks import voronoi_check
 from .shared.reports import PAPER, minus
 from .shared.tables import NETWORK, PLANE, networks, numbers, of_network, outcomes
-from .shared.verification import contradictions, forces
+from .shared.verification import bond_vectors, contradictions, forces
 
 
 def nearest_images(coordinates, edges, cell):
@@ -92,8 +92,7 @@ def boundary_figure(ds):
     """`BoundaryTerm`: a network among its copies, all its vertices at one point, and both sheared."""
     one = ds.isel(seed=0)
     # The largest shear that is still easy to read.
-    shear = int(np.argmin(np.abs(ds.shear.values - 0.5)))
-    deformed = one.isel(shear=shear)
+    deformed = one.isel(shear=int(np.argmin(np.abs(ds.shear.values - 0.5))))
     figure = Figure(figsize=(9.6, 10.0), dpi=120, layout="constrained")
     axes = figure.subplots(2, 2)
     plain, sheared = one.cell.values, deformed.sheared_cell.values
@@ -210,9 +209,7 @@ def verify(ds):
 
 
 def _checks(one):
-    tail, head = one.edges.values.T
-    b, x, sigma = one.boundary_vectors.values, one.position.values, one.sigma.values
-    L = x[head] - x[tail] + b
+    b, sigma, L = one.boundary_vectors.values, one.sigma.values, bond_vectors(one)
     yield "sigma", np.isclose(np.sum(sigma**2), len(sigma), rtol=1e-10)
     yield "boundary_vectors", np.allclose(b, one.offsets.values @ one.cell.values, rtol=0, atol=1e-12)
     yield "bond_vectors", np.allclose(L, one.bond_vectors, rtol=0, atol=1e-12)

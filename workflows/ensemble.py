@@ -36,7 +36,7 @@ from .shared.checks import check_deformation, check_fit, check_positive
 from .shared.figures import RESOLUTION, TEXT, WIDTH, violins
 from .shared.measurements import DRAWN, identified, measured, table, verify
 from .shared.own_network import check_planar, with_digest
-from .shared.population_reports import of, percolation_measurements, population_measurements, summary
+from .shared.population_reports import medians_of, of, percolation_measurements, population_measurements, summary
 from .shared.populations import (
     LABELS,
     MEANING,
@@ -99,7 +99,7 @@ ZERO = {"V_L": 1e-12, "V_tau": 1e-12, "G_0": 1e-12}
 
 def structure_figure(ds):
     """`StructuralMetrics`: lengths and faces, tensions and force triangles."""
-    V_tau, kappa = (_medians(ds, name) for name in ("V_tau", "kappa_force"))
+    V_tau, kappa = (medians_of(ds, name, ds.population.values) for name in ("V_tau", "kappa_force"))
     flat = [population for population, value in kappa.items() if value > 0.9]
     unequal = V_tau.get("min_V_L", np.nan) > 3 * V_tau.get("min_V_tau", np.nan)
     found = "Equal lengths need unequal tensions, and only max $G_0$ flattens the triangles of its forces"
@@ -112,7 +112,7 @@ def response_figure(ds):
     deformation = parameters(ds).get("deformation", "dilation")
     # The paper has dilations.
     other = "" if deformation == "dilation" else f" of the {deformation.replace('_', ' ')}"
-    B_0, C_B, G_0 = (_medians(ds, name) for name in ("B_0", "C_B_fit", "G_0"))
+    B_0, C_B, G_0 = (medians_of(ds, name, ds.population.values) for name in ("B_0", "C_B_fit", "G_0"))
     stiffest = sorted(B_0, key=B_0.__getitem__)[-2:]
     softens = len(B_0) > 2 and all(C_B.get(population, np.nan) < 0 for population in stiffest)
     alone = [population for population, value in G_0.items() if value > 0.01] == ["max_G_0"]
@@ -126,11 +126,6 @@ def _undefined_note(ds):
     unknown = {p: int(np.sum(ds.status.sel(population=p) == Status.edge_collapse)) for p in ds.population.values}
     listed = ", ".join(f"{n} of {LABELS[str(p)]}" for p, n in unknown.items() if n)
     return f"Undefined where edges shrink to zero length: $C_B$ and $C_G$ of {listed}. " if listed else ""
-
-
-def _medians(ds, name):
-    """The median of each population where it is known."""
-    return {str(p): float(np.median(values)) for p in ds.population.values if len(values := of(ds, name, p))}
 
 
 # Inches: width of the figure, of a panel and of a drawing, heights, margins.
@@ -231,7 +226,7 @@ def _axes(figure, left, bottom, width, height):
 
 def example_of(ds, name, word):
     """The network nearest to the median of the population with the least or largest median, and its caption."""
-    medians = _medians(ds, name)
+    medians = medians_of(ds, name, ds.population.values)
     if not medians:
         return None
     population = (max if word == "largest" else min)(medians, key=medians.__getitem__)

@@ -31,7 +31,7 @@ from .shared.figures import legend_below, lettered, page
 from .shared.measurements import edge_fractions, moduli_with_bounds
 from .shared.population_reports import PRINTED_SPREAD, sample
 from .shared.populations import drawn_lengths
-from .shared.reports import PAPER, half_point, parameters, series, shown
+from .shared.reports import PAPER, half_point, series, shown
 from .shared.strain_protocol import critical_by_strain, critical_in_printed_box
 from .shared.structure import face_anisotropy, force_anisotropy, relative_variance
 from .shared.tables import bounded, networks, numbers, outcomes, stacked
@@ -106,22 +106,15 @@ PRINTED_GAP, HALF_DIGIT = 10, 5
 _RESAMPLED = 500  # ensembles behind the interval of the power
 
 
-def of_state(ds, state):
-    """The networks in which a state was computed at every spread."""
-    one = ds.sel(state=state)
-    computed = (one.solve_status != Status.missing).all(["spread", "n_vertices"])
-    return one.isel(seed=np.flatnonzero(computed.values))
-
-
 def curve(ds, state="transition", name="stressed_fraction"):
-    """Part of the networks with every edge stressed, or under tension, (size, spread), and the number of networks."""
+    """Part of the networks with every edge stressed, or under tension, and their number, (size, spread) each."""
     full = percolating(ds, state, name)
-    return full.mean("seed").values, full.sizes["seed"]
+    return full.mean("seed").values, full.count("seed").values
 
 
 def percolating(ds, state="transition", name="stressed_fraction"):
-    """Whether every edge of a network is stressed, or under tension, (size, spread, network)."""
-    fraction = of_state(ds, state)[name]
+    """Whether every edge of a network is stressed, or under tension, (size, spread, network); NaN without a state."""
+    fraction = ds[name].sel(state=state)
     return (fraction == 1.0).where(fraction.notnull()).transpose("n_vertices", "spread", "seed")
 
 
@@ -171,41 +164,59 @@ def readings(ds):
     return rows
 
 
-def summary(ds):
-    """The table of states and spreads at the largest size, and what the paper says of s = 0.3."""
-    return {
-        "n_vertices": int(ds.n_vertices.values[-1]),
-        "parameters": parameters(ds),
-        "printed": {"spread": PRINTED_SPREAD, "stressed": 100, "full": 100, "gap": PRINTED_GAP, "like": "min V_L"},
-        "readings": readings(ds),
-    }
+# The part of a curve whose edges are all under tension.
+UNDER_TENSION = {"linestyle": (0, (4, 2)), "linewidth": 0.9}
+
+
+def _computed(ds):
+    """The states that were computed in some network."""
+    return [state for state in STATES if state in ds.state and ds.stressed_fraction.sel(state=state).notnull().any()]
+
+
+def _draw(axes, spreads, n, curves, tense, label):
+    """The n-th curve in its band (low, middle, high), and dashed the part under tension where it is less."""
+    (low, middle, high), style = curves, series(n)
+    axes.fill_between(spreads, low, high, color=style["color"], alpha=0.12, linewidth=0)
+    axes.plot(spreads, middle, **style, markersize=3.5, linewidth=1.2, label=label)
+    if (tense < middle).any():
+        axes.plot(spreads, tense, **UNDER_TENSION, color=style["color"])
+
+
+def _finished(figure, panels, tension, ncols):
+    """The figure with the spread of the paper in every panel, letters and the legend."""
+    for axes in panels:
+        axes.axvline(PRINTED_SPREAD, color="0.3", linestyle=":", linewidth=1, label="paper")
+    panels[0].plot([], [], **UNDER_TENSION, color="0.4", label=tension)
+    lettered(*panels)
+    legend_below(figure, panels[0], ncols)
+    return figure
 
 
 def percolation_figure(ds):
     """Part of the networks with every edge stressed against the spread, by size and state."""
-    shown = [(state, name) for state, name in STATES.items() if state in ds.state and of_state(ds, state).seed.size]
-    figure = page(3.4, _percolation_title(ds))
-    spreads, sizes = ds.spread.values, ds.n_vertices.values
+    figure, shown, spreads = page(3.4, _percolation_title(ds)), _computed(ds), ds.spread.values
     panels = np.atleast_1d(figure.subplots(1, len(shown), sharey=True))
-    for axes, (state, name) in zip(panels, shown, strict=True):
+    for axes, state in zip(panels, shown, strict=True):
         (full, n), (tense, _) = curve(ds, state), curve(ds, state, "tension_fraction")
-        for row, size in enumerate(sizes):
-            style = {**series(row), "markersize": 3.5, "linewidth": 1.2}
-            error = np.sqrt(np.maximum(full[row] * (1 - full[row]), 0.25 / n) / n)
-            axes.fill_between(
-                spreads, full[row] - error, full[row] + error, color=style["color"], alpha=0.12, linewidth=0
-            )
-            axes.plot(spreads, full[row], label=f"$N_v$ = {size:,}" if axes is panels[0] else "", **style)
-            if (tense[row] < full[row]).any():
-                axes.plot(spreads, tense[row], color=style["color"], linestyle=(0, (4, 2)), linewidth=0.9)
-        axes.axvline(PRINTED_SPREAD, color="0.3", linestyle=":", linewidth=1)
-        axes.set(xlabel="spread of rest lengths $s$", ylim=(-0.03, 1.05), title=f"{name}\n({plural(n, 'network')})")
-    panels[0].plot([], [], color="0.4", linestyle=(0, (4, 2)), linewidth=0.9, label="under tension")
-    panels[0].plot([], [], color="0.3", linestyle=":", linewidth=1, label="paper")
+        error = np.sqrt(np.maximum(full * (1 - full), 0.25 / np.maximum(n, 1)) / np.maximum(n, 1))
+        for row, size in enumerate(ds.n_vertices.values):
+            curves = [(full + sign * error)[row] for sign in (-1, 0, 1)]
+            _draw(axes, spreads, row, curves, tense[row], f"$N_v$ = {size:,}")
+        title = f"{STATES[state]}\n({_networks(spreads, n)})"
+        axes.set(xlabel="spread of rest lengths $s$", ylim=(-0.03, 1.05), title=title)
     panels[0].set_ylabel("networks with every edge stressed")
-    lettered(*panels)
-    legend_below(figure, panels[0], ncols=4)
-    return figure
+    return _finished(figure, panels, "under tension", 4)
+
+
+def _networks(spreads, n):
+    """How many networks the curves are of, and how many at the spread of the paper where these are more."""
+    printed = np.isclose(spreads, PRINTED_SPREAD)
+    few, more = (int(np.max(n, initial=0, where=there)) for there in (~printed, printed))
+    return (
+        f"{plural(few, 'network')}, {more} at $s$ = {PRINTED_SPREAD}"
+        if 0 < few < more
+        else plural(max(few, more), "network")
+    )
 
 
 def _percolation_title(ds):
@@ -245,35 +256,25 @@ def _panel(large, name):
 
 def spread_figure(ds):
     """Measures of the largest networks against the spread, in each state, with the sentences of the paper."""
-    figure = page(5.4, _finding(ds))
-    panels, spreads = figure.subplots(2, 3).ravel(), ds.spread.values
-    shown = [state for state in STATES if state in ds.state and of_state(ds, state).sizes["seed"]]
+    figure, shown = page(5.4, _finding(ds)), _computed(ds)
+    panels, spreads, large = figure.subplots(2, 3).ravel(), ds.spread.values, ds.isel(n_vertices=-1)
     for axes, (name, (label, printed, words)) in zip(panels, PANELS.items(), strict=True):
         for n, state in enumerate(shown):
-            large = of_state(ds, state).isel(n_vertices=-1)
-            values = _panel(large, name)
+            values, tense = (_panel(large.sel(state=state), one) for one in (name, "tension_fraction"))
             known = np.isfinite(values).any(axis=1)
-            low, middle, high = np.nanquantile(values[known], (0.1, 0.5, 0.9), axis=1)
-            style = {**series(n), "markersize": 3.5, "linewidth": 1.2}
-            axes.plot(spreads[known], middle, label=STATES[state], **style)
-            axes.fill_between(spreads[known], low, high, color=style["color"], alpha=0.13, linewidth=0)
-            if name == "stressed_fraction" and state != "transition":
-                tense = np.nanmedian(_panel(large, "tension_fraction")[known], axis=1)
-                axes.plot(spreads[known], tense, color=style["color"], linestyle=(0, (4, 2)), linewidth=0.9)
+            curves = np.nanquantile(values[known], (0.1, 0.5, 0.9), axis=1)
+            under = np.nanmedian(tense[known], axis=1) if name == "stressed_fraction" else curves[1]
+            _draw(axes, spreads[known], n, curves, under, STATES[state])
         if printed is None:
-            first = _panel(of_state(ds, shown[0]).isel(n_vertices=-1), name)[0]
+            first = _panel(large.sel(state=shown[0]), name)[0]
             printed = float(np.nanmedian(first)) if spreads[0] == 0 else np.nan
         axes.axhline(printed, color="0.3", linestyle=(0, (1, 1)), linewidth=1)
-        axes.axvline(PRINTED_SPREAD, color="0.3", linestyle=":", linewidth=1)
         axes.set(title=f"paper: {words}", ylabel=label)
     for axes in panels[3:]:
         axes.set_xlabel("spread of rest lengths $s$")
     for axes in (panels[1], panels[3]):
         axes.set_yscale("log")
-    panels[0].plot([], [], color="0.4", linestyle=(0, (4, 2)), linewidth=0.9, label="under tension (A)")
-    lettered(*panels)
-    legend_below(figure, panels[0], ncols=2)
-    return figure
+    return _finished(figure, panels, "under tension (A)", 3)
 
 
 def _finding(ds):
@@ -372,5 +373,4 @@ study = Study(
     ),
     figures={"percolation": percolation_figure, "spread": spread_figure},
     claims=claims,
-    summary=summary,
 )

@@ -135,8 +135,7 @@ def test_configuration_of_mixed_signs(name):
     solution = CriticalManifold(network).solve(sigma)
     assert solution.status is Status.ok
     g, _ = dense_free(network)
-    P = g.T @ (sigma[:, None] * g)
-    eigenvalues = np.linalg.eigvalsh(P)
+    eigenvalues = np.linalg.eigvalsh(g.T @ (sigma[:, None] * g))
     scale = np.abs(eigenvalues).max()
     assert solution.negative_pivots == np.count_nonzero(eigenvalues < -1e-12 * scale)
     atol = 1e-14 * scale / np.min(np.abs(eigenvalues[np.abs(eigenvalues) > 1e-12 * scale])) * 100

@@ -70,12 +70,10 @@ def test_a_folder_without_permission_to_write_is_reported(tmp_path, which):
     (folder / "shards").mkdir(parents=True)
     closed = {".": folder, "shards": folder / "shards", "above": tmp_path / "parent"}[which]
     folder = folder.with_name("new") if which == "above" else folder
-    before = Path(f"{folder}.err")
-    before.touch()
+    Path(f"{folder}.err").touch()
     closed.chmod(0o555)
     try:
-        code = ended(begun(folder, prepare=obey_permissions))
-        assert "ermission denied" in assert_refused(folder, code)
+        assert "ermission denied" in assert_refused(folder, ended(begun(folder, prepare=obey_permissions)))
     finally:
         closed.chmod(0o755)
     assert_completed(folder)

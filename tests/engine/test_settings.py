@@ -174,7 +174,6 @@ def test_different_names_give_different_generators(one, other):
 
 def test_a_comma_in_brackets_belongs_to_a_name(tiny):
     study = replace(tiny.study, parameters={**tiny.study.parameters, "quantity": "B_0", "quantities": ("B_0", "G_0")})
-    words = ["quantity=local[0-1,2-3]", "quantities=G_0,local[0-1,2-3]"]
-    parameters = select(study, words).parameters
+    parameters = select(study, ["quantity=local[0-1,2-3]", "quantities=G_0,local[0-1,2-3]"]).parameters
     assert parameters["quantity"] == "local[0-1,2-3]"
     assert parameters["quantities"] == ("G_0", "local[0-1,2-3]")

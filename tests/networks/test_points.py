@@ -112,8 +112,7 @@ def test_delaunay_spheres_are_empty(dimension):
     # An edge of the Delaunay graph is a pair for which some sphere through both contains no other point; for pairs
     # whose own diametral sphere is empty (the Gabriel graph) it must be there.
     cell = np.array([[1.2, 0.1, 0.0], [0.3, 0.9, 0.2], [0.0, 0.2, 1.0]])[:dimension, :dimension]
-    points = np.random.default_rng(3).random((40, dimension))
-    network = delaunay_network(points=points, cell=cell)
+    network = delaunay_network(points=np.random.default_rng(3).random((40, dimension)), cell=cell)
     edges = set(map(tuple, np.column_stack([network.edges, network.offsets])))
     x = network.positions
     ids, images = near_images(x @ np.linalg.inv(cell), cell, 0.6)

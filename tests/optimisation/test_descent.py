@@ -140,8 +140,7 @@ ORDINARY = voronoi_network(20, seed=3)
 def test_a_start_with_a_stress_far_from_the_others_reaches_the_minimum(goal, best, method, first):
     start = np.ones(ORDINARY.n_edges)
     start[0] = first
-    solution = optimize(ORDINARY, goal, method, start=start)
-    assert solution.objective == pytest.approx(best, abs=1e-14)
+    assert optimize(ORDINARY, goal, method, start=start).objective == pytest.approx(best, abs=1e-14)
 
 
 @pytest.mark.parametrize("first", [1e13, 1e6, 1e-13, 1e-300])
@@ -235,8 +234,7 @@ def test_a_saddle_at_a_rough_tolerance_is_an_end():
 
 def saddle(negative, n=12):
     """x⁴/4 − `negative` x²/2 in one hidden direction v, ½ x² to 50 x² in the others: a saddle at zero."""
-    rng = np.random.default_rng(2)
-    Q = np.linalg.qr(rng.standard_normal((n, n)))[0]
+    Q = np.linalg.qr(np.random.default_rng(2).standard_normal((n, n)))[0]
     v, curvatures = Q[:, 0], np.geomspace(1, 100, n)
     curvatures[0] = -negative
     A = Q @ np.diag(curvatures) @ Q.T
@@ -257,8 +255,7 @@ def test_a_direction_of_negative_curvature(negative):
     curvature = direction @ function.hessian_product(point, direction) / (direction @ direction)
     # Twelve products resolve the whole spectrum.
     assert curvature == pytest.approx(-negative, rel=1e-6)
-    lower = step_off_saddle(function, point, direction)
-    assert lower.value < point.value
+    assert step_off_saddle(function, point, direction).value < point.value
 
 
 def test_minima_and_flat_directions_have_none():
@@ -369,8 +366,7 @@ def ring(n_edges):
     ids=["ring of two", "ring of three", "no strain", "rotation"],
 )
 def test_a_modulus_that_is_always_zero_is_an_optimum(network, goal, method):
-    solution = optimize(network, goal, method, signs="any")
-    assert solution.objective == pytest.approx(0.0, abs=1e-30)
+    assert optimize(network, goal, method, signs="any").objective == pytest.approx(0.0, abs=1e-30)
 
 
 @pytest.mark.parametrize("method", ["lbfgs", pytest.param("newton", marks=pytest.mark.sweep), "fire"])

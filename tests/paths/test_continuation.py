@@ -22,8 +22,7 @@ from critflow.paths import Path, Point
 
 def test_path_ends_with_the_range_of_its_law():
     # With σ = k the edges of equal law reach their contour length together, at the volume (1 + m)².
-    network = voronoi(40, seed=1)
-    critical = CriticalManifold(network).configuration(np.ones(60))
+    critical = CriticalManifold(voronoi(40, seed=1)).configuration(np.ones(60))
     law, strains = WormLike(0.02), 0.002 * np.arange(1, 26)
     solution = strain_path(critical, strains, law=law, throw=False)
     assert solution.status is Status.stalled
@@ -94,8 +93,7 @@ def test_the_path_back_returns_to_its_start(deformation):
 
 @pytest.mark.parametrize("strain", [5e-324, 1e-320, 1e-310, 1e-17])
 def test_strains_below_the_rounding_of_the_cell_end_at_once(strain):
-    critical = critical_of(voronoi(16, seed=5100))
-    solution = strain_path(critical, [strain], throw=False)
+    solution = strain_path(critical_of(voronoi(16, seed=5100)), [strain], throw=False)
     assert solution.status is Status.ill_conditioned
     assert solution.value.inserted[0] == 0
 
@@ -132,8 +130,7 @@ def test_slack_parts_do_not_shorten_the_steps():
     lengths = np.random.default_rng(5).uniform(0.3, 1.7, network.n_edges)
     critical = critical_from_lengths(network, lengths, throw=False)
     assert len(critical.slack_edges) > 100
-    strains = np.linspace(0.001, 0.01, 10)
-    path = strain_path(critical, strains, taut_only=True).value
+    path = strain_path(critical, np.linspace(0.001, 0.01, 10), taut_only=True).value
     assert path.inserted.sum() < 20 and path.steps.sum() < 200
     other = strain_path(critical, [0.0013, 0.01], taut_only=True).value
     np.testing.assert_allclose(other.bulk_modulus[-1], path.bulk_modulus[-1], rtol=1e-9)

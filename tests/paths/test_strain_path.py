@@ -184,8 +184,7 @@ def test_a_path_of_energies_has_their_second_derivative():
 
 
 def test_a_strain_that_loosens_is_floppy():
-    critical = critical_of(voronoi(12, seed=1))
-    solution = strain_path(critical, [-0.01, -0.02], throw=False)
+    solution = strain_path(critical_of(voronoi(12, seed=1)), [-0.01, -0.02], throw=False)
     assert solution.status is Status.floppy
     assert solution.value.status.tolist() == [Status.floppy, Status.missing]
     assert np.isnan(solution.value.energy).all() and solution.stats.steps == 0
@@ -226,8 +225,7 @@ def test_a_path_begins_where_forces_are_below_a_millionth():
 
 def test_pins_follow_the_deformation():
     # Two springs in series on a line of pins: each takes half of the elongation.
-    state = pinned_cross()
-    path = strain_path(state, [0.0, 0.1, 0.2], deformation="uniaxial").value
+    path = strain_path(pinned_cross(), [0.0, 0.1, 0.2], deformation="uniaxial").value
     np.testing.assert_allclose(path.energy, (0.5 + path.strains) ** 2 + 0.25, rtol=1e-14)
     np.testing.assert_allclose(path.modulus, 2.0, rtol=1e-13)
     assert np.isnan(path.bulk_modulus).all()
@@ -248,8 +246,7 @@ def test_the_path_of_the_taut_part_alone():
 
 
 def test_an_optimum_of_stresses_is_of_springs():
-    network = voronoi(20, seed=1)
-    best = optimize(network, "length_variance", "conic")
+    best = optimize(voronoi(20, seed=1), "length_variance", "conic")
     assert strain_path(best, [0.01]).value.states[0].law == Hookean()
 
 

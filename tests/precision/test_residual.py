@@ -71,12 +71,10 @@ def test_small_corrections_of_a_regularised_matrix_prove_nothing():
 @pytest.mark.parametrize("seed", range(3))
 def test_norm_of_an_inverse(seed):
     network = voronoi_network(60, seed=seed)
-    sigma = random_stress(network.n_edges, seed)
-    factor = laplacian(network).factorize(sigma)
+    factor = laplacian(network).factorize(random_stress(network.n_edges, seed))
     P = factor.multiply(np.eye(len(network.free)))
     exact = 1 / np.linalg.eigvalsh(P)[0]
-    rng = np.random.default_rng(seed)
-    once = factor.solve(rng.standard_normal(len(P)))
+    once = factor.solve(np.random.default_rng(seed).standard_normal(len(P)))
     assert exact / 3 < inverse_norm(factor, once) <= exact * (1 + 1e-12)
     assert 0 < inverse_norm(factor, np.zeros_like(once)) <= exact * (1 + 1e-12)
 

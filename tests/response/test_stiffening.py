@@ -130,8 +130,7 @@ def test_slack_edges_do_not_change_the_coefficients_of_the_taut_part():
 
 def test_coefficients_of_disconnected_taut_parts_add_up():
     # n rows of n springs: E = ½ n² γ² in the volume n²(1 + γ), so that M = 1/(1 + γ).
-    critical = taut_rows(4)
-    solution = stiffening(critical, deformation="uniaxial")
+    solution = stiffening(taut_rows(4), deformation="uniaxial")
     assert (solution.value.modulus_0, solution.value.C) == pytest.approx((1.0, -1.0), rel=1e-12)
     assert solution.value.bulk_0 == pytest.approx(0.25, rel=1e-13)
 

@@ -66,8 +66,7 @@ def test_newton_and_fire_agree_for_every_law(law):
 def test_steps_and_failures_are_reported():
     start = strained(voronoi_network(20, seed=3), 0.3)
     for method in ("newton", "fire"):
-        solution = equilibrium(start, method, max_steps=1, throw=False)
-        assert solution.status is Status.step_limit
+        assert equilibrium(start, method, max_steps=1, throw=False).status is Status.step_limit
         with pytest.raises(SolveError, match="max_steps"):
             equilibrium(start, method, max_steps=1)
 
@@ -129,8 +128,7 @@ def test_newton_converges_to_the_exact_equilibrium():
 @pytest.mark.parametrize("tolerance", [1e-2, 1e-4, 1e-6, 1e-10, 1e-13])
 @pytest.mark.parametrize("gamma", [0.1, 1e-2, 1e-3])
 def test_error_bounds_of_fire(tolerance, gamma):
-    start = strained(SMALL_NETWORKS["voronoi"](), gamma)
-    solution = equilibrium(start, "fire", tolerance)
+    solution = equilibrium(strained(SMALL_NETWORKS["voronoi"](), gamma), "fire", tolerance)
     assert solution.status is Status.ok
     error, bound = max(errors(solution.value)), solution.stats.error_bound
     assert error <= bound <= 2 * error

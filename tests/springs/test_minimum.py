@@ -83,8 +83,7 @@ def test_floppy_parts_next_to_compressed_edges_are_no_saddle(method):
 def test_a_minimum_is_one_beyond_rounding():
     # The unstressed chain has a mode without stiffness, which is no minimum.
     for stretch, minimum in ((0.1, True), (0.0, False)):
-        state = collinear(-stretch)
-        assert (minimum_factor(state) is not None) is minimum
+        assert (minimum_factor(collinear(-stretch)) is not None) is minimum
 
 
 @pytest.mark.parametrize("seed", [1, 2, 3])
@@ -92,8 +91,7 @@ def test_a_minimum_is_one_beyond_rounding():
 def test_indefinite_start_reaches_a_minimum(monkeypatch, size, seed):
     network = voronoi_network(40, seed=seed)
     critical = CriticalManifold(network).configuration(np.ones(60))
-    rng = np.random.default_rng(seed)
-    x = critical.coordinates + 0.6 * rng.standard_normal((40, 2))
+    x = critical.coordinates + 0.6 * np.random.default_rng(seed).standard_normal((40, 2))
     state = spring_state(network, critical.lengths / size, x)
     assert state.factorize().n_negative > 0
     factorised = Factorisations(monkeypatch)

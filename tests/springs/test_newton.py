@@ -68,6 +68,5 @@ def test_the_shift_is_never_below_the_least(unit):
 
 @pytest.mark.parametrize(("tolerance", "ok"), [(1e-14, True), (8e-15, False)])
 def test_rounding_within_ten_tolerances_is_convergence(tolerance, ok):
-    state = chain(Almost)
-    end, _ = newton(state, tolerance, 100)
+    end, _ = newton(chain(Almost), tolerance, 100)
     assert end.status is (Status.ok if ok else Status.stalled) and end.stats.steps == 0

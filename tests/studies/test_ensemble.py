@@ -194,8 +194,7 @@ def test_stored_numbers_are_within_their_error_bounds(run_study, tmp_path):
     network = voronoi_network(24, seed=0)
     for population in populations:
         one = dataset.sel(population=population, seed=0)
-        configuration = reference.configuration(network, one.sigma.values)
-        exact = reference.stiffening(network, configuration)
+        exact = reference.stiffening(network, reference.configuration(network, one.sigma.values))
         names = ("B_0", "G_0", "C_B", "C_G")
         for name, truth in zip(names, exact, strict=False):
             bound = float(one[f"{name}_error_bound"])

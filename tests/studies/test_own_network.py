@@ -67,8 +67,7 @@ def test_the_stiffnesses_of_a_file_are_stored():
 
 
 def test_the_gallery_of_a_file():
-    panels = "panels=max_B_0,max_B_0_wave,random_lengths"
-    assert run("gallery", "network=mine.csv", panels) == 0
+    assert run("gallery", "network=mine.csv", "panels=max_B_0,max_B_0_wave,random_lengths") == 0
     with xr.open_dataset("out/gallery.nc") as dataset:
         both = dataset.B_0.sel(panel=["max_B_0", "max_B_0_wave"]).values
         np.testing.assert_allclose(both, upper_bound(NETWORK, "B_0"), rtol=1e-10)

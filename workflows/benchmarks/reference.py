@@ -98,8 +98,7 @@ def _placed(network, free, sigma, b):
 def configuration(network, sigma):
     """The configuration balanced by σ (N_b,) of any sign: P x = −gᵀ(σ ∘ b) (`FDM1`)."""
     sigma, g, b = numbers(sigma), incidence(network), numbers(network.boundary_vectors)
-    free = solve(laplacian(network, sigma), -(g.T @ (sigma[:, None] * b)))
-    return _placed(network, free, sigma, b)
+    return _placed(network, solve(laplacian(network, sigma), -(g.T @ (sigma[:, None] * b))), sigma, b)
 
 
 @precise

@@ -1,4 +1,4 @@
-"""Claims and summary of the relations."""
+"""Claims of the relations."""
 
 import numpy as np
 
@@ -6,7 +6,7 @@ from critflow.engine import Claim
 from critflow.engine.study import plural
 
 from ..shared.populations import NAMES
-from ..shared.reports import finite, parameters
+from ..shared.reports import finite
 from .medium import NAMES as LAW_NAMES
 from .medium import gap_of_law
 
@@ -174,21 +174,3 @@ def _moduli(ds):
         f"within {float(apart.max()):.0e}; the term is {float(differ.median()):.1g} of B_0 (median)",
         float(apart.max()) <= ROUNDING, "they differ", criterion="within 1e-8",
     )  # fmt: skip
-
-
-def summary(ds):
-    """Gaps and predictions by law, and medians by population."""
-    names = ("gap", "shuffled_gap", "medium_gap", "isotropic_ratio", "C_G_mean", "C_G_bound", "B_0", "C_B")
-    return {
-        "parameters": parameters(ds),
-        "laws": {
-            str(law): {
-                "plane": mean_and_error(ds.law_gap.sel(law=law)), "plane_theory": gap_of_law(str(law)),
-                "space": mean_and_error(ds.space_gap.sel(law=law)), "space_theory": gap_of_law(str(law), 4),
-            }
-            for law in ds.law.values
-        },
-        "populations": {
-            str(p): {name: float(ds[name].sel(population=p).median()) for name in names} for p in ds.population.values
-        },
-    }  # fmt: skip

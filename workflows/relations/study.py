@@ -27,7 +27,7 @@ from ..shared.reports import PAPER
 from ..shared.tables import networks, numbers, outcomes, stacked
 from .figures import growth_figure, histogram_figure, medium_figure, pairs_figure
 from .medium import LAWS, drawn, gap, share_of_stress
-from .report import claims, summary
+from .report import claims
 
 VERTICES_A_CELL = 6.77  # of a Voronoi network of random points in space
 SPACE_HARD_CORE = 0.8
@@ -46,7 +46,10 @@ def case(parameters, *, seed):
         "status": Status.ok,
         **stacked(rows),
         **stacked([_law(manifold, parameters, seed, law) for law in parameters["laws"]]),
-        "space_gap": [_gaps(space, parameters, seed, law).mean() for law in parameters["laws"]],
+        "space_gap": [
+            np.mean([_gap(space, sigma)[0] for sigma in _stresses(space, parameters, seed, law)])
+            for law in parameters["laws"]
+        ],
         "space_ratio": [_space_ratio(space, seed, law) for law in parameters["laws"]],
         **stacked([_signed(parameters, seed, sample) for sample in range(parameters["signed_samples"])]),
         **_largest(manifold),
@@ -73,10 +76,6 @@ def _gap(manifold, sigma):
 def _stresses(manifold, parameters, seed, law):
     rng = stable_rng(seed, "relations", law, str(manifold.network.dimension))
     return [drawn(rng, law, manifold.network.n_edges) for _ in range(parameters["draws"])]
-
-
-def _gaps(manifold, parameters, seed, law):
-    return np.array([_gap(manifold, sigma)[0] for sigma in _stresses(manifold, parameters, seed, law)])
 
 
 def _law(manifold, parameters, seed, law):
@@ -305,5 +304,4 @@ study = Study(
         "pairs": pairs_figure,
     },
     claims=claims,
-    summary=summary,
 )

@@ -11,8 +11,7 @@ def plane(axes, ensemble, x, y, medians=False):
     for name in ensemble.population.values:
         one = ensemble.sel(population=name)
         style = {"color": one.population_color.item()}
-        symbol = one.population_symbol.item()
-        axes.plot(one[x], one[y], ".", markersize=4, label=symbol, **style)
+        axes.plot(one[x], one[y], ".", markersize=4, label=one.population_symbol.item(), **style)
         if medians:
             axes.plot(one[x].median(), one[y].median(), "o", markeredgecolor="k", **style)
     axes.set(xlabel=label(ensemble[x]), ylabel=label(ensemble[y]))

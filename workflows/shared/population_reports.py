@@ -62,9 +62,9 @@ def counts(ds, name, populations=PAPER_POPULATIONS):
     return f"{', '.join(f'{NAMES[p]} {number}' for p, number in n.items())} of {plural(ds.sizes['seed'], 'network')}"
 
 
-def _medians(ds, name):
-    """Medians of the populations of the paper, by name."""
-    return {p: float(np.median(v)) for p in PAPER_POPULATIONS if len(v := of(ds, name, p))}
+def medians_of(ds, name, populations=PAPER_POPULATIONS):
+    """Medians of populations, by default those of the paper, by name, where a network has a value."""
+    return {str(p): float(np.median(v)) for p in populations if len(v := of(ds, name, p))}
 
 
 def _readings(ds):
@@ -138,15 +138,15 @@ def _fracture(ds):
 
 
 def _structure(ds):
-    if not all(name in ds and len(_medians(ds, name)) == len(PAPER_POPULATIONS) for name in METRICS):
+    if not all(name in ds and len(medians_of(ds, name)) == len(PAPER_POPULATIONS) for name in METRICS):
         return
     for p, words, printed in _readings(ds):
         yield _alike(ds, "similar-lengths", "min_V_L", p, words, printed)
     yield _alike(ds, "similar-tensions", "max_B_0", "min_V_tau")
-    ranked = {name: sorted(m := _medians(ds, name), key=m.__getitem__) for name in ("V_tau", "kappa_force")}
+    ranked = {name: sorted(m := medians_of(ds, name), key=m.__getitem__) for name in ("V_tau", "kappa_force")}
     yield Measurement(
         "regular-forces", float(np.mean([set(order[:2]) == {"max_B_0", "min_V_tau"} for order in ranked.values()])),
-        "; ".join(f"{METRICS[name]}: " + ", ".join(f"{NAMES[p]} {_medians(ds, name)[p]:.3g}" for p in order)
+        "; ".join(f"{METRICS[name]}: " + ", ".join(f"{NAMES[p]} {medians_of(ds, name)[p]:.3g}" for p in order)
                   for name, order in ranked.items()), counts(ds, "V_tau"),
     )  # fmt: skip
     kappa = of(ds, "kappa_force", "max_G_0")
@@ -157,7 +157,7 @@ def _alike(ds, statement, one, other, words="", printed=True):
     """Distance of the medians of two populations in each metric, in percent of the range of all medians."""
     apart = {}
     for metric in METRICS:
-        width = np.ptp(list(_medians(ds, metric).values()))
+        width = np.ptp(list(medians_of(ds, metric).values()))
         apart[metric] = 100 * abs(np.median(of(ds, metric, one)) - np.median(of(ds, metric, other))) / width
     text = "medians differ by " + ", ".join(f"{METRICS[name]} {value:.3g} %" for name, value in apart.items())
     n = counts(ds, "stressed_fraction", (one, other))
@@ -165,7 +165,7 @@ def _alike(ds, statement, one, other, words="", printed=True):
 
 
 def _bulk(ds):
-    medians = _medians(ds, "B_0")
+    medians = medians_of(ds, "B_0")
     ranked = sorted(medians, key=medians.__getitem__, reverse=True)
     ordered = ranked[:2] == ["max_B_0", "min_V_tau"] and medians["max_B_0"] < CLOSE * medians["min_V_tau"]
     yield Measurement(
@@ -188,7 +188,7 @@ def _above(ds, name, population, words="", printed=True):
 
 def _shear_gain(ds):
     """Median of G_0 at max G_0 over the largest median of the other populations."""
-    medians = _medians(ds, "G_0")
+    medians = medians_of(ds, "G_0")
     gain = medians.pop("max_G_0") / max(*medians.values(), 1e-300)
     return Measurement(
         "G_0-gain", gain, f"{described(of(ds, 'G_0', 'max_G_0'))}, {gain:.0f} times the largest other median",
@@ -213,7 +213,7 @@ def _opposed_ranks(ds):
     Bulk: the part of all orders that are as opposed.  Shear: whether the one population with a modulus has the least.
     """
     for growth in ("C_B_fit", *CONVENTIONS):
-        moduli, growths = _medians(ds, "B_0" if growth == "C_B_fit" else "G_0"), _medians(ds, growth)
+        moduli, growths = medians_of(ds, "B_0" if growth == "C_B_fit" else "G_0"), medians_of(ds, growth)
         names = [p for p in PAPER_POPULATIONS if p in growths and p in moduli]
         if growth != "C_B_fit":
             ranked = sorted(names, key=growths.__getitem__)

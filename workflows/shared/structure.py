@@ -23,8 +23,7 @@ def face_anisotropy(critical: CriticalConfiguration) -> Array:
     faces = critical.network.faces
     if faces is None:
         raise InputError("the faces of this network are not known: give `faces`, for example from `planar_faces`")
-    sides = faces.signs[:, None] * critical.bond_vectors[faces.edges]
-    return polygon_anisotropy(sides, faces.starts)
+    return polygon_anisotropy(faces.signs[:, None] * critical.bond_vectors[faces.edges], faces.starts)
 
 
 def force_anisotropy(critical: CriticalConfiguration) -> Array:

@@ -51,7 +51,7 @@ def balance_error(one, tension):
 def bond_vectors(one):
     """Bond vectors L (N_b, d) from the stored positions, edges, offsets and cell."""
     tail, head = one.edges.values.T
-    x = one.position.values
+    x = one.position.values.astype(float)
     return x[head] - x[tail] + one.offsets.values @ one.cell.values
 
 

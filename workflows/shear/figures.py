@@ -10,6 +10,7 @@ from critflow.pictures import COLOURS, COMPRESSED, draw_network
 from ..shared.figures import WIDTH, counted, lettered, mean_bars, page, panels, readable, size_axis
 from ..shared.populations import LABELS, PAPER_POPULATIONS
 from ..shared.reports import exponent, parameters, quoted, series
+from ..shared.verification import bond_vectors
 
 # Parts of the bound at which one network is drawn.
 SHOWN = (0.1, 0.25, 0.6)
@@ -124,11 +125,8 @@ def animation(ds):
 
 
 def _draw(axes, one, width):
-    cell, sigma = one.cell.values, one.sigma.values.astype(float)
-    x = one.position.values.astype(float)
-    tail, head = one.edges.values.T
-    L = x[head] - x[tail] + one.offsets.values @ cell
-    tension = sigma * np.linalg.norm(L, axis=1)
+    cell, x = one.cell.values, one.position.values.astype(float)
+    tension = one.sigma.values.astype(float) * np.linalg.norm(bond_vectors(one), axis=1)
     limits = (0.0, float(np.percentile(np.abs(tension), 98)))
     draw_network(axes, one.edges.values, one.offsets.values, cell, x, tension, limits=limits, width=width)
 

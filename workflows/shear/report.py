@@ -11,7 +11,7 @@ from ..paper.verdicts import claims_of
 from ..shared.population_reports import described
 from ..shared.populations import NAMES, PAPER_POPULATIONS
 from ..shared.reports import exponent, parameters, shown, spread
-from ..shared.verification import contradictions
+from ..shared.verification import bond_vectors, contradictions
 from .figures import ascent_parts, by_size, detailed, recorded
 
 # An objective within this relative distance of the best one found counts as the best.
@@ -70,10 +70,10 @@ def _long_edges(good):
         one = good.isel(seed=seed)
         known = np.flatnonzero(np.isfinite(one.G_0_ascent.values))
         climbed = one.G_0_ascent.values[known] >= CLIMBED * float(one.bound)
-        L = _bonds(one, known[climbed.argmax()] if climbed.any() else known[-1])
+        L = bond_vectors(one.isel(step=known[climbed.argmax()] if climbed.any() else known[-1]))
         x, y = L[np.argsort(np.sum(L**2, axis=1))[-LONGEST:]].T
         aligned.append(np.mean(np.abs(2 * x * y) / (x**2 + y**2)))
-        n_wrapping, n_crossing = crossings_of_wrapping(one, known[-1])
+        n_wrapping, n_crossing = crossings_of_wrapping(one.isel(step=known[-1]))
         wrapping.append(n_wrapping)
         crossing.append(n_crossing)
     yield Measurement(
@@ -86,22 +86,15 @@ def _long_edges(good):
     )  # fmt: skip
 
 
-def _bonds(one, record):
-    """L (N_b, 2) of an ascent at a record."""
-    tail, head = one.edges.values.T
-    x = one.position.values[record].astype(float)
-    return x[head] - x[tail] + one.offsets.values @ one.cell.values
-
-
-def crossings_of_wrapping(one, record):
+def crossings_of_wrapping(one):
     """The number of edges that are longer than half the box in one direction, and of the crossings among them.
 
     Edges p + tu and q + sv cross in the image m where 0 < t, s < 1 solve tu − sv = q − p + m.
     """
     inverse = np.linalg.inv(one.cell.values)
-    u = _bonds(one, record) @ inverse  # in units of the cell
+    u = bond_vectors(one) @ inverse  # in units of the cell
     wraps = np.abs(u).max(axis=1) > 0.5
-    p, u = one.position.values[record].astype(float)[one.edges.values[wraps, 0]] @ inverse, u[wraps]
+    p, u = one.position.values.astype(float)[one.edges.values[wraps, 0]] @ inverse, u[wraps]
     i, j = np.triu_indices(len(u), 1)
     apart, area, n_crossings = p[j] - p[i], _cross(u[i], u[j]), 0
     apart -= np.round(apart)
@@ -291,7 +284,7 @@ def verify(ds):
 
 def _checks(one):
     sigma = one.sigma.values.astype(float)
-    L = np.stack([_bonds(one, record) for record in range(len(sigma))])
+    L = np.stack([bond_vectors(one.isel(step=record)) for record in range(len(sigma))])
     square, area = np.sum(L**2, axis=2), abs(np.linalg.det(one.cell.values))
     length, compressed = np.sqrt(square), sigma < 0
     tension, squeezed = sigma * length, np.sum(length * compressed, axis=1)

@@ -44,6 +44,7 @@ MEASURES = {
     "compressed_edges": "number of edges under compression",
     "compressed_length": "total length of the edges under compression",
 }
+OF_PART = ("compressed_edges", "compressed_length")  # stored where an ascent first reaches a part of the bound
 
 
 def measures(network, value, sigma, L):
@@ -61,7 +62,6 @@ class Ascent:
     recorded  (5, n_steps) at the recorded steps, NaN beyond the end
     sigmas    (n_steps, N_b), stresses at the recorded steps up to the end
     reached   (5, n_fractions) at the first step beyond each part of the bound
-    first     (n_fractions,), that step; −1 if it is not reached
     end       (5,) at the last step
     """
 
@@ -70,7 +70,6 @@ class Ascent:
     recorded: np.ndarray
     sigmas: np.ndarray
     reached: np.ndarray
-    first: np.ndarray
     end: np.ndarray
 
 
@@ -80,20 +79,19 @@ def ascend(manifold, method, steps, fractions, stop_at_last=False):
     bound = upper_bound(manifold, transition_modulus(manifold.network, pure_shear(2)))
     place = {step: n for n, step in enumerate(steps)}
     recorded, reached = np.full((5, len(steps)), np.nan), np.full((5, len(fractions)), np.nan)
-    first, end, sigmas = np.full(len(fractions), -1), np.full(5, np.nan), []
+    ahead, end, sigmas = np.full(len(fractions), True), np.full(5, np.nan), []
 
     def observe(step, value, sigma, L):
         end[:] = measures(network, value, sigma, L)
-        newly = (first < 0) & (value >= np.array(fractions) * bound)
-        reached[:, newly] = end[:, None]
-        first[newly] = step
+        newly = ahead & (value >= np.array(fractions) * bound)
+        reached[:, newly], ahead[newly] = end[:, None], False
         if step in place:
             recorded[:, place[step]] = end
             sigmas.append(sigma.copy())
-        return step >= steps[-1] or (stop_at_last and (first >= 0).all())
+        return step >= steps[-1] or (stop_at_last and not ahead.any())
 
     solution = optimize(manifold, "G_0", method, signs="any", max_steps=max(steps) + 1, observe=observe, throw=False)
-    return Ascent(solution, bound, recorded, np.array(sigmas), reached, first, end)
+    return Ascent(solution, bound, recorded, np.array(sigmas), reached, end)
 
 
 def case(parameters, *, seed, n_vertices):
@@ -119,7 +117,7 @@ def _recorded(n_vertices, hard_core, method, steps, seed):
     """One ascent: measures and configurations at the recorded steps, and the bound with its closed form."""
     network = voronoi_network(n_vertices, seed, hard_core)
     manifold = CriticalManifold(network)
-    ascent = ascend(manifold, method, steps, (0.9,))
+    ascent = ascend(manifold, method, steps, ())
     solution = ascent.solution
     # Coordinates whose bond vectors are those of the record, to single precision, which is enough to draw.
     stored = len(ascent.sigmas)
@@ -139,28 +137,22 @@ def _recorded(n_vertices, hard_core, method, steps, seed):
         "needed_length": least_compressed_length(manifold, pure_shear(2)),
         "crossings": len(solution.crossings),
         "negative_pivots": solution.negative_pivots,
-        "nearest_singular": solution.nearest_singular,
         "residual": solution.value.residual,
     }
 
 
 def _compression(manifold, parameters, detailed):
-    """Ascents by each algorithm, measured at their ends and where they first reach each part of the bound."""
+    """Ascents by each algorithm: compression where they first reach each part of the bound, their last modulus."""
     algorithms, fractions = parameters["algorithms"], parameters["fractions"]
-    shape = len(algorithms), len(fractions)
-    reached, ends = np.full((len(MEASURES), *shape), np.nan), np.full((len(MEASURES), shape[0]), np.nan)
-    first, status = np.full(shape, -1), np.full(shape[0], int(Status.missing))
+    reached, ends = np.full((5, len(algorithms), len(fractions)), np.nan), np.full(len(algorithms), np.nan)
+    status = np.full(len(algorithms), int(Status.missing))
     for n, algorithm in enumerate(algorithms if detailed else ()):
         ascent = ascend(manifold, algorithm, (0, parameters["n_steps"]), fractions, stop_at_last=algorithm != "fire")
-        reached[:, n], ends[:, n], first[n] = ascent.reached, ascent.end, ascent.first
+        reached[:, n], ends[n] = ascent.reached, ascent.end[0]
         # A stop at the largest part of the bound is the requested end.
-        status[n] = Status.ok if (ascent.first >= 0).all() else ascent.solution.status
-    return {
-        "step_of_part": first,
-        "algorithm_status": status,
-        **{f"{name}_of_part": values for name, values in zip(MEASURES, reached, strict=True)},
-        **{f"{name}_of_end": values for name, values in zip(MEASURES, ends, strict=True)},
-    }
+        status[n] = Status.ok if np.isfinite(ascent.reached[0]).all() else ascent.solution.status
+    parts = {f"{name}_of_part": values for name, values in zip(MEASURES, reached, strict=True) if name in OF_PART}
+    return parts | {"G_0_ascent_of_end": ends, "algorithm_status": status}
 
 
 def _populations(manifold, parameters, seed):
@@ -233,7 +225,6 @@ AT_END = {
     "G_0_end": "shear modulus at the last step, or its limit, in units of k",
     "closed_form_gap": "relative distance of the shear modulus of the closed form's configuration from the bound",
     "needed_length": "least compressed length of any configuration at the bound",
-    "nearest_singular": "smallest over largest pivot during the ascent",
     "residual": "largest unbalanced force over the mean tension at the end",
 }
 EACH, EACH_SEED, RECORD = ("seed", "n_vertices"), ("seed",), ("seed", "step")
@@ -243,18 +234,15 @@ ALGORITHM, PART = (*EACH, "algorithm"), (*EACH, "algorithm", "fraction")
 VARIABLES = (
     *NETWORK,
     *numbers(RECORD, **MEASURES),
-    *numbers(
-        PART, **{f"{name}_of_part": f"{text}, where an ascent reaches this part" for name, text in MEASURES.items()}
-    ),
-    *numbers(ALGORITHM, **{f"{name}_of_end": f"{text}, at the end of an ascent" for name, text in MEASURES.items()}),
+    *numbers(PART, **{f"{name}_of_part": f"{MEASURES[name]}, where an ascent reaches this part" for name in OF_PART}),
+    *numbers(ALGORITHM, G_0_ascent_of_end=f"{MEASURES['G_0_ascent']}, at the end of an ascent"),
+    *outcomes(ALGORITHM, algorithm_status="outcome of an ascent"),
     *numbers((*RECORD, "edge"), "f4", sigma="geometric stress, sum of squares N_b"),
     *numbers((*RECORD, "vertex", "axis"), "f4", position="coordinates of the vertices"),
     *numbers(EACH_SEED, **AT_END),
     Variable("crossings", EACH_SEED, "i4", long_name="steps across a singular prestress matrix", fill=-1),
     *numbers(EACH_SEED, "i4", negative_pivots="negative eigenvalues of the last prestress matrix"),
     *outcomes(EACH_SEED, ascent_status="outcome of the ascent"),
-    Variable("step_of_part", PART, "i4", long_name="step that first reached this part; -1: none", fill=-2),
-    *outcomes(ALGORITHM, algorithm_status="outcome of an ascent"),
     *numbers(
         EACH,
         least_compressed_length="least compressed length of configurations at the bound",

@@ -109,8 +109,7 @@ def driven_to_critical(sample):
     lengths = 1 + 0.1 * sample.rng("rest lengths").standard_normal(sample.network.n_edges)
     critical = cf.critical_from_lengths(sample.manifold, lengths, throw=False).value
     state = cf.spring_state(sample.network, lengths / lengths.mean() * 0.9 * critical.lengths.mean(), sample.generic())
-    relaxed = cf.equilibrium(state).value
-    R = sample.response(relaxed.bond_vectors)
+    R = sample.response(cf.equilibrium(state).value.bond_vectors)
     return len(R) - rank(R), len(R) - rank(R) == 1
 
 

@@ -97,8 +97,7 @@ def _forms(ds):
         "metric", float(np.mean(off <= 1e-11)), f"largest difference {off.max():.1g} of the squared tangents",
         plural(len(off), "stress"),
     )  # fmt: skip
-    numeric = ds.numeric_second_form.values
-    trace = np.trace(numeric, axis1=-2, axis2=-1)
+    trace = np.trace(ds.numeric_second_form.values, axis1=-2, axis2=-1)
     stretched = trace[[family(grid) == "stretched" for grid in ds.grid.values]]
     yield Measurement(
         "second-form", float(np.mean(stretched < 0)),

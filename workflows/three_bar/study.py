@@ -152,8 +152,7 @@ def examples(manifold):
         motion = np.full((8, 4, 2), np.nan)
         for stored, frame in zip(motion, frames, strict=False):
             stored[:] = pins[0], *frame, pins[1]
-        n_self_stresses = Spectrum(manifold.network, x).n_self_stresses
-        out.append({"sigma": sigma, "position": x, "n_self_stresses": n_self_stresses, "motion": motion})
+        out.append({"sigma": sigma, "position": x, "motion": motion})
     return {f"example_{name}": values for name, values in stacked(out).items()}
 
 
@@ -242,7 +241,6 @@ VARIABLES = (
     ),
     *numbers(("example", "edge"), example_sigma="stress of each example, none if floppy"),
     *numbers(("example", "vertex", "axis"), example_position=f"vertices of each example: {', '.join(EXAMPLES)}"),
-    *numbers(("example",), "i1", example_n_self_stresses="self-stresses of each example"),
     *numbers(("example", "frame", "vertex", "axis"), example_motion="configurations of the same lengths"),
     *numbers(("edge", "chart_axis"), basis="basis of the chart"),
     *numbers(("lattice",), lattice_square="squared lengths of a cubic lattice"),

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from abc import abstractmethod
 from dataclasses import dataclass
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -21,10 +23,33 @@ class _Geometric(Quantity):
 
 
 @dataclass(frozen=True, repr=False)
-class EdgeLength(_Geometric):
-    """The length |L_α| of one edge."""
+class OfEdge(Quantity):
+    """A quantity q(σ_α, |L_α|) of one edge, called `word`[α]."""
 
     edge: int
+    word: ClassVar[str]
+
+    @property
+    def name(self) -> str:
+        return f"{self.word}[{self.edge}]"
+
+    @abstractmethod
+    def at(self, sigma: Any, length: Any, stiffness: float) -> tuple[Any, Any, Any]:
+        """q, ∂q/∂σ_α and ∂q/∂|L_α|."""
+
+    def evaluate(self, balance: Balanced) -> tuple[float, Partials]:
+        e, L = self.edge, balance.bond_vectors[self.edge]
+        by_sigma, by_L, length = np.zeros_like(balance.sigma), np.zeros_like(balance.bond_vectors), np.sqrt(L @ L)
+        value, by_sigma[e], by_length = self.at(balance.sigma[e], length, balance.network.stiffness[e])
+        by_L[e] = by_length * L / divisors(length)
+        return value.item(), (by_sigma, by_L)
+
+
+@dataclass(frozen=True, repr=False)
+class EdgeLength(OfEdge, _Geometric):
+    """The length |L_α| of one edge."""
+
+    word: ClassVar[str] = "length"
 
     def extreme(self, manifold: CriticalManifold, positive: bool = True) -> tuple[float, float]:
         return 0.0, np.inf
@@ -32,16 +57,8 @@ class EdgeLength(_Geometric):
     def unit(self, network: Network) -> float:
         return network.spacing
 
-    @property
-    def name(self) -> str:
-        return f"length[{self.edge}]"
-
-    def evaluate(self, balance: Balanced) -> tuple[float, Partials]:
-        by_L = np.zeros_like(balance.bond_vectors)
-        L = balance.bond_vectors[self.edge]
-        length = np.sqrt(L @ L)
-        by_L[self.edge] = L / divisors(length)
-        return length.item(), (np.zeros_like(balance.sigma), by_L)
+    def at(self, sigma: Any, length: Any, stiffness: float) -> tuple[Any, Any, Any]:
+        return length, 0.0, 1.0
 
     def in_part(self, network: Network, kept: Mask) -> EdgeLength | None:
         return EdgeLength(int(np.count_nonzero(kept[: self.edge]))) if kept[self.edge] else None

@@ -8,7 +8,7 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 import scipy.sparse as sp
@@ -18,48 +18,34 @@ from critflow.checks import edge_values
 from critflow.networks import Array, IntArray, Network
 from critflow.quantities import Balanced, Partials, Quantity, divisors
 from critflow.result import InputError
-from critflow_extras.design_names.lengths_and_areas import EdgeLength
+from critflow_extras.design_names.lengths_and_areas import EdgeLength, OfEdge
 from critflow_extras.loads.loaded import LoadedConfiguration, loads_on
 
 AXES = "xyz"
 
 
 @dataclass(frozen=True, repr=False)
-class Tension(Quantity):
+class Tension(OfEdge):
     """The tension τ_α = σ_α|L_α| of one edge."""
 
-    edge: int
+    word: ClassVar[str] = "tension"
 
-    @property
-    def name(self) -> str:
-        return f"tension[{self.edge}]"
-
-    def evaluate(self, balance: Balanced) -> tuple[float, Partials]:
-        e, L, sigma = self.edge, balance.bond_vectors[self.edge], balance.sigma
-        by_sigma, by_L, length = np.zeros_like(sigma), np.zeros_like(balance.bond_vectors), np.sqrt(L @ L)
-        by_sigma[e], by_L[e] = length, sigma[e] * L / divisors(length)
-        return (sigma[e] * length).item(), (by_sigma, by_L)
+    def at(self, sigma: Any, length: Any, stiffness: float) -> tuple[Any, Any, Any]:
+        return sigma * length, length, sigma
 
 
 @dataclass(frozen=True, repr=False)
-class RestLength(Quantity):
+class RestLength(OfEdge):
     """The length ℓ_α = |L_α|(1 − σ_α/k_α) without tension of one edge, as a spring of the stiffness of the network."""
 
-    edge: int
-
-    @property
-    def name(self) -> str:
-        return f"rest_length[{self.edge}]"
+    word: ClassVar[str] = "rest_length"
 
     def unit(self, network: Network) -> float:
         return network.spacing
 
-    def evaluate(self, balance: Balanced) -> tuple[float, Partials]:
-        e, L, k = self.edge, balance.bond_vectors[self.edge], balance.network.stiffness[self.edge]
-        by_sigma, by_L = np.zeros_like(balance.sigma), np.zeros_like(balance.bond_vectors)
-        length, part = np.sqrt(L @ L), 1 - balance.sigma[e] / k
-        by_sigma[e], by_L[e] = -length / k, part * L / divisors(length)
-        return (length * part).item(), (by_sigma, by_L)
+    def at(self, sigma: Any, length: Any, stiffness: float) -> tuple[Any, Any, Any]:
+        part = 1 - sigma / stiffness
+        return length * part, -length / stiffness, part
 
 
 @dataclass(frozen=True, eq=False, repr=False)

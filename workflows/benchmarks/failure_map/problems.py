@@ -210,8 +210,7 @@ def _near_singular(strength, seed, n_vertices):
         sigma, edge = np.ones(network.n_edges), 5 * (seed + 1) % network.n_edges
         # P is that of σ = 1 and (σ_0 − 1) g₀ᵀg₀ more; r = g₀ P⁻¹ g₀ᵀ.
         r = _resistance(network, network.free_incidence.toarray()[edge])
-        critical = float(1 - 1 / r)
-        sigma[edge] = critical * (1 - strength)
+        sigma[edge] = float(1 - 1 / r) * (1 - strength)
         return sigma
 
     return Problem(_standard(n_vertices, seed), stress)
@@ -273,31 +272,34 @@ def _extra_edges(strength, seed, n_vertices):
 
 
 def _straight_lines(strength, seed, n_vertices):
+    n = int(strength)
+    stress = stress_of_lines(_draw(seed, "lines").uniform(0.5, 1.5, 2 * n))
+    return Problem(
+        lambda: subdivided_square(n), lambda network: stress, n_stresses=lambda network: 2 * n, moduli=(0.25, 0.0)
+    )
+
+
+def subdivided_square(n):
     """A square lattice with a vertex in the middle of each edge: every line carries one self-stress.
 
     Counting edges does not show it.  Each of 2n lines of length n has 2n springs: B = 2n (n/2)²/(2n)/n² = ¼, G = 0.
     """
-    n = int(strength)
-
-    def stress(network):
-        line = _draw(seed, "lines").uniform(0.5, 1.5, 2 * n)
-        column, row = np.divmod(np.arange(n * n), n)
-        # For each site: the two halves of the edge to the right, then of that upwards.
-        return np.stack([line[row], line[row], line[n + column], line[n + column]], axis=1).ravel()
-
-    return Problem(lambda: _subdivided(n), stress, n_stresses=lambda network: 2 * n, moduli=(0.25, 0.0))
-
-
-def _subdivided(n):
     edges, offsets, positions = [], [], []
-    for column in range(n):
-        for row in range(n):
-            site = 3 * (column * n + row)
-            right, above = 3 * ((column + 1) % n * n + row), 3 * (column * n + (row + 1) % n)
-            edges += [(site, site + 1), (site + 1, right), (site, site + 2), (site + 2, above)]
-            offsets += [(0, 0), (int(column + 1 == n), 0), (0, 0), (0, int(row + 1 == n))]
-            positions += [(column, row), (column + 0.5, row), (column, row + 0.5)]
+    for column, row in np.ndindex(n, n):
+        site = 3 * (column * n + row)
+        right, above = 3 * ((column + 1) % n * n + row), 3 * (column * n + (row + 1) % n)
+        edges += [(site, site + 1), (site + 1, right), (site, site + 2), (site + 2, above)]
+        offsets += [(0, 0), (int(column + 1 == n), 0), (0, 0), (0, int(row + 1 == n))]
+        positions += [(column, row), (column + 0.5, row), (column, row + 0.5)]
     return Network(np.array(edges), np.array(offsets), n * np.eye(2), positions=np.array(positions, dtype=float))
+
+
+def stress_of_lines(line):
+    """The stress (4n²,) of `subdivided_square(n)` from those of its lines (2n,), the n along x first."""
+    n = len(line) // 2
+    column, row = np.divmod(np.arange(n * n), n)
+    # For each site: the two halves of the edge to the right, then of that upwards.
+    return np.stack([line[row], line[row], line[n + column], line[n + column]], axis=1).ravel()
 
 
 def _deformed(strength, seed, n_vertices, gradient):

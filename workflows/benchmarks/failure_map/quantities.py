@@ -56,14 +56,6 @@ def _each(answer, truth):
 # At the transition
 
 
-def _configuration(problem):
-    return _coordinates(problem.solution)
-
-
-def _configuration_error(problem, answer):
-    return _off(problem, answer, problem.exact)
-
-
 def _transition_moduli(problem):
     counts = [count_self_stresses(part) for part in backbone(problem.critical).components]
     if None in counts:  # rounding hides them
@@ -251,7 +243,10 @@ def _remaining_gain(problem, name):
 
 
 QUANTITIES = {
-    "configuration": (_configuration, _configuration_error),
+    "configuration": (
+        lambda problem: _coordinates(problem.solution),
+        lambda problem, answer: _off(problem, answer, problem.exact),
+    ),
     "transition_moduli": (_transition_moduli, _transition_error),
     "stiffening": (_stiffening, _stiffening_error),
     "rigidity": (_rigidity, _rigidity_error),

@@ -143,8 +143,7 @@ def bound_figure(ds):
         _draw_bounds(axes, ds, difficulty, quantity)
     row[0].legend(fontsize=9, frameon=False, loc="upper left")
     lettered(*row)
-    wrong = (ds.violation == Violation.above_bound).any()
-    relation = "is not always" if wrong else "is always"
+    relation = "is not always" if (ds.violation == Violation.above_bound).any() else "is always"
     figure.suptitle(
         f"The claimed bound {relation} above the true error; where it ends, a status has the reason\n"
         f"({counted(ds)} at each strength, errors against {DIGITS} digits)", fontsize=TEXT + 1,
