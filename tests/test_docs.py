@@ -15,7 +15,7 @@ pytest.register_assert_rewrite("documents")
 from documents import *  # noqa: E402, F403
 from documents import DOCS, PAGES, ROOT, blocks  # noqa: E402
 
-WORDS = 32_500
+WORDS = 27_000
 
 
 def test_the_documents_name_nothing_that_needs_the_extras():
