@@ -58,6 +58,13 @@ def all_studies() -> str:
     return "## Studies\n" + re.sub(r"\]\(\.\./docs/([^)]+)\)", r"](\1)", text)
 
 
+def with_findings(text: str) -> str:
+    """The findings of README.md in place of the line that links to them."""
+    readme = (ROOT / "README.md").read_text(encoding="utf-8")
+    findings = re.search(r"<!-- what_we_found.*<!-- /what_we_found -->", readme, flags=re.S)[0]
+    return re.sub(r"^.*\]\(\.\./README\.md#what-we-found\).*$", lambda _: findings, text, flags=re.M)
+
+
 APPENDED = {"results": all_studies} if DOCS == ROOT / "docs" else {}
 
 
@@ -76,6 +83,8 @@ def read(app, name, source):
     page = DOCS / f"{name}.md"
     if name in APPENDED:
         source[0] += "\n" + APPENDED[name]()
+    if name == "index" and ELSEWHERE:
+        source[0] = with_findings(source[0])
     source[0] = unbroken(relocated(source[0], page))
     if page.name == "index.md":
         source[0] = with_contents(source[0], page.parent)

@@ -45,14 +45,14 @@ STRUCTURE = {
 PROGRAMS = ("LAMMPS", "ASE", "matscipy", "jax_fdm")
 # The default method of each task and the reason for it, from the measurements.
 REASONS = {
-    "configuration": "a sparse solver chosen by size: QDLDL for small matrices, SuperLU or Pardiso for large ones",
+    "configuration": "QDLDL for small matrices, SuperLU or Pardiso for large ones",
     "gradient": "one more solve with the same factor",
-    "min_V_L": "an iteration towards equal lengths; for high accuracy Newton's method at its end",
+    "min_V_L": "an iteration towards equal lengths, ended by Newton's method",
     "min_V_tau": "L-BFGS; Newton's method where gradients alone stop",
     "max_B_0": "closed form: one solve attains the bound",
     "max_G_0": "L-BFGS with the known curvature of the penalty; Newton's method where it stops",
     "min_V_L_pinned": "as above, on pinned networks, which other packages support",
-    "strain_step": "Newton's method: the softness grows as 1/γ, and no other method reaches these errors",
+    "strain_step": "Newton's method: no other reaches these errors, since the softness grows as 1/γ",
     "moduli": "linear response with the factor of the last Newton step",
 }
 
@@ -89,15 +89,16 @@ def head(*cells: str) -> list[str]:
 def measures(package: Package) -> str:
     """One row a population in each of two tables: the response; the structure and the outcomes of the solves."""
     summary = _read(package, "ensemble", "summary")
-    lines = [
-        f"Median and range of 90 % of {summary['networks']} networks of {summary['parameters']['n_vertices']} "
-        "vertices, in units of k. n is the number of networks; a second number is that of C_B and C_G:",
-        "",
-        *_rows(summary, MODULI),
-        "",
-        *_rows(summary, STRUCTURE, outcomes=True),
-    ]
-    return "\n".join(lines)
+    return "\n".join(
+        [
+            f"Median and range of 90 % of {summary['networks']} networks of {summary['parameters']['n_vertices']} "
+            "vertices, in units of k. n is the number of networks; a second number is that of C_B and C_G:",
+            "",
+            *_rows(summary, MODULI),
+            "",
+            *_rows(summary, STRUCTURE, outcomes=True),
+        ]
+    )
 
 
 def _rows(summary: dict, columns: dict[str, str], outcomes: bool = False) -> list[str]:
@@ -204,7 +205,7 @@ def sizes(package: Package) -> str:
     powers = summary["exponents_from_10000"]
     lines = head("seconds at N_v = ", *(f"{n:,}" for n in summary["n_vertices"]), "exponent from 10⁴")
     for stage, seconds in summary["seconds"].items():
-        cells = [f"{s:.2g}" if s is not None else "" for s in seconds]
+        cells = (f"{s:.2g}" if s is not None else "" for s in seconds)
         lines.append(row(stage, *cells, f"{powers[stage]:.2f}" if stage in powers else ""))
     return "\n".join(lines)
 
@@ -216,12 +217,11 @@ def failures(package: Package) -> str:
     points = sum(sum(kinds.values()) for kinds in counts)
     correct = sum(kinds.get(kind, 0) for kinds in counts for kind in ("exact", "bounded", "tolerated"))
     refused = sum(kinds.get(kind, 0) for kinds in counts for kind in ("reported", "refused"))
-    lines = (
-        f"Of {points:,} points (all quantities at all strengths of all difficulties) {correct:,} are correct within",
-        f"the claimed bound or tolerance; {refused:,} return a status or an error message with the reason.",
-        f"Silent wrong answers: {summary['violations']}.",
+    return (
+        f"Of {points:,} points (all quantities at all strengths of all difficulties) {correct:,} are correct within\n"
+        f"the claimed bound or tolerance; {refused:,} return a status or an error message with the reason.\n"
+        f"Silent wrong answers: {summary['violations']}."
     )
-    return "\n".join(lines)
 
 
 def peers(package: Package) -> str:
@@ -249,9 +249,11 @@ def approach(package: Package) -> str:
 
 
 def equations(page: str) -> str:
-    """One row for each equation of the paper that a page of docs/theory explains: its number and its function."""
-    rows = sorted((int(e.number), e.meaning, f"`{named(e.function)}`") for e in EQUATIONS if e.page == page)
-    return "\n".join([*head("paper", "meaning", "function"), *(row(f"({n})", *cells) for n, *cells in rows)])
+    """One row for each function of a page of docs/theory: the numbers of the equations that it computes."""
+    numbers: dict[str, list[str]] = {}
+    for one in sorted((one for one in EQUATIONS if one.page == page), key=lambda one: int(one.number)):
+        numbers.setdefault(f"`{named(one.function)}`", []).append(f"({one.number})")
+    return "\n".join([*head("paper", "function"), *(row(", ".join(its), name) for name, its in numbers.items())])
 
 
 _OF_VERDICTS = (statement_counts, differences, holding, found, links, what_we_found)

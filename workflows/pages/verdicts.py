@@ -62,10 +62,12 @@ def plain(text: str) -> str:
 
 def entry(text: str) -> str:
     """An entry of a list, in lines of equal width."""
-    text = re.sub(r"(?<!\*)\*(?!\*)", r"\\*", plain(text)).replace("….", "…")  # a length L* is no emphasis
-    return textwrap.fill(
-        text, WIDTH, initial_indent="- ", subsequent_indent="  ", break_long_words=False, break_on_hyphens=False
+    text = "- " + re.sub(r"(?<!\*)\*(?!\*)", r"\\*", plain(text)).replace("….", "…")  # a length L* is no emphasis
+    wrapped = (
+        textwrap.fill(text, width, subsequent_indent="  ", break_long_words=False, break_on_hyphens=False)
+        for width in range(WIDTH, 0, -1)
     )
+    return next(one for one in wrapped if not re.search(r"^ +([-+#>]|\d+[.)]) ", one, flags=re.M))  # no list by chance
 
 
 def _capital(text: str) -> str:
@@ -91,13 +93,19 @@ def differences(package: Package) -> str:
 
 
 def _entries(package: Package, verdict: str) -> list[str]:
-    lines = []
+    lines: list[str] = []
+    known = set[str]()
     for claim, study in of_the_paper(package).values():
-        kind = _capital(DIFFERENCES.get(claim.difference, "open"))
-        reason = "" if verdict == "holds" else f" {kind}: {claim.because.removeprefix('open: ')}."
-        text = f"**{_capital(claim.statement)}** ({claim.place}).{reason} Measured: {short(claim.value)}. [{study}]"
         if claim.verdict == verdict:
-            lines.append(entry(text))
+            because = "as above" if claim.because in known else claim.because.removeprefix("open: ")
+            reason = (
+                ""
+                if verdict == "holds"
+                else f". {_capital(DIFFERENCES.get(claim.difference, 'open'))}: {because}. Measured"
+            )
+            value = short(claim.value).removeprefix("in 10 of 10; ")  # docs/claims.md says it once for all
+            lines.append(entry(f"**{_capital(claim.statement)}** ({claim.place}){reason}: {value}. [{study}]"))
+            known.add(claim.because)
     return lines
 
 
@@ -113,8 +121,11 @@ def statement_counts(package: Package) -> str:
     measured = of_the_paper(package)
     claims = [claim for claim, _ in measured.values()]
     kinds = Counter(claim.difference for claim in claims if claim.verdict == "differs")
-    of = {"proof": "by an error of the paper that we prove", "text": "because its text contradicts itself"}
-    of["number"] = "by a number"
+    of = {
+        "proof": "by an error of the paper that we prove",
+        "text": "because its text contradicts itself",
+        "number": "by a number",
+    }
     parts = [f"{kinds[kind]} {of[kind]}" for kind in DIFFERENCES if kinds[kind]]
     lines = [
         f"Of {len(claims)} statements of the paper that were tested, "
@@ -123,11 +134,9 @@ def statement_counts(package: Package) -> str:
     ]
     for kind, noun in _KINDS.items():
         if of_kind := [claim for claim in claims if STATEMENTS[claim.key].kind == kind]:
-            verdicts = counted(Counter(claim.verdict for claim in of_kind))
-            lines.append(f"Of {noun.format(len(of_kind))}, {verdicts}.")
+            lines.append(f"Of {noun.format(len(of_kind))}, {counted(Counter(claim.verdict for claim in of_kind))}.")
     if elsewhere := [study for _, study in measured.values() if study not in committed(package)]:
-        studies = ", ".join(dict.fromkeys(elsewhere))
-        are = "is" if len(elsewhere) == 1 else "are"
+        are, studies = "is" if len(elsewhere) == 1 else "are", ", ".join(dict.fromkeys(elsewhere))
         lines.append(f"Of these, {len(elsewhere)} {are} tested by studies of critflow-extras: {studies}.")
     return "\n".join(lines)
 
