@@ -46,7 +46,6 @@ PROGRAMS = ("LAMMPS", "ASE", "matscipy", "jax_fdm")
 # The default method of each task and the reason for it, from the measurements.
 REASONS = {
     "configuration": "QDLDL for small matrices, SuperLU or Pardiso for large ones",
-    "gradient": "one more solve with the same factor",
     "min_V_L": "an iteration towards equal lengths, ended by Newton's method",
     "min_V_tau": "L-BFGS; Newton's method where gradients alone stop",
     "max_B_0": "closed form: one solve attains the bound",
