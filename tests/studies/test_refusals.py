@@ -50,7 +50,7 @@ def test_settings_that_could_only_fail_are_refused(study, setting, word, tmp_pat
 @pytest.mark.parametrize(
     "study, variable, contradicted",
     [
-        ("boundary", "boundary_vectors", "boundary_vectors, bond_vectors"),
+        ("boundary", "boundary_vectors", "boundary_vectors"),
         ("boundary", "sigma", "sigma, force balance"),
         ("boundary", "sheared_cell", "sheared_cell at 0"),
         ("boundary", "sheared_bond_vectors", "sheared_bond_vectors at 0"),
