@@ -151,6 +151,13 @@ def test_a_cost_is_that_of_most_networks_and_a_failure_is_silent_or_not():
     assert (gave_up, wrong, networks) == (0, 1, 3)
 
 
+def test_a_network_that_ends_before_a_level_counts_as_slower():
+    seconds = np.array([[1.0, 2.0, 3.0], [1.1, np.nan, np.nan], [1.2, 2.2, np.nan]])
+    errors = np.where(np.isnan(seconds), np.inf, 1e-3 / np.nan_to_num(seconds, nan=1.0))
+    one = curves.Curve("any", True, seconds, seconds, errors, np.zeros((3, 3), int), np.zeros(3))
+    assert report.points(one) == [[1.1, 0.000909], [2.2, 0.0005]]
+
+
 @pytest.mark.parametrize(
     "points, preparation, verdict, words",
     [

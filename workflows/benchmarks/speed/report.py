@@ -101,10 +101,9 @@ def summary(ds):
             other.name: {f"{r.error:.0e}": [_short(r.warm), _short(r.cold)] for r in ratios(default, other)}
             for other in others
         }
-        points = [[_short(middle(part[:, n])) for part in (default.seconds, default.errors)] for n in _levels(default)]
         tables.setdefault(word, {})[str(size)] = {
             "networks": len(default.seconds),
-            "default": points,
+            "default": points(default),
             "preparation": _short(middle(default.preparation)),
             "others": {name: times for name, times in of_others.items() if times},
             "packages": [other.name for other in others if not other.own],
@@ -132,9 +131,11 @@ def summary(ds):
     }
 
 
-def _levels(curve):
-    """Levels that most networks have."""
-    return np.flatnonzero(2 * np.isfinite(curve.seconds).sum(axis=0) > len(curve.seconds))
+def points(curve):
+    """Medians of time and error at each level that most networks reach; one that ended before it counts as slower."""
+    costs, reached = np.where(np.isnan(curve.seconds), np.inf, curve.seconds), np.isfinite(curve.seconds)
+    most = np.flatnonzero(2 * reached.sum(axis=0) > len(reached))
+    return [[_short(middle(part[:, level])) for part in (costs, curve.errors)] for level in most]
 
 
 def _towards(ds):
