@@ -173,7 +173,7 @@ def programs(_: Package) -> str:
 
 def _best(cells: dict) -> tuple[str, str, str]:
     """Time of the default at its least error, of its preparation, and the error."""
-    seconds, error = min(cells["default"], key=lambda point: point[1])
+    seconds, error = min(cells["default"], key=lambda point: point[::-1])
     # At the sign of minus no line is broken.
     return _time(seconds), _time(cells["preparation"]), f"{error:.0e}".replace("-", "−")
 
