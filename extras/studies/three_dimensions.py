@@ -12,7 +12,7 @@ import numpy as np
 from critflow.studies.shared.checks import check_fit, check_network, check_positive
 from critflow.studies.shared.figures import counted, lettered, page, points_at
 from critflow.studies.shared.measurements import identified, measured, table, verify
-from critflow.studies.shared.population_reports import described, of, summary
+from critflow.studies.shared.population_reports import counts, described, of, summary
 from critflow.studies.shared.populations import (
     LABELS,
     MEANING,
@@ -27,7 +27,6 @@ from critflow.studies.shared.reports import PAPER, finite, parameters
 from critflow.studies.shared.tables import SPACE, networks
 
 from critflow.engine import Axis, Claim, Coordinate, Study, decimals
-from critflow.engine.study import plural
 from critflow.paths import check_strains
 from critflow.pictures import COLOURS
 from critflow_extras import foam_network
@@ -79,9 +78,15 @@ def response_figure(ds):
     names = [str(name) for name in ds.population.values]
     shown = [LABELS[name].replace("random", "rand.").replace(" ", "\n", 1) for name in names]
     panels = figure.subplots(2, 2, sharex=True)
+    valid = ds.valid.transpose("population", "seed").values == 1
     for axes, (name, label) in zip(panels.flat, PANELS.items(), strict=True):
-        values = ds[name].transpose("population", "seed").values
+        values = np.where(valid, ds[name].transpose("population", "seed").values, np.nan)
         _draw_points(axes, values)
+        for place in np.flatnonzero(~valid.any(axis=1)):
+            axes.text(
+                place, 0.5, "not attained", transform=axes.get_xaxis_transform(), rotation=90, ha="center", va="center",
+                fontsize=9, color="0.3",
+            )  # fmt: skip
         if name == "G_0":
             axes.set_yscale("log")
             axes.set_ylim(VANISHING, None)
@@ -139,7 +144,7 @@ def claims(ds):
         text = "; ".join(f"{NAMES[p]} {described(known)}" for p, known in values.items() if len(known))
         yield Claim(
             f"three-dimensions-{name}", f"{words}, median and range of 90 %", "", text or "undefined", "measured",
-            sample=f"{plural(ds.sizes['seed'], 'network')} of each population",
+            sample=counts(ds, name, tuple(values)),
         )  # fmt: skip
 
 
