@@ -312,7 +312,8 @@ def accepts_a_stranger(port):
             return False
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, pytest.param(signal.SIGKILL, marks=pytest.mark.sweep)])
+@pytest.mark.sweep
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGKILL])
 def test_a_local_run_listens_on_loopback_and_answers_nobody_without_its_key(tmp_path, start, number):
     """Another user of the machine reaches the ports, and gets neither a connection nor a page."""
     process = start(tmp_path, "seeds=0:60", workers=1, study="plain", environment={"CRITFLOW_TEST_PAUSE": "2"})
@@ -356,7 +357,10 @@ def remote(tmp_path):
         process.wait()
 
 
-@pytest.mark.parametrize(("dead", "words"), [("scheduler", "scheduler ended"), ("worker", "no worker for")])
+@pytest.mark.parametrize(
+    ("dead", "words"),
+    [("scheduler", "scheduler ended"), pytest.param("worker", "no worker for", marks=pytest.mark.sweep)],
+)
 def test_a_scheduler_or_its_last_worker_that_dies_ends_the_run_in_one_sentence(tmp_path, remote, dead, words):
     address, processes = remote
     more = ("seeds=0:200",)
