@@ -89,7 +89,8 @@ def compute_in_workers(
             if stopped.is_set() and not cancelled:
                 cancelled = True
                 # Cancel those that no worker has begun; those that ended meanwhile are still to be counted.
-                with _asking():
+                idle = list[Future]()
+                with suppress(OSError):  # of a scheduler that ended, which is reported below
                     begun = {key for keys in client.processing().values() for key in keys}
                     begun |= {key for key, holders in client.who_has().items() if holders}
                     idle = [future for future in running if future.key not in begun]
@@ -130,25 +131,17 @@ def _tasks_wanted(client: Client, address: str) -> Iterator[int]:
         now = time.monotonic()
         if address and now - asked >= _LOOK:
             asked = now
-            with _asking():
+            try:
                 threads = sum(client.nthreads(callback_timeout=_BUSY).values())
+            except OSError as error:
+                said = "does not answer" if isinstance(error, TimeoutError) else "ended"
+                raise EnvironmentFailure(f"the scheduler {said}: {_AGAIN}") from error
             present = now if threads else present
             if now - present > _WORKERS_START:
                 raise EnvironmentFailure(
                     f"the scheduler at {address} has had no worker for {_WORKERS_START:.0f} s: start some, and {_AGAIN}"
                 )
         yield max(_SUBMITTED, _TASKS * threads)
-
-
-@contextmanager
-def _asking() -> Iterator[None]:
-    """Ask the scheduler; what it does not answer is no error of the files of the run."""
-    try:
-        yield
-    except TimeoutError as error:
-        raise EnvironmentFailure(f"the scheduler does not answer: {_AGAIN}") from error
-    except OSError as error:
-        raise EnvironmentFailure(f"the scheduler ended: {_AGAIN}") from error
 
 
 def _explained(
