@@ -1,11 +1,11 @@
-"""The kinds of arguments of public functions, checked by calls at the top of the function.
+"""Checks of the arguments of public functions: their kinds, and arrays of numbers.
 
     network = of_kind(Network, CriticalManifold, network=network)
     of_kind(float, tolerance=tolerance, threshold=threshold)
 
-raise one sentence, `InputError`, for a word in place of a number or a ragged list in place of an array.  A solution
-stands for its value; one that failed is refused.  What holds a network stands for it.  Values, shapes and ranges are
-the business of the function.
+at the top of a function raise one sentence, `InputError`, for a word in place of a number or a ragged list in place of
+an array.  A solution stands for its value; one that failed is refused.  What holds a network stands for it.  Values per
+edge and rows of numbers are checked by functions that name the first bad one; ranges are the business of the function.
 """
 
 from __future__ import annotations
@@ -13,8 +13,12 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
-from critflow.result import InputError, Solution
+from critflow.result import InputError, NetworkError, Solution
+
+Array = NDArray[np.float64]
+IntArray = NDArray[np.int64]
 
 # The words of the kinds of values.
 _WORDS = {
@@ -112,6 +116,64 @@ def generator(seed: int | np.random.Generator) -> np.random.Generator:
     if not isinstance(seed, int | np.integer) or seed < 0:
         raise InputError(f"seed must be a whole number from zero or a numpy random Generator, not {shown(seed)}")
     return np.random.default_rng(int(seed))
+
+
+def edge_values(
+    values: ArrayLike, n_edges: int, name: str, positive: bool = True, place: str = "edge", equal: bool = False
+) -> Array:
+    """Values per edge, or face, as floats (N_b,), finite and positive, else a `NetworkError` on the first bad one.
+
+    equal  one number stands for all
+    """
+    array = floats(values, name)
+    if equal and array.ndim == 0:
+        array = np.full(n_edges, float(array))
+    if array.shape != (n_edges,):
+        raise NetworkError(f"{name} must have one value per {place}, shape ({n_edges},), not {array.shape}")
+    bad = ~np.isfinite(array) | (positive & ~(array > 0))
+    if bad.any():
+        edge = int(np.flatnonzero(bad)[0])
+        rule = "positive and finite" if positive else "finite"
+        raise NetworkError(f"{name} must be {rule} on every {place}, but {name}[{edge}] = {array[edge]}: correct it")
+    return array
+
+
+def finite_rows(array: Array, name: str, shape: tuple[int, ...]) -> Array:
+    """The array if it has this shape and is finite, else a `NetworkError` that names the first bad row."""
+    if array.shape != shape:
+        raise NetworkError(f"{name} must have shape {shape}, not {array.shape}: give one row for each")
+    bad = np.flatnonzero(~np.isfinite(array).reshape(len(array), -1).all(axis=1))
+    if len(bad):
+        raise NetworkError(f"{name} must be finite, but {name}[{bad[0]}] = {array[bad[0]].tolist()}: correct that row")
+    return array
+
+
+def floats(values: ArrayLike, name: str) -> Array:
+    """A copy of the values as floats, else a `NetworkError`."""
+    try:
+        array = np.array(values)
+        if array.dtype.kind == "c":
+            raise TypeError
+        return array.astype(float)
+    except (TypeError, ValueError, OverflowError):
+        raise NetworkError(f"{name} must be real numbers in rows of equal length, not {shown(values)}") from None
+
+
+def integers(values: ArrayLike, name: str) -> IntArray:
+    """A copy of the values as integers, else a `NetworkError`."""
+    try:
+        array = np.array(values)
+    except ValueError:
+        raise NetworkError(f"{name} must be rows of equal length, not {shown(values)}") from None
+    kind, bad = array.dtype.kind, np.zeros(array.shape, bool)
+    if kind == "f":
+        bad = ~((array == np.round(array)) & (np.abs(array) < 2.0**63))
+    elif kind == "u":
+        bad = array >= 2**63
+    if kind not in "iuf" or bad.any():
+        value = array[bad][0] if bad.any() else array.dtype
+        raise NetworkError(f"{name} must be whole numbers, not {value}: they count vertices and cell images")
+    return array.astype(np.int64)
 
 
 def shown(value: object) -> str:

@@ -1,4 +1,4 @@
-"""What makes a network: checks of its values, each of which names the first bad one, and the blocks of its graph.
+"""What makes a network: checks of its pins, cell, ends and positions, and the blocks of its graph.
 
 A block is a maximal part of the network that no single vertex separates, where all pins count as one vertex.  The
 bond vectors in balance split over the blocks.  Where b sums to zero around every cycle of a block, there are
@@ -18,11 +18,9 @@ import scipy.sparse as sp
 from numpy.typing import ArrayLike, NDArray
 from scipy.sparse.csgraph import connected_components, depth_first_order
 
-from critflow.arguments import shown
+from critflow.arguments import Array, IntArray, finite_rows, floats, shown
 from critflow.result import NetworkError
 
-Array = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 Mask = NDArray[np.bool_]
 
 # Most vertices of a network that is made from a number alone, which may be a typing error: 1 kB a vertex is 20 GB.
@@ -33,64 +31,6 @@ _FARTHEST = 1e4
 _CONTRADICTING = 0.1
 # An edge longer than every diagonal of the cell is doubtful if its nearest image is less than this part of it.
 _NEARER = 0.5
-
-
-def edge_values(
-    values: ArrayLike, n_edges: int, name: str, positive: bool = True, place: str = "edge", equal: bool = False
-) -> Array:
-    """Values per edge, or face, as floats (N_b,), finite and positive, else a `NetworkError` on the first bad one.
-
-    equal  one number stands for all
-    """
-    array = floats(values, name)
-    if equal and array.ndim == 0:
-        array = np.full(n_edges, float(array))
-    if array.shape != (n_edges,):
-        raise NetworkError(f"{name} must have one value per {place}, shape ({n_edges},), not {array.shape}")
-    bad = ~np.isfinite(array) | (positive & ~(array > 0))
-    if bad.any():
-        edge = int(np.flatnonzero(bad)[0])
-        rule = "positive and finite" if positive else "finite"
-        raise NetworkError(f"{name} must be {rule} on every {place}, but {name}[{edge}] = {array[edge]}: correct it")
-    return array
-
-
-def finite_rows(array: Array, name: str, shape: tuple[int, ...]) -> Array:
-    """The array if it has this shape and is finite, else a `NetworkError` that names the first bad row."""
-    if array.shape != shape:
-        raise NetworkError(f"{name} must have shape {shape}, not {array.shape}: give one row for each")
-    bad = np.flatnonzero(~np.isfinite(array).reshape(len(array), -1).all(axis=1))
-    if len(bad):
-        raise NetworkError(f"{name} must be finite, but {name}[{bad[0]}] = {array[bad[0]].tolist()}: correct that row")
-    return array
-
-
-def floats(values: ArrayLike, name: str) -> Array:
-    """A copy of the values as floats, else a `NetworkError`."""
-    try:
-        array = np.array(values)
-        if array.dtype.kind == "c":
-            raise TypeError
-        return array.astype(float)
-    except (TypeError, ValueError, OverflowError):
-        raise NetworkError(f"{name} must be real numbers in rows of equal length, not {shown(values)}") from None
-
-
-def integers(values: ArrayLike, name: str) -> IntArray:
-    """A copy of the values as integers, else a `NetworkError`."""
-    try:
-        array = np.array(values)
-    except ValueError:
-        raise NetworkError(f"{name} must be rows of equal length, not {shown(values)}") from None
-    kind, bad = array.dtype.kind, np.zeros(array.shape, bool)
-    if kind == "f":
-        bad = ~((array == np.round(array)) & (np.abs(array) < 2.0**63))
-    elif kind == "u":
-        bad = array >= 2**63
-    if kind not in "iuf" or bad.any():
-        value = array[bad][0] if bad.any() else array.dtype
-        raise NetworkError(f"{name} must be whole numbers, not {value}: they count vertices and cell images")
-    return array.astype(np.int64)
 
 
 def checked_pins(pins: object, n_vertices: int) -> dict[int, Array]:

@@ -29,8 +29,7 @@ import numpy as np
 import scipy.linalg
 from numpy.typing import ArrayLike
 
-from critflow.arguments import of_kind
-from critflow.checks import Array, floats
+from critflow.arguments import Array, floats, of_kind
 from critflow.result import InputError
 
 Function = Callable[[float], Array]

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from critflow.arguments import of_kind
-from critflow.checks import Array, IntArray, check_ends, components, finite_rows, floats, integers
+from critflow.arguments import Array, IntArray, finite_rows, floats, integers, of_kind
+from critflow.checks import check_ends, components
 from critflow.result import NetworkError, Record
 
 # Numbers of full turns are whole up to the rounding of a sum of angles.

@@ -24,9 +24,8 @@ import scipy
 import scipy.sparse as sp
 from numpy.typing import ArrayLike
 
-from critflow.arguments import of_kind
+from critflow.arguments import edge_values, of_kind
 from critflow.calls import running
-from critflow.checks import edge_values
 from critflow.manifold import CriticalConfiguration, critical_configuration
 from critflow.networks import Array, Network
 from critflow.numerics import LARGEST_DENSE, power_of_two

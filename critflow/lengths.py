@@ -33,9 +33,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.linalg.lapack import dgelss
 
-from critflow.arguments import of_kind
+from critflow.arguments import edge_values, of_kind
 from critflow.calls import running
-from critflow.checks import edge_values
 from critflow.cones import fit_lengths
 from critflow.double_double import divide, dot, extended, multiply, scaled, subtract, total, two_product
 from critflow.equilibria import newton

@@ -20,8 +20,8 @@ import scipy.sparse as sp
 from numpy.typing import ArrayLike, NDArray
 from scipy.sparse.linalg import LinearOperator
 
-from critflow.arguments import of_kind
-from critflow.checks import check_opened, components, edge_values
+from critflow.arguments import edge_values, of_kind
+from critflow.checks import check_opened, components
 from critflow.double_double import two_product
 from critflow.extensions import from_extras, has_extras
 from critflow.networks import Array, Network

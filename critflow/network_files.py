@@ -24,8 +24,8 @@ import numpy as np
 import pandas as pd
 from numpy.typing import ArrayLike
 
-from critflow.arguments import of_kind, shown
-from critflow.checks import checked_cell, edge_values, floats, integers
+from critflow.arguments import edge_values, floats, integers, of_kind, shown
+from critflow.checks import checked_cell
 from critflow.extensions import INSTALL, has_extras
 from critflow.faces import planar_faces
 from critflow.manifold import CriticalConfiguration

@@ -17,20 +17,8 @@ import scipy.linalg
 import scipy.sparse as sp
 from numpy.typing import ArrayLike, NDArray
 
-from critflow.arguments import shown
-from critflow.checks import (
-    Array,
-    IntArray,
-    check_ends,
-    check_positions,
-    check_support,
-    checked_cell,
-    checked_pins,
-    edge_values,
-    finite_rows,
-    floats,
-    integers,
-)
+from critflow.arguments import Array, IntArray, edge_values, finite_rows, floats, integers, shown
+from critflow.checks import check_ends, check_positions, check_support, checked_cell, checked_pins
 from critflow.faces import Faces, PlanarFaces
 from critflow.numerics import restore_read_only
 from critflow.result import NetworkError

@@ -23,9 +23,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from critflow.arguments import of_kind
+from critflow.arguments import edge_values, of_kind
 from critflow.calls import running
-from critflow.checks import edge_values
 from critflow.deformation import Deformable
 from critflow.descent import DESCENTS, Descent, Observer, Optimum, SignedDescent, descend
 from critflow.lengths import critical_from_lengths, iterate_lengths

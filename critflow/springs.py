@@ -24,8 +24,7 @@ import scipy
 import scipy.sparse as sp
 from numpy.typing import ArrayLike
 
-from critflow.arguments import of_kind, shown
-from critflow.checks import edge_values
+from critflow.arguments import edge_values, of_kind, shown
 from critflow.double_double import Extended, less_squares, two_square
 from critflow.networks import Array, Network, validated_coordinates
 from critflow.numerics import EPS, dot, largest, mean, norms, product, read_only, restore_read_only, set_read_only

@@ -24,9 +24,8 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import ArrayLike
 
-from critflow.arguments import of_kind
+from critflow.arguments import edge_values, of_kind
 from critflow.calls import running
-from critflow.checks import edge_values
 from critflow.deformation import Deformable, deformation_of
 from critflow.manifold import CriticalManifold
 from critflow.networks import Array, Network

@@ -7,9 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from critflow.arguments import of_kind
+from critflow.arguments import edge_values, of_kind
 from critflow.calls import running
-from critflow.checks import edge_values
 from critflow.manifold import CriticalConfiguration
 from critflow.networks import Array, Network, validated_coordinates
 from critflow.result import InputError, Record, Solution, Stats, Status

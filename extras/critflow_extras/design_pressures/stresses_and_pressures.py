@@ -9,7 +9,7 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import ArrayLike
 
-from critflow.checks import edge_values
+from critflow.arguments import edge_values
 from critflow.networks import Array, Network
 from critflow.quantities import Quantity
 from critflow.result import InputError

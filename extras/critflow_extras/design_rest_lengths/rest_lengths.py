@@ -12,7 +12,7 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import ArrayLike
 
-from critflow.checks import edge_values
+from critflow.arguments import edge_values
 from critflow.deformation import Deformation
 from critflow.lengths import critical_from_lengths
 from critflow.networks import Array

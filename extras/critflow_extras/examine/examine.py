@@ -11,9 +11,8 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import ArrayLike
 
-from critflow.arguments import of_kind
+from critflow.arguments import edge_values, of_kind
 from critflow.calls import running
-from critflow.checks import edge_values
 from critflow.elastic import Elasticity, elasticity
 from critflow.networks import Array, Network, validated_coordinates
 from critflow.numerics import EPS, norms

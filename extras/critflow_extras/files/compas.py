@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from critflow.checks import floats
+from critflow.arguments import floats
 from critflow.result import InputError
 from critflow_extras.files.data import EDGE_VALUES, NetworkData, counted, polygon_edges, unread
 

@@ -13,8 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from critflow.arguments import of_kind, shown
-from critflow.checks import floats
+from critflow.arguments import floats, of_kind, shown
 from critflow.networks import Array, Network
 from critflow.points import voronoi_network
 from critflow.result import CritflowError, InputError, NetworkError, Solution

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.spatial import cKDTree
 
-from critflow.checks import floats, integers
+from critflow.arguments import floats, integers
 from critflow.network_files import stored_configuration
 from critflow.result import EnvironmentFailure, InputError, Record
 from critflow_extras.pruning.digits import Digits, digits_of

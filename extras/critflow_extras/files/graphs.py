@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from critflow.checks import floats
+from critflow.arguments import floats
 from critflow.network_files import graph_of
 from critflow.result import InputError
 from critflow_extras.files.compas import body_of, from_compas

@@ -10,8 +10,8 @@ import numpy as np
 import scipy
 from numpy.typing import ArrayLike, NDArray
 
-from critflow.arguments import of_kind
-from critflow.checks import components, floats
+from critflow.arguments import floats, of_kind
+from critflow.checks import components
 from critflow.result import InputError
 from critflow_extras.files.data import Array, IntArray, NetworkData, counted
 

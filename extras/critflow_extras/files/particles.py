@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from critflow.checks import floats, integers
+from critflow.arguments import floats, integers
 from critflow.result import InputError
 from critflow_extras.files.boundaries import with_offsets
 from critflow_extras.files.data import Array, NetworkData, bond_vectors_of, counted, number, optional

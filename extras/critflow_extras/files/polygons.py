@@ -14,8 +14,8 @@ from typing import Any
 import numpy as np
 from scipy.spatial import cKDTree
 
-from critflow.arguments import is_number
-from critflow.checks import components, finite_rows, floats
+from critflow.arguments import finite_rows, floats, is_number
+from critflow.checks import components
 from critflow.result import InputError
 from critflow_extras.files.data import Array, NetworkData, counted, polygon_edges, vertices_on_edges
 

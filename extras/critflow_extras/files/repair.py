@@ -13,7 +13,8 @@ import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
 
-from critflow.checks import check_ends, components, finite_rows
+from critflow.arguments import finite_rows
+from critflow.checks import check_ends, components
 from critflow.faces import Faces, planar_faces
 from critflow.manifold import CriticalConfiguration
 from critflow.networks import Network

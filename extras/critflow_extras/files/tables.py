@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from critflow.checks import integers
+from critflow.arguments import integers
 from critflow.network_files import OFFSETS, Tables, table_paths, tables_of
 from critflow.result import CritflowError, InputError
 from critflow_extras.files.data import (

@@ -18,8 +18,9 @@ import scipy.sparse as sp
 from numpy.typing import ArrayLike
 from scipy.sparse.linalg import SuperLU, splu
 
-from critflow.checks import IntArray, components, integers
-from critflow.networks import Array, Network
+from critflow.arguments import integers
+from critflow.checks import components
+from critflow.networks import Array, IntArray, Network
 from critflow.result import InputError
 from critflow.sparse import spread_columns
 

@@ -24,11 +24,10 @@ from scipy.linalg.lapack import dpotri
 from scipy.sparse.linalg import ArpackNoConvergence, LinearOperator, eigsh, splu
 from scipy.stats import chi2
 
-from critflow.arguments import of_kind
+from critflow.arguments import edge_values, of_kind
 from critflow.calls import running
-from critflow.checks import IntArray, edge_values
 from critflow.manifold import Balance, CriticalManifold
-from critflow.networks import Array, Network, validated_coordinates
+from critflow.networks import Array, IntArray, Network, validated_coordinates
 from critflow.numerics import LARGEST_DENSE
 from critflow.result import InputError, Solution, Stats, Status
 from critflow.sparse import FixedPattern, end_pairs, free_ends, spread_columns

@@ -8,7 +8,7 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from critflow.checks import edge_values
+from critflow.arguments import edge_values
 from critflow.manifold import Balance, CriticalManifold
 from critflow.networks import Array, Network
 from critflow.quantities import Quantity

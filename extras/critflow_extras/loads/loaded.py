@@ -21,9 +21,8 @@ import scipy.sparse as sp
 from numpy.typing import ArrayLike
 from scipy.sparse.linalg import LinearOperator, SuperLU, onenormest, splu
 
-from critflow.arguments import of_kind
+from critflow.arguments import edge_values, finite_rows, floats, of_kind
 from critflow.calls import running
-from critflow.checks import edge_values, finite_rows, floats
 from critflow.double_double import Extended, add, extended
 from critflow.manifold import Balance, CriticalManifold, ForceBalance
 from critflow.networks import Array, Network

@@ -14,7 +14,7 @@ import numpy as np
 import scipy.sparse as sp
 from scipy.sparse.csgraph import breadth_first_order
 
-from critflow.checks import edge_values
+from critflow.arguments import edge_values
 from critflow.networks import Array, IntArray, Network
 from critflow.quantities import Balanced, Partials, Quantity, divisors
 from critflow.result import InputError

@@ -17,8 +17,7 @@ import numpy as np
 import scipy.sparse as sp
 from scipy.sparse.csgraph import breadth_first_order
 
-from critflow.arguments import is_number, shown
-from critflow.checks import floats
+from critflow.arguments import floats, is_number, shown
 from critflow.manifold import CriticalManifold
 from critflow.networks import Array, IntArray, Network
 from critflow.points import short_cell

@@ -14,8 +14,7 @@ from typing import Any, ClassVar, NamedTuple, Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from critflow.arguments import of_kind
-from critflow.checks import edge_values
+from critflow.arguments import edge_values, of_kind
 from critflow.manifold import Balance
 from critflow.networks import Array, Network
 from critflow.quantities import Quantity, own, quantity, require_valid

@@ -8,7 +8,7 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from critflow.checks import edge_values
+from critflow.arguments import edge_values
 from critflow.manifold import Balance, CriticalConfiguration, CriticalManifold, require_one_stress_by_count
 from critflow.networks import Array
 from critflow.optima import optimize

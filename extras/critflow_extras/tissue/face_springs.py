@@ -17,7 +17,7 @@ import scipy.sparse as sp
 from numpy.typing import ArrayLike
 from scipy.sparse.linalg import eigsh
 
-from critflow.checks import edge_values
+from critflow.arguments import edge_values
 from critflow.networks import Array, Network
 from critflow.numerics import norms, quasi_random
 from critflow.result import InputError, Record

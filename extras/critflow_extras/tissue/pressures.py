@@ -20,7 +20,7 @@ import numpy as np
 import scipy.sparse as sp
 from numpy.typing import ArrayLike
 
-from critflow.checks import edge_values
+from critflow.arguments import edge_values
 from critflow.double_double import Extended, add, extended, multiply, two_sum
 from critflow.faces import Faces
 from critflow.manifold import CriticalManifold, ForceBalance

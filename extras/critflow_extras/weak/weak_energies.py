@@ -17,7 +17,7 @@ import numpy as np
 import scipy.sparse as sp
 from numpy.typing import ArrayLike
 
-from critflow.checks import edge_values, floats, integers
+from critflow.arguments import edge_values, floats, integers
 from critflow.networks import Array, IntArray, Network
 from critflow.numerics import norms
 from critflow.result import InputError, Record

@@ -14,9 +14,8 @@ import numpy as np
 import scipy.sparse as sp
 from numpy.typing import ArrayLike, NDArray
 
-from critflow.arguments import of_kind
+from critflow.arguments import floats, of_kind
 from critflow.calls import running
-from critflow.checks import floats
 from critflow.deformation import Deformable, Deformation, deformation_of
 from critflow.equilibria import newton
 from critflow.manifold import CriticalConfiguration

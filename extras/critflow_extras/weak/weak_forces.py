@@ -26,9 +26,8 @@ import numpy as np
 import scipy.sparse as sp
 from numpy.typing import ArrayLike, NDArray
 
-from critflow.arguments import of_kind, shown
+from critflow.arguments import floats, of_kind, shown
 from critflow.calls import running
-from critflow.checks import floats
 from critflow.deformation import Deformable, Deformation
 from critflow.manifold import CriticalConfiguration
 from critflow.networks import Array
