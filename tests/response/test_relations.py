@@ -181,6 +181,29 @@ def test_the_bound_of_any_shear_modulus(name):
         assert growth.bound == pytest.approx((d + 2) / (2 * d) * bulk, rel=1e-9)
 
 
+@pytest.mark.parametrize("name", ["voronoi", "space"])
+def test_the_terms_of_the_bound(name):
+    """In anisotropic networks, by the elasticity tensor and sums over edges; in the plane no term of G_0 is left."""
+    network = ANY[name](3)
+    d = network.dimension
+    critical = random_critical(network.deformed(np.diag(np.linspace(1, 1.5, d))), 3)
+    L, sigma, k, found = critical.bond_vectors, critical.sigma, critical.network.stiffness, stiffening(critical).value
+    strains = [[[1, 0], [0, -1]]] if d == 2 else np.array([np.diag([1, -1, 0]), np.diag([1, 1, -2]) / np.sqrt(3)])
+    deviators = [0.5 * np.diagonal(A) for A in strains]
+    C, m = elasticity(critical).value.tensor, d * (d - 1) // 2
+    G_0 = np.mean([*np.diagonal(C)[-m:], *(A @ C[:d, :d] @ A for A in deviators)])
+
+    def share(weight):
+        tensor = np.einsum("e,ei,ej->ij", weight, L, L)
+        return tensor / np.trace(tensor) - np.eye(d) / d
+
+    s, t, n = share(sigma), share(sigma**2 / k), m + d - 1
+    B_0, affine = found.bulk_0, 1 + d / n * np.vdot(s, s) - 2 * d / n * np.vdot(s, t)
+    bound = B_0 * (d + 2) / (2 * d) * affine**2 + (2 / d - 1) * G_0 - G_0 / (3 * B_0) * (found.C_B - (3 / d - 2) * B_0)
+    assert min(G_0 / B_0, np.vdot(s, s), np.vdot(s, t)) > 1e-3
+    assert shear_growth(critical).bound == pytest.approx(bound, rel=1e-9)
+
+
 def test_the_bound_needs_tension():
     assert np.isnan(shear_growth(random_critical(voronoi_network(12, 1), 4, squeezed=1)).bound)
 
