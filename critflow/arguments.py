@@ -20,6 +20,7 @@ from critflow.result import InputError, NetworkError, Solution
 Array = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
+_LONGEST = 60  # characters of a value in a sentence
 # The words of the kinds of values.
 _WORDS = {
     np.ndarray: "an array of numbers",
@@ -181,7 +182,8 @@ def shown(value: object) -> str:
     if isinstance(value, np.ndarray):
         return f"an array of shape {value.shape} and type {value.dtype}"
     if value is None or isinstance(value, str | int | float | complex | np.generic | list | tuple | dict):
-        return " ".join(f"{value!r:.60}".split())
+        text = " ".join(repr(value).split())
+        return text if len(text) <= _LONGEST else f"{text[:_LONGEST]}…"
     return _with_article(type(value).__name__)
 
 

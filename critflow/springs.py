@@ -125,7 +125,7 @@ def checked_law(law: SpringLaw, rest: Array, k: Array) -> SpringLaw:
     previous one at a few extensions; a law with `convex = True` has no negative E'' at a few stretched lengths.
     """
     if not isinstance(law, SpringLaw):
-        raise InputError(f"law must be a SpringLaw such as Hookean() or PowerLaw(4), not {law!r:.60}")
+        raise InputError(f"law must be a SpringLaw such as Hookean() or PowerLaw(4), not {shown(law)}")
     # Tests have the formulas of the laws of this package.
     if type(law).__module__.startswith(f"{__package__}."):
         return law

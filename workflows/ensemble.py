@@ -177,7 +177,7 @@ def _distributions(axes, ds, name, labels):
         floor = least - 0.3 * max(most - least, 0.5)
         values = np.where(zero, 10**floor, values)
     # Values that are not defined are counted in the note.
-    violins(axes, [row[np.isfinite(row)] for row in values], labels, log=name in ZERO)
+    violins(axes, [row[np.isfinite(row)] for row in values], labels, ds.population_color.values, log=name in ZERO)
     axes.tick_params(axis="x", labelrotation=40)
     for label in axes.get_xticklabels():
         label.set(horizontalalignment="right", rotation_mode="anchor")

@@ -88,7 +88,7 @@ def test_populations_have_labels_symbols_and_colours(dataset):
     labels = dict(zip(dataset.population.values, dataset.population_label.values, strict=True))
     assert labels["min_V_tau"] == "min V_τ" and labels["random_lengths"] == "random ℓ"
     assert dataset.population_symbol.sel(population="max_B_0").item() == "max $B_0$"
-    assert len(set(dataset.population_color.values)) == 7
+    assert len(set(dataset.population_color.values)) == dataset.sizes["population"]
 
 
 def test_the_networks_are_those_that_users_get(dataset):

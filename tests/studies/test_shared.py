@@ -65,8 +65,9 @@ def test_a_study_imports_no_other_study():
 def test_a_violin_on_a_logarithmic_axis_marks_the_median_of_the_values():
     """Of two values the median is their mean, which has another logarithm than theirs."""
     axes = Figure().add_subplot()
-    violins(axes, [np.array([1.0, 100.0])], ["two"], log=True)
+    violins(axes, [np.array([1.0, 100.0])], ["two"], ["k"], log=True)
     assert axes.lines[-1].get_ydata()[0] == pytest.approx(np.log10(50.5), rel=1e-14)
+    assert axes.lines[-1].get_color() == "k"
 
 
 def test_numbers_that_are_not_finite_are_left_out():

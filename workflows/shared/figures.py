@@ -8,7 +8,6 @@ from matplotlib.figure import Figure
 
 from critflow.engine.study import plural
 from critflow.networks import Array
-from critflow.pictures import COLOURS
 
 # A figure is printed 17 cm wide, with text of 9 points.
 WIDTH, TEXT, RESOLUTION = 17 / 2.54, 9, 200
@@ -84,13 +83,15 @@ def heading(figure, letter, text):
     figure.suptitle(f"$\\bf{{{letter}}}$  {text}", fontsize=TEXT, x=0.01, ha="left")
 
 
-def violins(axes: Axes, groups: Sequence[Array], labels: Sequence[str], *, log: bool = False) -> None:
+def violins(
+    axes: Axes, groups: Sequence[Array], labels: Sequence[str], colours: Sequence[str], *, log: bool = False
+) -> None:
     """Distributions side by side with their medians: violins, or points where there are few values or no spread.
 
     Values that are not finite are omitted and counted under the label.
     """
     shown_labels = []
-    for place, (group, label) in enumerate(zip(groups, labels, strict=True)):
+    for place, (group, label, colour) in enumerate(zip(groups, labels, colours, strict=True)):
         finite = group[np.isfinite(group)]
         n_omitted = len(group) - len(finite)
         shown_labels.append(f"{label}\n{n_omitted} undefined" if n_omitted else label)
@@ -101,7 +102,7 @@ def violins(axes: Axes, groups: Sequence[Array], labels: Sequence[str], *, log: 
         median = float(np.median(finite))
         if log:
             finite, median = np.log10(np.maximum(finite, 1e-300)), np.log10(max(median, 1e-300))
-        _distribution(axes, place, finite, median)
+        _distribution(axes, place, finite, median, colour)
     axes.set_xticks(range(len(groups)), shown_labels)
     axes.set_xlim(-0.6, len(groups) - 0.4)
     readable(axes)
@@ -115,9 +116,8 @@ def points_at(axes: Axes, place: float, values: Array, colour: str) -> None:
     axes.plot(place + shift, values, "o", color=colour, markersize=3, alpha=0.6, markeredgewidth=0)
 
 
-def _distribution(axes: Axes, place: int, values: Array, median: float) -> None:
+def _distribution(axes: Axes, place: int, values: Array, median: float, colour: str) -> None:
     """One distribution at its place: a violin of many values that differ, else points next to each other."""
-    colour = COLOURS[place % len(COLOURS)]
     if len(values) >= LEAST_VIOLIN and np.ptp(values) > 1e-9 * max(abs(median), 1e-300):
         parts = axes.violinplot([values], [place], widths=0.85, showextrema=False)
         for body in parts["bodies"]:  # type: ignore[attr-defined]
