@@ -93,10 +93,11 @@ def optimize(
     observe    called with (step, value, σ, L) at the start and after every step of a descent; when it returns a true
                value the descent ends there, with `Status.step_limit`
 
-    An optimum that is not attained has a status: `Status.edge_collapse` for a tension variance whose infimum has an
-    edge of zero length, `Status.slack_edges` for a length variance whose infimum has slack edges, `Status.singular`
-    where lengths grow without end.  The objective is then the limit of the value.  Every optimum of a descent may be
-    local: where no stress gives equal lengths, different starts end at different length variances.
+    An optimum that is not attained has a status: `Status.edge_collapse` for a tension variance whose infimum, or a
+    modulus in closed form whose maximum, has an edge of zero length, `Status.slack_edges` for a length variance whose
+    infimum has slack edges, `Status.singular` where lengths grow without end.  The objective is then the limit of the
+    value.  Every optimum of a descent may be local: where no stress gives equal lengths, different starts end at
+    different length variances.
     Raises `InputError` for bad arguments, `SolveError` if not `ok` and `throw`. Many parameters: each is one choice.
 
     >>> import critflow as cf
