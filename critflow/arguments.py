@@ -19,6 +19,7 @@ from critflow.result import InputError, NetworkError, Solution
 
 Array = NDArray[np.float64]
 IntArray = NDArray[np.int64]
+Mask = NDArray[np.bool_]
 
 _LONGEST = 60  # characters of a value in a sentence
 # The words of the kinds of values.

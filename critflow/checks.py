@@ -18,10 +18,8 @@ import scipy.sparse as sp
 from numpy.typing import ArrayLike, NDArray
 from scipy.sparse.csgraph import connected_components, depth_first_order
 
-from critflow.arguments import Array, IntArray, finite_rows, floats, shown
+from critflow.arguments import Array, IntArray, Mask, finite_rows, floats, shown
 from critflow.result import NetworkError
-
-Mask = NDArray[np.bool_]
 
 # Most vertices of a network that is made from a number alone, which may be a typing error: 1 kB a vertex is 20 GB.
 MOST_VERTICES = 20_000_000

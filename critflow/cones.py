@@ -18,10 +18,10 @@ import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
 
+from critflow.arguments import Array
 from critflow.manifold import NO_DIRECTION
 from critflow.numerics import power_of_two
 
-Array = NDArray[np.float64]
 Outcome = Literal["solved", "unbounded", "infeasible", "stalled"]
 _OUTCOMES: dict[str, Outcome] = {"Solved": "solved", "DualInfeasible": "unbounded", "PrimalInfeasible": "infeasible"}
 
@@ -57,7 +57,7 @@ def fit_lengths(
     # One cone (t ℓ_α, L_α) an edge, for the unknowns (x, y, t).
     rates = np.zeros((0, *offsets.shape)) if rates is None else rates
     extents = sp.hstack([sp.csc_array((len(lengths), len(rates))), sp.csc_array(lengths[:, None])])
-    return solve_cones(incidence, offsets, rates, tolerance, length_unit(lengths), extents=extents)[0]
+    return solve_cones(incidence, offsets, rates, tolerance, power_of_two(lengths.mean()), extents=extents)[0]
 
 
 def interior_point(
@@ -75,11 +75,6 @@ def interior_point(
     settings.tol_gap_abs = settings.tol_gap_rel = settings.tol_feas = tolerance
     no_squares = sp.csc_matrix((len(cost),) * 2)
     return clarabel.DefaultSolver(no_squares, cost, sp.csc_matrix(A), b, cones, settings).solve()
-
-
-def length_unit(lengths: Array) -> float:
-    """A power of two near the mean length: tolerances of the program are absolute."""
-    return power_of_two(lengths.mean())
 
 
 def has_tension(multipliers: Array, filled: Array) -> NDArray[np.bool_]:

@@ -225,7 +225,7 @@ class Descent(Function):
         curved = rate * product(rate * direction)
         return (second * direction * evaluation.gradient + curved) / self.unit
 
-    def __call__(self, point: Point) -> Status | None:
+    def monitor(self, point: Point) -> Status | None:
         """The status with which the descent ends at a point; None where it goes on."""
         if not self.step:
             self.first_gradient = point.gradient
@@ -304,9 +304,10 @@ def descend(descent: Descent, start: Array, method: str, tolerance: float, max_s
             # The time step of FIRE: curvatures per edge are of order 1/N_b.
             minimiser = partial(METHODS["fire"], time_step=0.3 * np.sqrt(len(x))) if name == "fire" else METHODS[name]
             left = MAX_STEPS[name] if max_steps is None else max_steps - steps
-            end = minimise(descent, minimiser, x, tolerance, left, descent, STATIONARY)
-            x, steps = end.point.x, steps + end.steps
-            if end.status not in (Status.step_limit, Status.stalled) or descent.stopped or steps == max_steps:
+            end = minimise(descent, minimiser, x, tolerance, left, descent.monitor, STATIONARY)
+            point, status, taken = end
+            x, steps = point.x, steps + taken
+            if status not in (Status.step_limit, Status.stalled) or descent.stopped or steps == max_steps:
                 break
         # Symmetric starts lead to points that are minimal, or infima, among the symmetric ones only.
         gradient = descent.first_gradient
@@ -314,15 +315,15 @@ def descend(descent: Descent, start: Array, method: str, tolerance: float, max_s
         # 2. Repeat a descent that fails from its end with moderate stresses, as long as that improves it.
         if best is None or improves(end, best):
             best = end
-            if end.status in FAILED and repeats < descent.repeats:
+            if status in FAILED and repeats < descent.repeats:
                 x = np.clip(x, np.median(x) - np.log(MODERATE), np.median(x) + np.log(MODERATE))
                 if steps == before or symmetric:
                     x = x + PERTURBATION * np.random.default_rng(0).standard_normal(len(x))
-                if not np.array_equal(x, end.point.x):
+                if not np.array_equal(x, point.x):
                     repeats += 1
                     continue
         # 3. A stationary end may be a saddle: leave it in a direction of negative curvature, and descend again.
-        point, status = best.point, best.status
+        point, status, _ = best
         if status is not Status.ok or point.residual > STOPPED:
             break
         if point.residual > STATIONARY and not symmetric:
@@ -336,19 +337,19 @@ def descend(descent: Descent, start: Array, method: str, tolerance: float, max_s
             status = Status.stalled if lower is None else Status.step_limit
             break
         x, best, repeats = lower.x, None, 0
-    return optimum_at(descent, Minimum(point, status, steps), saddles, method)
+    return optimum_at(descent, (point, status, steps), saddles, method)
 
 
 def improves(again: Minimum, end: Minimum) -> bool:
     """Whether a repeated descent replaces the end of the first one."""
-    ended = [one.status in (Status.ok, *NOT_ATTAINED) for one in (again, end)]
-    if ended[0] != ended[1]:
-        return ended[0]
-    margin = 0.0
-    if end.status in NOT_ATTAINED:
+    (here, status, _), (before, status_before, _), margin = again, end, 0.0
+    ended, ended_before = (one in (Status.ok, *NOT_ATTAINED) for one in (status, status_before))
+    if ended != ended_before:
+        return ended
+    if status_before in NOT_ATTAINED:
         # Two approaches to one infimum differ by their distances from it.
-        margin = float(np.abs(end.point.gradient).sum()) * (-1.0 if again.status in NOT_ATTAINED else 1.0)
-    return bool(again.point.value < end.point.value + margin) or not np.isfinite(end.point.value)
+        margin = float(np.abs(before.gradient).sum()) * (-1.0 if status in NOT_ATTAINED else 1.0)
+    return bool(here.value < before.value + margin) or not np.isfinite(before.value)
 
 
 def leaving(limit: Status, sigma: Array, length: Array, gradient: Array) -> NDArray[np.intp]:
@@ -365,7 +366,7 @@ def optimum_at(descent: Descent, end: Minimum, saddles: int | None, method: str)
 
     saddles  that the descent has left; None where the end was not tested
     """
-    point, status, unit = end.point, end.status, descent.unit
+    (point, status, steps), unit = end, descent.unit
     limit: dict[str, Any] = {}
     last = descent.manifold.solve(point.state.balance.sigma, balance=point.state.balance)
     value, objective, note = last.value, unit * point.value, ""
@@ -388,7 +389,7 @@ def optimum_at(descent: Descent, end: Minimum, saddles: int | None, method: str)
         status, sound = Status.singular, True
         note = f"the value tends to {objective:.8g} as the prestress matrix becomes singular and lengths grow"
         note += " without end"
-    elif not last.ok and stalled and end.steps and regular:
+    elif not last.ok and stalled and steps and regular:
         note, sound = f"stresses become too different {unresolved}", True
     elif not last.ok:
         status, objective = last.status, np.nan
@@ -399,7 +400,7 @@ def optimum_at(descent: Descent, end: Minimum, saddles: int | None, method: str)
         note = f"stresses fade, that of edge {first} first, before the others have converged: {LOCAL}"
     elif status in (Status.step_limit, Status.stalled) and method != "auto":
         note = f"{status.message}, or choose method='auto'"
-    stats = replace(last.stats, method=method, steps=end.steps, residual=point.residual)
+    stats = replace(last.stats, method=method, steps=steps, residual=point.residual)
     if sound:
         value = descent.manifold.configuration(descent.last_sound)
         stats = replace(stats, error_bound=value.error_bound)

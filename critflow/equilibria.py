@@ -124,11 +124,11 @@ def equilibrium(
     True
     """
     state = of_kind(SpringState, state=state)
-    of_kind(str, method=method)
+    method = relaxation_method(method)
     of_kind(float, tolerance=tolerance)
     max_steps = of_kind(int, None, max_steps=max_steps)
     of_kind(bool, throw=throw)
-    solution, _ = relaxed(state, relaxation_method(method), tolerance, max_steps)
+    solution, _ = relaxed(state, method, tolerance, max_steps)
     return solution.or_raise("the springs found no equilibrium") if throw else solution
 
 
@@ -253,15 +253,15 @@ def by_fire(state: State, tolerance: float, max_steps: int | None) -> Equilibriu
     """The state at which FIRE ends, with its distance to the exact equilibrium, by Newton's method where it is far."""
     # No squared frequency exceeds twice the sum of the stiffnesses at a vertex.
     time_step, longest = TIME_STEP * 2 / np.sqrt(state.largest_stiffness), LONGEST_MOVE * float(state.lengths.mean())
-    end = minimise(
+    point, status, steps = minimise(
         Relaxation(state),
         partial(fire, time_step=time_step, max_move=longest),
         np.zeros(state.forces.size),
         tolerance * state.stiffness_scale * state.length_scale,
         FIRE_STEPS if max_steps is None else max_steps,
     )
-    last = state.moved(end.point.x.reshape(state.forces.shape))
-    rough = Equilibrium(last, end.status, Stats("fire", end.steps, residual=end.point.residual))
+    last = state.moved(point.x.reshape(state.forces.shape))
+    rough = Equilibrium(last, status, Stats("fire", steps, residual=point.residual))
     if not rough.ok:
         return last.explained(rough)
     bounded, _ = with_bounds(rough, None, corrected=False)

@@ -23,7 +23,6 @@ import math
 from typing import TypeAlias
 
 import numpy as np
-from scipy.sparse._sparsetools import csc_matvec, csr_matvec
 
 from critflow.double_double import Extended, less_squares, two_product, two_square, two_sum
 from critflow.equilibria import FORCE_DECREASE, LONGEST_STEP, LOOSEST_TOLERANCE, REUSE_AFTER, REUSE_DECREASE
@@ -32,18 +31,20 @@ from critflow.linear_response import (
     CONVERGED,
     NO_RELAXATION,
     TRUSTED_ERROR,
-    LinearResponse,
+    Elasticity,
     elasticity_of_form,
     form_rounding,
+    largest_each,
     unit_strains,
 )
 from critflow.linear_response import MOST_CORRECTIONS as MOST_RESPONSES
 from critflow.networks import Array, Network
-from critflow.numerics import EPS, largest, mean
+from critflow.numerics import EPS, KERNELS, largest, mean
 from critflow.refinement import CONTRACTION, MOST_CORRECTIONS, ROUNDED_FORCE, UNSEEN, leading_half
-from critflow.result import Stats, Status
 from critflow.sparse import Factor, edge_blocks
 from critflow.springs import TAUT, SpringState
+
+csr_matvec, csc_matvec = KERNELS["csr"][0], KERNELS["csc"][0]
 
 Balance: TypeAlias = tuple[Array, Array, Array, Array, Array]
 """Edges and forces near the equilibrium: L = high + low, both (d, N_b), |L|² − ℓ² and σ (N_b,), f (n_free·d,)."""
@@ -183,7 +184,7 @@ class LeanSteps:
 
     def response(
         self, state: SpringState, factor: Factor, contraction: float, strain: float, strains: tuple[int, ...]
-    ) -> LinearResponse | None:
+    ) -> tuple[Elasticity, Array] | None:
         """The response to these rows of `unit_strains`; None where corrections do not converge or errors hide it."""
         L, m, volume = state.bond_vectors.T, len(strains), state.network.volume
         d, K, sigma, least = len(L), state.modified_stiffness, state.sigma, NO_RELAXATION * self.springs.length_scale
@@ -201,7 +202,8 @@ class LeanSteps:
             pulls = sigma * rate + tension[:, None] * L
             form, force = pulls.reshape(m, -1) @ rate.reshape(m, -1).T, self.forces(pulls)
             # Forces of rounding alone, as of a dilation where σ = k, need no solve.
-            loaded, correction = _largest(force) > ROUNDED_FORCE * _largest(pulls.reshape(m, -1)), np.zeros_like(force)
+            loaded = largest_each(force) > ROUNDED_FORCE * largest_each(pulls.reshape(m, -1))
+            correction = np.zeros_like(force)
             for each in loaded.nonzero()[0]:
                 correction[each] = factor.solve(force[each])
             u, gained = u + correction, force @ correction.T
@@ -210,7 +212,7 @@ class LeanSteps:
             if number:
                 contraction = float(np.sqrt(np.maximum.reduce(gain / np.maximum(before, 1e-300))))
             unfinished = gain * min(1.0, CONTRACTION_MARGIN * contraction)
-            small = (_largest(correction) <= CONVERGED * np.maximum(_largest(u), least)).all()
+            small = (largest_each(correction) <= CONVERGED * np.maximum(largest_each(u), least)).all()
             if small and (unfinished <= (4 if number else 1) * EPS * form.diagonal()).all():
                 break
             before, rate = gain, self.rates(u, affine)
@@ -224,9 +226,4 @@ class LeanSteps:
         hidden = max(C.errors.bulk, C.errors.shear, C.errors.shear_stress_corrected)
         if not hidden <= TRUSTED_ERROR * max(abs(C.bulk), abs(C.shear)):
             return None
-        return LinearResponse(C, Status.ok, Stats("linear response", 1), strains=strains, responses=relaxations)
-
-
-def _largest(vectors: Array) -> Array:
-    """The largest component of each of the vectors (m, n), (m,)."""
-    return np.maximum.reduce(np.abs(vectors), axis=1)
+        return C, relaxations

@@ -189,10 +189,9 @@ def critical_from_lengths(
     >>> solution.ok, bool(np.ptp(solution.value.lengths) < 1e-12)
     (True, True)
     """
-    network = of_kind(Network, CriticalManifold, network=network)
+    manifold = CriticalManifold.of(network)
     of_kind(np.ndarray, rest_lengths=rest_lengths)
     of_kind(bool, throw=throw)
-    manifold = CriticalManifold.of(network)
     lengths = edge_values(rest_lengths, manifold.network.n_edges, "rest_lengths")
     # Only ratios of the lengths count, and the program has absolute tolerances: in a unit near that of the network.
     unit = power_of_two(float(lengths.mean()) / manifold.network.spacing, COARSE)

@@ -178,10 +178,11 @@ class LinearResponse(Solution[Elasticity]):
     strains: tuple[int, ...] = ()
     responses: Array = field(default_factory=lambda: np.zeros((0, 0, 0)), repr=False)
 
-    def relaxation(self, strain: Array) -> Array:
-        """dx/dε (n_free, d) under a strain of components (m,) in `strain_basis`, relative to the affine motion."""
-        weights = (basis_change(self.value.dimension) @ strain)[list(self.strains)]
-        return (weights @ self.responses.reshape(len(weights), -1)).reshape(self.responses.shape[1:]).T
+
+def combined(responses: Array, strains: tuple[int, ...], strain: Array) -> Array:
+    """dx/dε (n_free, d) under a strain of components (m,), from those (n, d, n_free) under rows of `unit_strains`."""
+    weights = (basis_change(responses.shape[1]) @ strain)[list(strains)]
+    return (weights @ responses.reshape(len(weights), -1)).reshape(responses.shape[1:]).T
 
 
 # Strains
@@ -325,12 +326,12 @@ def responses(
         form = stretching + stressed.reshape(m, -1) @ rate.reshape(m, -1).T
         direct = direct if refinement else form
         # 2. A correction of each relaxation; forces of rounding alone, as of a dilation where σ = k, need no solve
-        size, correction = _largest(force), np.zeros_like(force)
-        relaxing = relaxing if refinement else np.flatnonzero(size > ROUNDED_FORCE * _largest(pulls.reshape(m, -1)))
+        size, correction = largest_each(force), np.zeros_like(force)
+        relaxing = relaxing if refinement else np.flatnonzero(size > ROUNDED_FORCE * largest_each(pulls.reshape(m, -1)))
         for each in relaxing:
             correction[each] = factor.solve(force[each])
         gained, u = force @ correction.T, u + correction
-        moved, left = _largest(u), _largest(correction)
+        moved, left = largest_each(u), largest_each(correction)
         scale = np.maximum(scale, size)
         small = bool((left <= CONVERGED * np.maximum(moved, least)).all())
         # 3. The energy that it leaves is its gain times the contraction, and must be rounding.  The contraction is the
@@ -351,7 +352,7 @@ def responses(
     return LinearResponse(value, status, stats, strains=strains, responses=relaxations), correction[0]
 
 
-def _largest(vectors: Array) -> Array:
+def largest_each(vectors: Array) -> Array:
     """Largest component of each of the vectors (m, n), (m,)."""
     return np.maximum.reduce(np.abs(vectors), axis=-1, initial=0.0)
 

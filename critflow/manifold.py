@@ -245,7 +245,8 @@ class CriticalManifold:
 
     @classmethod
     def of(cls, network: Network | CriticalManifold) -> CriticalManifold:
-        """The manifold itself, or that of a network."""
+        """The manifold itself, or that of a network, else an `InputError`."""
+        network = of_kind(Network, cls, network=network)
         return network if isinstance(network, CriticalManifold) else cls(network)
 
     @cached_property

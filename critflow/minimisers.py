@@ -10,12 +10,12 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg.lapack import dtrtrs
 
+from critflow.arguments import Array
 from critflow.result import Status
 
 ARMIJO = 1e-4  # part of the predicted decrease that a step must reach (Nocedal & Wright, section 3.1)
@@ -26,8 +26,6 @@ MEMORY = 15  # pairs of L-BFGS
 LONGEST = 0.7  # largest change of a component of x in one step of L-BFGS
 MIXING = 0.25  # of FIRE, where the velocity is reset
 PRODUCTS = 400  # Hessian-vector products of one step of Newton's method
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,13 +65,8 @@ Monitor = Callable[[Point], Status | None]
 """Called with the start and the point after each step; a status other than None ends the minimisation."""
 
 
-@dataclass(frozen=True, eq=False)
-class Minimum:
-    """Last point of a minimisation, its stop status and the number of steps."""
-
-    point: Point
-    status: Status
-    steps: int
+Minimum: TypeAlias = tuple[Point, Status, int]
+"""Last point of a minimisation, its stop status and the number of steps."""
 
 
 def minimise(
@@ -96,15 +89,15 @@ def minimise(
     points = method(function, point)
     for step in range(max_steps):
         if point.residual < tolerance and (step or point.residual <= stationary):
-            return Minimum(point, Status.ok, step)
+            return point, Status.ok, step
         if not np.isfinite(point.value):
-            return Minimum(point, Status.singular, step)
+            return point, Status.singular, step
         if monitor is not None and (status := monitor(point)) is not None:
-            return Minimum(point, status, step)
+            return point, status, step
         point, progress = next(points)
         if not progress:
-            return Minimum(point, Status.ok if point.residual < tolerance else Status.stalled, step)
-    return Minimum(point, Status.ok if point.residual < tolerance else Status.step_limit, max_steps)
+            return point, Status.ok if point.residual < tolerance else Status.stalled, step
+    return point, Status.ok if point.residual < tolerance else Status.step_limit, max_steps
 
 
 def fire(function: Function, point: Point, time_step: float, max_move: float = 0.5) -> Iterator[tuple[Point, bool]]:

@@ -224,9 +224,7 @@ class Network:
 
     def with_stiffness(self, stiffness: ArrayLike) -> Network:
         """The same network with other stiffnesses k, (N_b,) or one number."""
-        values = edge_values(stiffness, self.n_edges, "stiffness", equal=True)
-        values.flags.writeable = False
-        return self._copied(stiffness=values)
+        return self._copied(stiffness=edge_values(stiffness, self.n_edges, "stiffness", equal=True))
 
     def with_volume(self, volume: float) -> Network:
         """The same network without a cell, with the volume V (area in two dimensions) to which its moduli refer."""

@@ -9,8 +9,9 @@ from typing import Any
 
 import numpy as np
 import scipy.sparse as sp
-from numpy.typing import NDArray
 from scipy.sparse._sparsetools import csc_matvec, csc_matvecs, csr_matvec, csr_matvecs
+
+from critflow.arguments import Array
 
 # Relative spacing of doubles, 2⁻⁵².  A pivot below n EPS of the largest is as good as zero: rounding of the
 # elimination makes pivots of that size.
@@ -22,8 +23,6 @@ STABLE_MARGIN = 1e-7  # part of the mean stress by which P must be positive on t
 # Most refinements of one saddle system; a step that does not reduce the residual by CONTRACTION ends it.
 MOST_REFINEMENTS = 30
 LARGEST_DENSE = 20_000_000  # largest number of entries of a dense array made in physics: 160 MB
-
-Array = NDArray[np.float64]
 
 
 def quasi_random(n: int) -> Array:

@@ -105,7 +105,7 @@ def optimize(
     >>> abs(stiffest.objective - stiffest.bound) < 1e-12
     True
     """
-    manifold = CriticalManifold.of(of_kind(Network, CriticalManifold, network=network))
+    manifold = CriticalManifold.of(network)
     objective = of_kind(str, Quantity, objective=objective)
     starts, max_steps = of_kind(int, starts=starts), of_kind(int, None, max_steps=max_steps)
     _check_options(method, signs, threshold, tolerance, max_steps, observe, throw)

@@ -46,9 +46,12 @@ from critflow.equilibria import (
 from critflow.extensions import from_extras
 from critflow.lean_steps import LeanSteps
 from critflow.linear_response import (
+    CONTRACTION_MARGIN,
+    MOST_CORRECTIONS,
+    NO_RELAXATION,
     Elasticity,
-    LinearResponse,
     accumulated_rounding,
+    combined,
     linear_response,
     strains_of,
     unit_strains,
@@ -58,7 +61,7 @@ from critflow.networks import Array, Network
 from critflow.numerics import EPS, dot, largest, mean, norms
 from critflow.result import InputError, Record, Solution, Stats, Status
 from critflow.sparse import Factor
-from critflow.springs import HOOKEAN, SpringLaw, SpringState, checked_law
+from critflow.springs import HOOKEAN, SpringLaw, SpringState, checked_law, require_directions
 from critflow.taut_part import backbone
 
 # Points of the path from which it is extrapolated, and the number of previous steps beyond which a polynomial
@@ -86,8 +89,7 @@ _WHOLE = 0.999
 _MOST_STEPS, _MOST_ITERATIONS = 400, 4000
 # Corrections of a relaxation, the part of it at which they stop, and the largest that rounding may leave.  One below
 # the last part of the affine motion is compared with that: all edges then follow it.
-_MOST_CORRECTIONS, _CONVERGED, _CORRECT, _NO_RELAXATION = 4, 1e-9, 1e-2, 1e-5
-_CONTRACTION_MARGIN = 10.0  # of the contraction that is observed between two corrections
+_CONVERGED, _CORRECT = 1e-9, 1e-2
 # Stress η, in units of k, that stands for the limit of no stress: its effect is of this order, and rounding of 1e-10.
 _DEPARTING_STRESS = 1e-6
 # Forces of an affine motion below this part of those of one edge are rounding.
@@ -108,9 +110,6 @@ _LOOSENED = "the strain loosens the network, which is floppy on this side of the
 _ADVICE = "CriticalManifold(network).configuration(sigma) or optimize(network, 'B_0') makes one"
 _OF_STRESS = "change its stress, or remove it"
 _OF_CABLES = "paths of cables from given rest lengths (taut_only=True has the taut edges as springs at rest)"
-
-Start = Any
-"""What a path starts from: each kind of which `start_of` knows the springs, or a solution with one."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -182,7 +181,7 @@ def check_strains(strains: ArrayLike, signed: bool = False, zero: bool = False) 
 
 @running("strain_path")
 def strain_path(
-    start: Start,
+    start: Any,
     strains: ArrayLike,
     deformation: Deformable | None = None,
     *,
@@ -232,14 +231,14 @@ def strain_path(
     springs, stress, note, onset = start_of(start, law, taut_only)
     method, tolerance = relaxation_method(method), of_kind(float, tolerance=tolerance)
     gamma = check_strains(strains, signed=True, zero=stress is None)
-    along, total_strains = onset or ("dilation", lambda _, strains: strains)
-    F = deformation_of(along if deformation is None else deformation, springs.network.dimension)
+    along = deformation if deformation is not None else onset[0] if onset else "dilation"
+    F = deformation_of(along, springs.network.dimension)
     if not isinstance(measure, str) or measure not in MEASURES:
         raise InputError(f"a path measures one of {', '.join(MEASURES)}, not {shown(measure)}")
     kind = from_extras("FreeCellPath", "free components of the cell") if F.free else Path
     kind = from_extras("cable_path", "paths of cables")(kind) if springs.law.one_sided else kind
     path = kind(springs.network, F, gamma, method, tolerance, measure, stress)
-    result = _solution(path, path.follow(springs), total_strains(F, gamma), note)
+    result = _solution(path, path.follow(springs), onset[1](F, gamma) if onset else gamma, note)
     return result.or_raise("the strain path stopped") if throw else result
 
 
@@ -489,10 +488,10 @@ class Path:
         point = Point(strain, state, F, coordinate_error=error, steps=steps)
         if not self.has_moduli:
             return self.measured(point, factor)
-        rates, second_rates = self.rates(point)
-        strains = tuple(range(len(unit_strains(len(F))))) if self.measure == "tensors" else strains_of(rates)
+        rates = self.rates(point)
+        strains = tuple(range(len(unit_strains(len(F))))) if self.measure == "tensors" else strains_of(rates[0])
         response = self.lean.response(state, factor, contraction, strain, strains)
-        return None if response is None else self.responding(point, response, rates, second_rates)
+        return None if response is None else self.responding(point, *response, strains, rates)
 
     def accept(self, end: Point, changes: Array) -> None:
         """Make a point the last one, of which these changes of z were predicted; the last three are kept."""
@@ -564,28 +563,29 @@ class Path:
 
     def measured(self, end: Point, factor: Factor | None) -> Point:
         """The point with moduli, velocity and d²E/dγ², or refused where its response is not determined."""
-        state, (rates, second_rates) = end.state, self.rates(end)
+        state, rates = end.state, self.rates(end)
         if not self.has_moduli:
-            return replace(self.without_moduli(end, factor, rates, second_rates), z=self.unknowns(end))
-        chosen = None if self.measure == "tensors" else strains_of(rates)
+            return replace(self.without_moduli(end, factor, *rates), z=self.unknowns(end))
+        chosen = None if self.measure == "tensors" else strains_of(rates[0])
         volume, exact = state.network.volume, self.method == "newton"
         response = linear_response(state, volume, exact, factor, condition=False, strains=chosen)
         if not response.ok:
             return end.refused(response.status, response.reason)
-        return self.responding(end, response, rates, second_rates)
+        return self.responding(end, response.value, response.responses, response.strains, rates)
 
-    def responding(self, end: Point, response: LinearResponse, rates: Array, second_rates: Array) -> Point:
-        """The point with the moduli of a response, z, its velocity and d²E/dγ²."""
-        C = response.value
-        E, weights = second_derivatives(C, rates, second_rates)
+    def responding(
+        self, end: Point, C: Elasticity, responses: Array, strains: tuple[int, ...], rates: tuple[Array, Array]
+    ) -> Point:
+        """The point with the moduli of responses to rows of `unit_strains`, z, its velocity and d²E/dγ²."""
+        E, weights = second_derivatives(C, *rates)
         along = self.along(E)
         # Errors of q̇ enter squared only.
-        strain, size, modulus = along @ weights, np.abs(along @ weights), float(E[0] @ along)
+        components, size, modulus = along @ weights, np.abs(along @ weights), float(E[0] @ along)
         error = self.deformation.error(
             modulus, lambda path: second_derivatives(C, *self.rates(end, path))[0][0] @ along
         )
         second = float(C.volume * modulus), C.volume * float(size @ C.errors.tensor @ size + error)
-        velocity = self.velocity(end, response.relaxation(strain), along)
+        velocity = self.velocity(end, combined(responses, strains, components), along)
         return replace(end, z=self.unknowns(end), moduli=C, velocity=velocity, second=second)
 
     def without_moduli(self, end: Point, factor: Factor | None, rates: Array, second_rates: Array) -> Point:
@@ -692,14 +692,14 @@ def relaxation(state: SpringState, factor: Factor, affine: Array) -> tuple[Array
 
     factor  of the Hessian at or near the state; without convergence the energy is infinite
     """
-    u, before, energy, least = np.zeros(state.forces.shape), np.inf, np.inf, _NO_RELAXATION * largest(affine)
-    for _ in range(_MOST_CORRECTIONS):
+    u, before, energy, least = np.zeros(state.forces.shape), np.inf, np.inf, NO_RELAXATION * largest(affine)
+    for _ in range(MOST_CORRECTIONS):
         force = state.force_rates(affine + state.edge_rates(u))
         correction = factor.solve(force.ravel()).reshape(u.shape)
         u += correction
         size, whole, gain = largest(correction), max(largest(u), least), abs(float(np.vdot(force, correction)))
         # What a correction leaves is its energy times the contraction.
-        left, energy = gain * min(1.0, _CONTRACTION_MARGIN * np.sqrt(gain / energy)), gain
+        left, energy = gain * min(1.0, CONTRACTION_MARGIN * np.sqrt(gain / energy)), gain
         # Corrections that no longer shrink are rounding, or the factor is of no use.
         if not size < before:
             return u, left if size <= _CORRECT * whole else np.inf
@@ -763,7 +763,7 @@ Beginning: TypeAlias = tuple[SpringState, Array | None, str, Onset | None]
 
 
 @singledispatch
-def start_of(start: Start, law: SpringLaw | None, taut_only: bool) -> Beginning:
+def start_of(start: Any, law: SpringLaw | None, taut_only: bool) -> Beginning:
     """The springs from which a path starts, with the stress of a transition; `InputError` for other kinds."""
     known = held(start, (CriticalConfiguration, SpringState))
     if known is not None:
@@ -788,8 +788,9 @@ def _(start: CriticalConfiguration, law: SpringLaw | None, taut_only: bool) -> B
     require_directions((start.lengths <= COLLAPSED * start.lengths.mean()) & (start.sigma != 0), _OF_STRESS)
     part, note = start, ""
     if not start.sigma.all():
-        part, n_slack = backbone(start).configuration, int(np.count_nonzero(start.sigma == 0))
-        note = f"{n_slack} of {len(start.sigma)} edges are slack, so the path is that of the taut part alone"
+        taut = backbone(start)
+        part = taut.configuration
+        note = f"{taut.n_slack} of {len(start.sigma)} edges are slack, so the path is that of the taut part alone"
     law = checked_law(HOOKEAN if law is None else law, part.lengths, part.network.stiffness)
     springs = SpringState(part.network, part.lengths, part.coordinates, part.bond_vectors, law)
     return springs, part.sigma, note, None
@@ -804,9 +805,3 @@ def of_state(state: SpringState, law: SpringLaw | None, taut_only: bool) -> Begi
         raise InputError("a state of springs has no slack part to leave out: taut_only belongs to a configuration")
     require_directions(state.lengths == 0, "move its ends apart")
     return state, None, "", None
-
-
-def require_directions(short: NDArray[np.bool_], instead: str) -> None:
-    """`InputError` where an edge of these (N_b,) has no length."""
-    if short.any():
-        raise InputError(f"edge {int(short.argmax())} has no length, so its spring has no direction: {instead}")

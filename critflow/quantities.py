@@ -34,7 +34,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, is_dataclass
 from difflib import get_close_matches
-from functools import cached_property
+from functools import cache, cached_property
 from importlib.metadata import EntryPoint
 from typing import ClassVar
 
@@ -220,12 +220,7 @@ class TensionVariance(Quantity):
         return variance, (derivative * length, (derivative * sigma / divisors(length))[:, None] * L)
 
 
-VARIANCES = {kind.name: kind() for kind in (LengthVariance, TensionVariance)}
-
-
-def variance(network: Network, name: str) -> Quantity:
-    """V_L or V_tau: the same object at every call."""
-    return VARIANCES[name]
+VARIANCES = {kind.name: kind() for kind in (LengthVariance, TensionVariance)}  # the same objects at every call
 
 
 def divisors(length: Array) -> Array:
@@ -382,15 +377,10 @@ def pure_shears(dimension: int) -> list[Array]:
     return [*strains[dimension:], *(A / np.sqrt(2 * np.sum(A**2)) for A in diagonals)]
 
 
-_MODULI = dict[tuple[int, str], TransitionModulus]()  # by dimension and name
-
-
-def named_modulus(network: Network, name: str) -> TransitionModulus:
+@cache
+def named_modulus(dimension: int, name: str) -> TransitionModulus:
     """B_0 or G_0: the same object at every call, since those of one name are equal."""
-    key = (network.dimension, name)
-    if key not in _MODULI:
-        _MODULI[key] = TransitionModulus((dilation if name == "B_0" else pure_shear)(network.dimension), name)
-    return _MODULI[key]
+    return TransitionModulus((dilation if name == "B_0" else pure_shear)(dimension), name)
 
 
 def transition_modulus(network: Network, strain: Deformable) -> TransitionModulus:
@@ -677,8 +667,9 @@ def _factories() -> Mapping[str, Factory]:
     AXES are those of a component of the stress or, after C, of the elasticity tensor, EDGE and FACE a number; what else
     stands in brackets goes to the factory as it is written.
     """
-    own = {"B_0": named_modulus, "G_0": named_modulus, "V_L": variance, "V_tau": variance}
-    return {**own, "modulus[D]": transition_modulus, **joined("quantities")}
+    moduli = dict.fromkeys(("B_0", "G_0"), lambda network, name: named_modulus(network.dimension, name))
+    variances = dict.fromkeys(VARIANCES, lambda _, name: VARIANCES[name])
+    return {**moduli, **variances, "modulus[D]": transition_modulus, **joined("quantities")}
 
 
 def _indexed() -> dict[str, tuple[str, Factory]]:
@@ -723,8 +714,6 @@ def upper_bound(network: Network | CriticalManifold, name: str | Quantity) -> fl
     >>> round(cf.upper_bound(cf.lattice("honeycomb", 2, 2), 'B_0'), 6)
     0.288675
     """
-    network = of_kind(Network, CriticalManifold, network=network)
-    name = of_kind(str, Quantity, name=name)
     manifold = CriticalManifold.of(network)
     return quantity(manifold.network, name).extreme(manifold)[1]
 

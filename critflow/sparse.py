@@ -285,7 +285,7 @@ class FixedPattern:
 
     def _solver(self) -> Backend:
         """A solver that serves no factor."""
-        first = self.analyse()
+        first = self._first or self.analyse()
         try:
             return self._spare.pop()
         except IndexError:

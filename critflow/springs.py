@@ -22,7 +22,7 @@ from typing import Any, ClassVar, TypeAlias, TypeVar
 import numpy as np
 import scipy
 import scipy.sparse as sp
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from critflow.arguments import edge_values, of_kind, shown
 from critflow.double_double import Extended, less_squares, two_square
@@ -91,11 +91,9 @@ class Hookean(SpringLaw):
         return np.zeros_like(k)
 
 
-@dataclass(frozen=True)
-class Cable(SpringLaw):
+class Cable(Hookean):
     """E = ½ k e² for e > 0, else zero: a cable.  Convex, so every equilibrium is a global minimum; E'' = k at rest."""
 
-    convex: ClassVar[bool] = True
     one_sided: ClassVar[bool] = True
 
     def energy(self, extension: Array, rest: Array, k: Array) -> Array:
@@ -106,9 +104,6 @@ class Cable(SpringLaw):
 
     def stiffness(self, extension: Array, rest: Array, k: Array) -> Array:
         return np.where(extension >= 0, k, 0.0)
-
-    def stiffening(self, extension: Array, rest: Array, k: Array) -> Array:
-        return np.zeros_like(k)
 
 
 HOOKEAN = Hookean()
@@ -299,9 +294,7 @@ class SpringState(Record):
     @cached_property
     def sigma(self) -> Array:
         """Geometric stress σ = ∂E/∂h = τ/|L|, (N_b,), not normalised."""
-        sigma = self.edge_tension(self.tension) / self.lengths
-        sigma.flags.writeable = False
-        return sigma
+        return read_only(self.edge_tension(self.tension) / self.lengths)
 
     def edge_tension(self, tension: Array) -> Array:
         """τ (N_b,) of tensions of the springs."""
@@ -485,8 +478,11 @@ def edge_directions(network: Network, coordinates: ArrayLike) -> tuple[Array, Ar
     """Validated coordinates (N_v, d) and bond vectors (N_b, d); `InputError` where an edge has no length."""
     x = validated_coordinates(network, coordinates)
     L = network.bond_vectors(x)
-    length = np.linalg.norm(L, axis=1)
-    if not length.min() > 0:
-        edge = int(length.argmin())
-        raise InputError(f"edge {edge} has no length, so its spring has no direction: move its ends apart")
+    require_directions(~(norms(L) > 0), "move its ends apart")
     return x, L
+
+
+def require_directions(short: NDArray[np.bool_], instead: str) -> None:
+    """`InputError` where an edge of these (N_b,) has no length."""
+    if short.any():
+        raise InputError(f"edge {int(short.argmax())} has no length, so its spring has no direction: {instead}")

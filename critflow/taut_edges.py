@@ -26,8 +26,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy.sparse as sp
-from numpy.typing import NDArray
 
+from critflow.arguments import Mask
 from critflow.cones import fit_lengths
 from critflow.manifold import CriticalConfiguration, CriticalManifold
 from critflow.networks import Array, IntArray, Network
@@ -90,7 +90,6 @@ class Boundary:
 FITTED = 1e-9  # relative error of the lengths of a solution of Newton's method; short edges limit it by rounding
 ONSET_STEPS = 16  # steps of Newton's method in one attempt; convergence is quadratic
 
-Mask = NDArray[np.bool_]
 Change = tuple[Array, Array, Array]
 System = tuple[Array, Array, Array, Array, Array]
 
@@ -372,7 +371,7 @@ def without_hanging(network: Network, kept: Mask) -> Mask:
     """Remove edges that end at a free vertex with no other edge, repeatedly: they cannot carry tension."""
     kept = kept.copy()
     pinned = np.zeros(network.n_vertices, bool)
-    pinned[list(network.pins or {})] = True
+    pinned[list(network.pins)] = True
     while True:
         degree = np.bincount(network.edges[kept].ravel(), minlength=network.n_vertices)
         hanging = kept & ((degree == 1) & ~pinned)[network.edges].any(axis=1)

@@ -13,16 +13,13 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
-from critflow.arguments import of_kind
+from critflow.arguments import Mask, of_kind
 from critflow.calls import running
 from critflow.checks import components as connected
 from critflow.manifold import CriticalConfiguration, CriticalManifold, critical_configuration
 from critflow.networks import IntArray, Network
 from critflow.result import InputError, Record
-
-Mask = NDArray[np.bool_]
 
 
 @dataclass(frozen=True, eq=False, repr=False)

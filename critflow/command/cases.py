@@ -11,9 +11,9 @@ import xarray as xr
 from matplotlib.backend_bases import FigureCanvasBase
 
 from critflow.engine.study import nearest, require
-from critflow.manifold import CriticalConfiguration
 from critflow.network_files import require_folder, stored_configuration
 from critflow.networks import Network
+from critflow.numerics import norms
 from critflow.pictures import network_figure
 from critflow.result import InputError, Status
 
@@ -68,12 +68,10 @@ def draw_case(dataset: xr.Dataset, words: Sequence[str], path: Path | None, fold
     if sigma is None or not np.isfinite(sigma).all():
         raise InputError("this case has no stresses: choose another, or see its status")
     graph = arrays["edges"], arrays["offsets"], arrays["cell"]
-    network = Network(*graph)
-    network = network if arrays["stiffness"] is None else network.with_stiffness(arrays["stiffness"])
-    critical = CriticalConfiguration(network, sigma, x, network.bond_vectors(x))
+    lengths = norms(Network(*graph).bond_vectors(x))
     title = ", ".join(f"{axis} {value}" for axis, value in axes)
     path = path or folder / f"{name}.png"
-    network_figure(*graph, x, sigma, critical.lengths, title).savefig(path, dpi=200)
+    network_figure(*graph, x, sigma, lengths, title).savefig(path, dpi=200)
     numbers = [f"{key} = {float(case[key]):.6g} k" for key in _PRINTED if key in case and not case[key].dims]
     return "\n".join([f"{title}: {outcome}, {outcome.message}", ", ".join(numbers), f"drawn in {path}"])
 

@@ -30,7 +30,7 @@ from distributed.security import Security
 from distributed.system import MEMORY_LIMIT
 
 from critflow.engine.settings import Workers
-from critflow.engine.store import Folder
+from critflow.engine.store import RESUME, Folder
 from critflow.engine.tasks import Job, Outcome, compute_network, record_failure, take_trace
 from critflow.result import EnvironmentFailure, InputError
 
@@ -42,7 +42,6 @@ _WORKERS_START = 60.0  # seconds: local workers that died are back earlier
 _ANSWER = 10.0  # seconds in which a scheduler answers
 _BUSY = 60.0  # the same of one that has much to do
 _LOOK = 1.0  # seconds between two looks at the workers of a scheduler
-_AGAIN = "run the same command again to resume"
 _SUBMITTED = 1000  # tasks at the scheduler at once, where each takes 20 kB, and more where it has many threads
 _TASKS = 2  # submitted for each thread, so that none waits for the command
 _UNEXPLAINED = 20  # deaths in a row without a running case: the workers cannot start
@@ -135,11 +134,11 @@ def _tasks_wanted(client: Client, address: str) -> Iterator[int]:
                 threads = sum(client.nthreads(callback_timeout=_BUSY).values())
             except OSError as error:
                 said = "does not answer" if isinstance(error, TimeoutError) else "ended"
-                raise EnvironmentFailure(f"the scheduler {said}: {_AGAIN}") from error
+                raise EnvironmentFailure(f"the scheduler {said}: {RESUME}") from error
             present = now if threads else present
             if now - present > _WORKERS_START:
                 raise EnvironmentFailure(
-                    f"the scheduler at {address} has had no worker for {_WORKERS_START:.0f} s: start some, and {_AGAIN}"
+                    f"the scheduler at {address} has had no worker for {_WORKERS_START:.0f} s: start some, and {RESUME}"
                 )
         yield max(_SUBMITTED, _TASKS * threads)
 
@@ -153,7 +152,7 @@ def _explained(
     """
     if not isinstance(error, KilledWorker):
         ended = "all workers" if isinstance(error, NoWorkerError) else "the scheduler"
-        raise EnvironmentFailure(f"{ended} ended: {_AGAIN}") from error
+        raise EnvironmentFailure(f"{ended} ended: {RESUME}") from error
     selection, folder = job.selection(), Folder(Path(job.folder))
     failed, again, last = list[Outcome](), list[Mapping[str, int | str]](), list[Mapping[str, int | str]]()
     dead, reason = take_trace(folder.trace(selection.case(**task[0])))
@@ -245,7 +244,7 @@ def _without_news() -> Iterator[None]:
     try:
         yield
     except CommClosedError as error:
-        raise EnvironmentFailure(f"the scheduler ended: {_AGAIN}") from error
+        raise EnvironmentFailure(f"the scheduler ended: {RESUME}") from error
     finally:
         for logger in enabled:
             logger.disabled = False

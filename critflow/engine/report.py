@@ -20,7 +20,7 @@ from PIL import Image
 
 from critflow.engine.dataset import opened_dataset
 from critflow.engine.store import Folder, replacing
-from critflow.engine.study import DIFFERENCES, KINDS, VALID, Claim, Study, Validity, valid_members
+from critflow.engine.study import DIFFERENCES, KINDS, VALID, Claim, Study, Validity, plural, valid_members
 from critflow.result import CritflowError, StudyError
 
 FORMATS = ("png", "pdf", "svg")
@@ -187,9 +187,8 @@ def verdict_sentence(claims: Iterable[Claim], kind: str, link: str) -> str:
     verdicts = Counter(claim.verdict for claim in claims if claim.kind == kind and claim.verdict != "measured")
     if not (number := verdicts.total()):
         return ""
-    noun = "statement" if number == 1 else "statements"
-    of = {"paper": f"{noun} of the paper", "ours": f"{noun} of ours", "check": f"{noun} on the library"}[kind]
-    return f"Of {number} {of} that this study tests, {counted(verdicts)}{link}."
+    of = {"paper": "of the paper", "ours": "of ours", "check": "on the library"}[kind]
+    return f"Of {plural(number, 'statement')} {of} that this study tests, {counted(verdicts)}{link}."
 
 
 def entries(claims: Iterable[Claim]) -> list[str]:

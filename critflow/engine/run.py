@@ -34,6 +34,7 @@ from critflow.engine.store import (
     FAILED,
     MISSING,
     OTHER,
+    RESUME,
     CaseState,
     Folder,
     Interrupted,
@@ -44,8 +45,6 @@ from critflow.engine.store import (
 from critflow.engine.study import plural
 from critflow.engine.tasks import Job, compute_network
 from critflow.result import CritflowError, EnvironmentFailure, IntegrityError, Status, StudyError
-
-_RESUME = "run the same command again to resume"
 
 
 @dataclass(frozen=True)
@@ -145,11 +144,11 @@ def write_partial_dataset(folder: Folder, origin: Mapping[str, str]) -> str:
         complete = tuple(value for value in selection.axes[axis.name] if value not in unfinished)
         sizes = f"{len(complete)} of {axis.counted(len(selection.axes[axis.name]))}"
         if not complete:
-            raise StudyError(f"no dataset and {sizes} complete in {folder.path}: {_RESUME}")
+            raise StudyError(f"no dataset and {sizes} complete in {folder.path}: {RESUME}")
         partial = replace(selection, axes={**selection.axes, axis.name: complete})
         assembly = Assembly(partial, folder.shards, folder.states(partial), folder.word())
         write_dataset(assembly, folder.dataset(partial.study.name), origin)
-    return f"{sizes} are complete: {_RESUME}"
+    return f"{sizes} are complete: {RESUME}"
 
 
 def _dataset_selection(folder: Folder, requested: Selection) -> tuple[Selection, list[str]]:
@@ -231,11 +230,11 @@ def _compute(loaded: StudyFile, plan: RunPlan, folder: Folder, workers: Workers)
                     stored += len(outcomes)
                     _show(study.name, stored - len(outcomes), stored, len(todo), time.monotonic() - begun)
         except KeyboardInterrupt:
-            raise Interrupted(f"stopped at once; {_complete(plan, folder)}: {_RESUME}") from None
+            raise Interrupted(f"stopped at once; {_complete(plan, folder)}: {RESUME}") from None
         except EnvironmentFailure as error:
             raise EnvironmentFailure(f"{_complete(plan, folder)}, but {error}") from error
     if stored < len(todo):
-        raise Interrupted(f"interrupted after {stored} of {len(todo)} cases: {_RESUME}")
+        raise Interrupted(f"interrupted after {stored} of {len(todo)} cases: {RESUME}")
 
 
 def _complete(plan: RunPlan, folder: Folder) -> str:

@@ -62,6 +62,7 @@ _FLEETING = (errno.EIO, errno.ESTALE)  # a file system that many machines share 
 _PAUSES = (1.0, 5.0)  # seconds before the second try and before the third
 _PART = re.compile(r"-part\d+$")  # at the end of the name of a part of a dataset
 _THOUSAND = 1000  # shards of a folder
+RESUME = "run the same command again to resume"
 AT_ONCE = 8  # files that are read at once: a shared file system answers late
 
 _P = ParamSpec("_P")

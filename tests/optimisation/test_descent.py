@@ -24,7 +24,7 @@ from critflow import (
     voronoi_network,
 )
 from critflow.descent import Descent, improves, negative_curvature_direction, optimum_at, step_off_saddle
-from critflow.minimisers import Minimum, Point, lbfgs, minimise
+from critflow.minimisers import Point, lbfgs, minimise
 from critflow.optima import objective_of
 from critflow.quantities import evaluate, pure_shear, transition_modulus
 
@@ -192,7 +192,7 @@ def test_a_descent_leaves_saddles(n_vertices, seed, threshold, method):
     manifold = CriticalManifold(voronoi_network(n_vertices, seed))
     goal = objective_of(manifold.network, "shear_modulus", 0.03)
     # The descent from σ = 1 ends where the modulus is stationary and has a direction of positive curvature.
-    alone = minimise(Descent(manifold, goal), lbfgs, np.zeros(manifold.network.n_edges), 1e-12, 3_000).point
+    alone = minimise(Descent(manifold, goal), lbfgs, np.zeros(manifold.network.n_edges), 1e-12, 3_000)[0]
     assert alone.residual < 1e-12
     assert largest_curvature(manifold, goal, alone.x) > 1e-3
     solution = optimize(manifold, goal, method)
@@ -207,7 +207,7 @@ def test_a_descent_leaves_saddles(n_vertices, seed, threshold, method):
 def test_the_steps_to_a_saddle_count_in_the_limit(more):
     manifold = CriticalManifold(voronoi_network(16, 0))
     goal = objective_of(manifold.network, "shear_modulus", 0.03)
-    there = minimise(Descent(manifold, goal), lbfgs, np.zeros(manifold.network.n_edges), 1e-12, 3_000).steps
+    there = minimise(Descent(manifold, goal), lbfgs, np.zeros(manifold.network.n_edges), 1e-12, 3_000)[2]
     seen = []
     limited = optimize(
         manifold,
@@ -303,7 +303,7 @@ def test_the_known_diagonal_does_not_hide_a_direction():
 )
 def test_the_better_of_two_ends(first, value, again, other, better):
     def end(status, value):
-        return Minimum(Point(np.zeros(3), value, np.array([0.1, -0.1, 0.1]), 0.1), status, 1)
+        return Point(np.zeros(3), value, np.array([0.1, -0.1, 0.1]), 0.1), status, 1
 
     assert improves(end(again, other), end(first, value)) == better
 
@@ -312,7 +312,7 @@ def test_the_stress_that_fades_before_others_have_converged_is_named():
     descent = Descent(CriticalManifold(NETWORK), quantity(NETWORK, "V_tau"))
     x = descent.unknowns(np.ones(NETWORK.n_edges))
     x[7] = np.log(1e-14)
-    found = optimum_at(descent, Minimum(descent.at(x), Status.stalled, 3), None, "lbfgs")
+    found = optimum_at(descent, (descent.at(x), Status.stalled, 3), None, "lbfgs")
     assert found.status is Status.stalled and "that of edge 7 first" in found.reason
 
 

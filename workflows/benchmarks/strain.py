@@ -103,8 +103,8 @@ def _by_minimiser(start: SpringState, name: str, limit: int) -> Run:
 
     def run(force: float) -> Answer:
         state = replace(start)
-        end = minimise(Relaxation(state), method, np.zeros(state.forces.size), force, limit)
-        return Answer(state.moved(end.point.x.reshape(state.forces.shape)).coordinates, end.status)
+        end, status, _ = minimise(Relaxation(state), method, np.zeros(state.forces.size), force, limit)
+        return Answer(state.moved(end.x.reshape(state.forces.shape)).coordinates, status)
 
     return run
 

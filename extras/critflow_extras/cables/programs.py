@@ -11,8 +11,9 @@ from dataclasses import replace
 import numpy as np
 import scipy.sparse as sp
 
-from critflow.cones import ConeSolution, length_unit, solve_cones
+from critflow.cones import ConeSolution, solve_cones
 from critflow.networks import Array
+from critflow.numerics import power_of_two
 
 
 def farthest(incidence: sp.csr_array, offsets: Array, rates: Array, lengths: Array, tolerance: float) -> ConeSolution:
@@ -26,7 +27,7 @@ def farthest(incidence: sp.csr_array, offsets: Array, rates: Array, lengths: Arr
     signs = np.ones(len(rates))
     signs[-1] = -1.0
     turned = signs[:, None, None] * rates
-    turned_back = solve_cones(incidence, offsets, turned, tolerance, length_unit(lengths), lengths)[0]
+    turned_back = solve_cones(incidence, offsets, turned, tolerance, power_of_two(lengths.mean()), lengths)[0]
     return replace(turned_back, parameters=signs * turned_back.parameters)
 
 
@@ -35,4 +36,4 @@ def nearest(incidence: sp.csr_array, offsets: Array, rates: Array, lengths: Arra
     # One cone (ℓ_α, L_α) an edge and rows s ± y_k ≥ 0, for the unknowns (x, y, s).
     k = len(rates)
     limits = sp.hstack([sp.vstack([sp.eye_array(k), -sp.eye_array(k)]), np.ones((2 * k, 1))])
-    return solve_cones(incidence, offsets, rates, tolerance, length_unit(lengths), lengths, limits=limits)[0]
+    return solve_cones(incidence, offsets, rates, tolerance, power_of_two(lengths.mean()), lengths, limits=limits)[0]

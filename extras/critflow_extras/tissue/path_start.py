@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from critflow.manifold import COLLAPSED
-from critflow.paths import Beginning, of_state, require_directions, start_of
+from critflow.paths import Beginning, of_state, start_of
 from critflow.result import InputError
-from critflow.springs import SpringLaw
+from critflow.springs import SpringLaw, require_directions
 from critflow_extras.tissue.tissue import CriticalTissue
 
 
