@@ -280,11 +280,9 @@ def check_support(
     _refuse(edges, collapsing, "use pruned(...) of critflow-extras, or correct its offsets")
 
 
-def check_opened(
-    edges: IntArray, offsets: IntArray, cell: Array | None, pins: Mapping[int, Array], n_vertices: int
-) -> None:
-    """Raise `NetworkError` if an edge has no length under any positive stress."""
-    collapsing = ~opened_edges(*blocks(edges, offsets, cell, pins, n_vertices))
+def check_opened(edges: IntArray, offsets: IntArray, pins: Mapping[int, Array], n_vertices: int) -> None:
+    """Raise `NetworkError` if an edge of a network without a cell has no length under any positive stress."""
+    collapsing = ~opened_edges(*blocks(edges, offsets, None, pins, n_vertices))
     _refuse(edges, collapsing, "pin more vertices, or use signed_stress for stresses of both signs")
 
 

@@ -146,8 +146,11 @@ def exact_stiffening(
     """The coefficients by the kind of springs; those on edges here, which are sums over the disconnected taut parts."""
     # 1. The stiffnesses of the manifold, in a fixed cell
     if manifold is not None:
-        critical.require_same_geometry(manifold.network)
-        critical = replace(critical, network=manifold.network)
+        one, other = critical.network, manifold.network
+        geometry = ((one.edges, other.edges), (one.boundary_vectors, other.boundary_vectors))
+        if one is not other and not all(np.array_equal(*pair) for pair in geometry):
+            raise InputError("the configuration belongs to another network: its edges or its cell are not the same")
+        critical = replace(critical, network=other)
     if path.free:
         relaxing = from_extras("relaxing_component", "free components of the cell")
         return failed(Status.floppy, relaxing(critical, path))

@@ -10,7 +10,6 @@ have taken all digits it returns a status in place of numbers.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, field, fields
 from functools import cached_property
 from typing import Any
@@ -120,15 +119,6 @@ class CriticalConfiguration(Record):
         mean = float(np.abs(self.tensions).mean())
         return float(np.abs(force).max(initial=0.0)) / mean if mean else np.nan
 
-    def require_same_geometry(self, network: Network) -> None:
-        """Raise `InputError` unless this is a configuration of the network, at any stiffnesses."""
-        same = self.network
-        if network is not same and not (
-            np.array_equal(network.edges, same.edges)
-            and np.array_equal(network.boundary_vectors, same.boundary_vectors)
-        ):
-            raise InputError("the configuration belongs to another network: its edges or its cell are not the same")
-
 
 def critical_configuration(network: Network, sigma: Array, coordinates: Array) -> CriticalConfiguration:
     """Join a stress and coordinates that balance, with the scale set to Σσ² = N_b."""
@@ -178,21 +168,12 @@ class Balance(StressedBonds):
 
     def pull_back(self, dO_dsigma: Array, dO_dL: Array) -> tuple[Array, Array]:
         """Total derivative dO/dσ = ∂O/∂σ − L·(g y), y = P⁻¹ gᵀ ∂O/∂L, and g y for reuse (`TotalDeriv`)."""
-        gy = self._response(dO_dL)
+        gy = self.response(dO_dL)
         return dO_dsigma - dot(self.bond_vectors, gy), gy
-
-    def pull_backs(self, partials: Sequence[tuple[Array, Array]]) -> Array:
-        """Total derivatives (n, N_b) of several functions from (∂O/∂σ, ∂O/∂L) of each, as `pull_back`."""
-        if not partials:
-            return np.zeros((0, len(self.sigma)))
-        n, d = len(partials), self.bond_vectors.shape[1]
-        gy = self._response(np.concatenate([by_L for _, by_L in partials], axis=1)).reshape(-1, n, d)
-        rows = np.array([by_sigma for by_sigma, _ in partials])
-        return np.asarray(rows - np.einsum("ad,and->na", self.bond_vectors, gy))
 
     def tangent(self, dsigma: Array) -> Array:
         """Change of the bond vectors along σ̇: L̇ = −g P⁻¹ gᵀ(σ̇ ∘ L) (`SelfStressParamaterization_BondVectorDeriv`)."""
-        return -self._response(dsigma[:, None] * self.bond_vectors)
+        return -self.response(dsigma[:, None] * self.bond_vectors)
 
     def pull_back_tangent(self, dL: Array, gy: Array, dsigma: Array, second: tuple[Array, Array]) -> Array:
         """Derivative of `pull_back` along (σ̇, L̇): the exact Hessian-vector product of an objective.
@@ -200,11 +181,11 @@ class Balance(StressedBonds):
         second  derivatives along (σ̇, L̇) of (∂O/∂σ, ∂O/∂L)
         """
         ddO_dsigma, ddO_dL = second
-        dgy = self._response(ddO_dL - dsigma[:, None] * gy)
+        dgy = self.response(ddO_dL - dsigma[:, None] * gy)
         return ddO_dsigma - dot(dL, gy) - dot(self.bond_vectors, dgy)
 
-    def _response(self, edge_vectors: Array) -> Array:
-        """g P⁻¹ gᵀ v for edge vectors v (N_b, d)."""
+    def response(self, edge_vectors: Array) -> Array:
+        """g P⁻¹ gᵀ v for edge vectors v (N_b, d), or several next to each other (N_b, n·d)."""
         return product(self.network.free_incidence, self.factor.solve(product(self.network.divergence, edge_vectors)))
 
 
@@ -232,7 +213,7 @@ class CriticalManifold:
         network = of_kind(Network, network=network)
         of_kind(str, backend=backend)
         if network.cell is None:
-            check_opened(network.edges, network.offsets, None, network.pins, network.n_vertices)
+            check_opened(network.edges, network.offsets, network.pins, network.n_vertices)
         self.network, self.backend = network, backend
         self.prestress = laplacian(network, backend)
         # −gᵀ(σ ∘ b) is linear in σ and only few edges carry b, so it is one thin product, one direction after another.

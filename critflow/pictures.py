@@ -23,8 +23,6 @@ from critflow.extensions import from_extras
 from critflow.faces import Faces
 from critflow.networks import Array, IntArray
 
-# Where edges are shown by their stiffness, and how: also for drawings that are made without matplotlib.
-
 TENSION_COLOURS = ("#b8d4ea", "#4f93c4", "#1c4f86", "#0b1530")
 """From a light to a dark blue-black, so that strong edges stand out on white and print in grey."""
 

@@ -13,7 +13,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator
 from copy import copy
 from itertools import combinations_with_replacement
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 import qdldl
@@ -43,14 +43,15 @@ from critflow.result import InputError
 CROSSOVER = (150_000, 9_000)
 
 
-# A solver factorises matrices of one pattern, each given by its upper triangle in columns, diagonal included:
-#
-# Solver(model)     analyses a model, any positive definite matrix of the pattern
-# another(model)    a second solver with the same analysis, so that it gives the same bits
-# update(matrix)    factorises a matrix; the numbers of the last one are overwritten
-# solve(right)      x of A x = r, both (n,)
-# pivots()          D in the order of elimination, (n,); a vanishing pivot is no error, but a zero here
-Backend = Any
+Backend: TypeAlias = Any
+"""A solver factorises matrices of one pattern, each given by its upper triangle in columns, diagonal included:
+
+Solver(model)     analyses a model, any positive definite matrix of the pattern
+another(model)    a second solver with the same analysis, so that it gives the same bits
+update(matrix)    factorises a matrix; the numbers of the last one are overwritten
+solve(right)      x of A x = r, both (n,)
+pivots()          D in the order of elimination, (n,); a vanishing pivot is no error, but a zero here
+"""
 
 
 class QDLDL:
@@ -188,7 +189,6 @@ class FixedPattern:
     """A sparse symmetric matrix A = Σ_s values_s A_s with constant A_s, from the entries of its upper triangle.
 
     size       number of rows n
-    n_sources  number of values
     in_space   whether the network has three dimensions
     laplacian  whether it is its Laplacian, for which "auto" may choose an iterative solver in space
     """
@@ -202,7 +202,7 @@ class FixedPattern:
         in_space: bool = False,
         laplacian: bool = False,
     ):
-        self.size, self.n_sources = size, n_sources
+        self.size = size
         # The entries of the upper triangle, with short integers: at 10⁶ vertices memory counts.
         parts = []
         for part in entries:

@@ -170,9 +170,9 @@ def words_of_case(case: Case) -> list[str]:
     return words + ([f"variables={spelled(study.selected)}"] if study.selected else [])
 
 
-def decimals(text: str, key: str = "decimals") -> tuple[float, ...]:
+def decimals(text: str) -> tuple[float, ...]:
     """`start:stop:step` with the stop included, or a comma list; decimal arithmetic gives 0.003 exactly."""
-    return _numbers(key, text, float)
+    return _numbers("decimals", text, float)
 
 
 def _variables(study: Study, text: str) -> tuple[str, ...]:

@@ -14,7 +14,13 @@ import numpy as np
 
 from critflow.arguments import of_kind
 from critflow.calls import running
-from critflow.manifold import CriticalConfiguration, CriticalManifold, StressedBonds, require_one_stress_by_count
+from critflow.manifold import (
+    Balance,
+    CriticalConfiguration,
+    CriticalManifold,
+    StressedBonds,
+    require_one_stress_by_count,
+)
 from critflow.networks import Array
 from critflow.numerics import dot
 from critflow.quantities import (
@@ -73,7 +79,7 @@ def properties(critical: CriticalConfiguration, quantities: Sequence[str | Quant
         require_valid(one, critical)
     balance = critical.manifold.balance(critical.sigma)
     evaluated = {name: one.evaluate(critical) for name, one in parsed.items()}
-    rows = balance.pull_backs([partials for _, partials in evaluated.values()])
+    rows = pull_backs(balance, [partials for _, partials in evaluated.values()])
     if not critical.sigma.all():
         rows = np.full_like(rows, np.nan)
     return Properties(
@@ -82,6 +88,16 @@ def properties(critical: CriticalConfiguration, quantities: Sequence[str | Quant
         dict(zip(parsed, rows, strict=True)),
         {name: by_stiffness(one, critical) for name, one in parsed.items()},
     )
+
+
+def pull_backs(balance: Balance, partials: Sequence[tuple[Array, Array]]) -> Array:
+    """Total derivatives (n, N_b) of several functions from (∂O/∂σ, ∂O/∂L) of each, as `Balance.pull_back` of one."""
+    if not partials:
+        return np.zeros((0, len(balance.sigma)))
+    n, d = len(partials), balance.bond_vectors.shape[1]
+    gy = balance.response(np.concatenate([by_L for _, by_L in partials], axis=1)).reshape(-1, n, d)
+    rows = np.array([by_sigma for by_sigma, _ in partials])
+    return np.asarray(rows - np.einsum("ad,and->na", balance.bond_vectors, gy))
 
 
 def by_stiffness(quantity: Quantity, balance: Balanced) -> Array:

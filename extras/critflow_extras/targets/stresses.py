@@ -14,6 +14,7 @@ from critflow.networks import Array
 from critflow.optima import optimize
 from critflow.quantities import Quantity
 from critflow.result import InputError
+from critflow_extras.sensitivities.gradients import pull_backs
 from critflow_extras.targets.constrained import Minimum, Problem, minimise_constrained
 from critflow_extras.targets.problem import (
     POWERS,
@@ -115,7 +116,7 @@ class Stresses(Variables):
         for n, quantity in enumerate(quantities):
             values[n], own = quantity.evaluate(state)
             partials.append(own)
-        return values, self.gradients(state.pull_backs(partials), state.sigma)
+        return values, self.gradients(pull_backs(state, partials), state.sigma)
 
     def limited(self, state: Balance) -> Array:
         return np.concatenate([np.zeros(0), *(limit.values(state) for limit in self.limits)])

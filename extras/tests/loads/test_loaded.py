@@ -11,6 +11,7 @@ from refusals import refused
 from critflow import CriticalManifold, Status, elasticity, stiffening, strain_path, voronoi_network
 from critflow_extras import draw, loaded, weak_forces
 from critflow_extras.loads.loaded import LoadedManifold
+from critflow_extras.sensitivities.gradients import pull_backs
 
 PLANE = voronoi_network(20, seed=1)
 DOWN = (0.0, 0.0, -0.3)
@@ -134,7 +135,7 @@ def test_pull_back_is_the_gradient_by_force_density(own):
     m, forces = network.n_edges, rng.standard_normal((network.n_vertices, 3))
     manifold = LoadedManifold(CriticalManifold(network), forces, own * rng.standard_normal((m, 3)) if own else None)
     sigma, weights = 1 + rng.random(m), rng.standard_normal((2, m, 3))
-    rows = manifold.balance(sigma).pull_backs([(0 * sigma, one) for one in weights])
+    rows = pull_backs(manifold.balance(sigma), [(0 * sigma, one) for one in weights])
     values = lambda sigma: np.einsum("nad,ad->n", weights, manifold.balance(sigma).bond_vectors)  # noqa: E731
     assert_derivative(values, lambda u: rows @ u, sigma, [rng.standard_normal(m)], 1e-3, 1e-8)
 
