@@ -78,7 +78,7 @@ def _advice(value: Any, classes: tuple[type[Any], ...]) -> str:
     """Where the value contains one of these classes, or what makes one."""
     if np.random.Generator in classes and is_number(value):
         return f": use numpy.random.default_rng({value})"
-    if reason := getattr(value.value if isinstance(value, Solution) else value, "alone", ""):
+    if reason := getattr(value.value if isinstance(value, Solution) else value, "network_refusal", ""):
         return f": {reason}"
     if isinstance(value, Solution):
         return ": use its .value"
@@ -88,12 +88,12 @@ def _advice(value: Any, classes: tuple[type[Any], ...]) -> str:
 def held(holder: Any, kinds: tuple[type, ...]) -> Any:
     """What a holder or its value is or holds of these kinds: itself, its `configuration` or `network`; None without.
 
-    A class whose network is another problem without the rest says so by a sentence `alone`, and holds nothing.
+    A class whose network is another problem without the rest says so by a sentence `network_refusal`, and holds nothing.
     """
     if isinstance(holder, kinds):
         return holder
     one = holder.value if isinstance(holder, Solution) else holder
-    if getattr(one, "alone", ""):
+    if getattr(one, "network_refusal", ""):
         return one if isinstance(one, kinds) else None
     for part in (one, getattr(one, "configuration", None), getattr(one, "network", None)):
         if isinstance(part, kinds):

@@ -46,7 +46,7 @@ from critflow.springs import TAUT, SpringState
 
 csr_matvec, csc_matvec = KERNELS["csr"][0], KERNELS["csc"][0]
 
-Balance: TypeAlias = tuple[Array, Array, Array, Array, Array]
+LeanBalance: TypeAlias = tuple[Array, Array, Array, Array, Array]
 """Edges and forces near the equilibrium: L = high + low, both (d, N_b), |L|² − ℓ² and σ (N_b,), f (n_free·d,)."""
 
 Relaxed: TypeAlias = tuple[SpringState, float, int, Factor, float]
@@ -88,7 +88,7 @@ class LeanSteps:
         csc_matvec(total.size, pulls.size, self.starts, self.columns, self.signs, pulls.ravel(), total.ravel())
         return -total
 
-    def balance(self, x: Array, b: Array) -> Balance | None:
+    def balance(self, x: Array, b: Array) -> LeanBalance | None:
         """Edges at x, with b (d, N_b), and forces, to the rounding of σ and of the results; None in compression."""
         springs, rest = self.springs, self.springs.rest_lengths
         if springs.network.pins:
@@ -145,7 +145,7 @@ class LeanSteps:
             x[:, free] += u.reshape(-1, len(F)).T
         return None
 
-    def corrected(self, at: Balance, x: Array, factor: Factor, steps: int, network: Network) -> Relaxed | None:
+    def corrected(self, at: LeanBalance, x: Array, factor: Factor, steps: int, network: Network) -> Relaxed | None:
         """2. The exact equilibrium by corrections D of coordinates x, which change; None where they do not converge."""
         (L, low, excess, sigma, force), springs, rest = at, self.springs, self.springs.rest_lengths
         D, before, compliance, contraction = np.zeros_like(force), np.inf, 0.0, 1.0

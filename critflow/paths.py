@@ -242,7 +242,7 @@ def strain_path(
     return result.or_raise("the strain path stopped") if throw else result
 
 
-def _solution(path: Path, reached: list[Point], total_strains: Array, note: str) -> Solution[StrainPath]:
+def _solution(path: Path, reached: list[PathPoint], total_strains: Array, note: str) -> Solution[StrainPath]:
     """The path up to the last strain that was reached, with the status of the last step."""
     gamma, F, last = path.strains, path.deformation, reached[-1]
     scalars = (
@@ -271,7 +271,7 @@ def _solution(path: Path, reached: list[Point], total_strains: Array, note: str)
 
 
 @dataclass(frozen=True, eq=False)
-class Point:
+class PathPoint:
     """One equilibrium of a path, or the end of a step that was refused, whose status and note say why.
 
     gradient  F by which cell and vertices have moved since γ = 0, x = F y, (d, d)
@@ -311,11 +311,11 @@ class Point:
         # LAPACK itself: NumPy takes ten times as long for so small a matrix, with the same bits.
         return np.asarray(dgesv(self.gradient, np.eye(len(self.gradient)))[2])
 
-    def refused(self, status: Status, note: str, final: bool = False) -> Point:
+    def refused(self, status: Status, note: str, final: bool = False) -> PathPoint:
         """The end of the same step, refused."""
         return replace(self, status=status, note=note, final=final)
 
-    def relaxed_to(self, solution: Equilibrium[SpringState], final: bool = False) -> Point:
+    def relaxed_to(self, solution: Equilibrium[SpringState], final: bool = False) -> PathPoint:
         """The point at the equilibrium that is reached from it, refused where there is none."""
         return replace(
             self,
@@ -374,12 +374,12 @@ class Path:
         """Raises `InputError` where a strain inverts the cell."""
         self.network, self.deformation, self.strains = network, deformation, strains
         self.method, self.tolerance, self.measure, self.stress = method, tolerance, measure, stress
-        self.points, self.stride, self.better = list[Point](), np.inf, -1
+        self.points, self.stride, self.better = list[PathPoint](), np.inf, -1
         self.lean: LeanSteps | None = None
         self.gradients = {strain: deformation.gradient(strain) for strain in strains.tolist()}
         self.has_moduli = measure != "energy" and network.has_volume and network.dimension > 1
 
-    def follow(self, springs: SpringState) -> list[Point]:
+    def follow(self, springs: SpringState) -> list[PathPoint]:
         """The points at the strains, from springs at γ = 0; the last one alone may be refused."""
         # A kind of path or of springs with other unknowns or forces takes general steps.
         lean = type(self) is Path and type(springs) is SpringState and self.method == "newton"
@@ -391,7 +391,7 @@ class Path:
             reached.append(self.advance(strain))
         return reached
 
-    def begin(self, springs: SpringState) -> list[Point]:
+    def begin(self, springs: SpringState) -> list[PathPoint]:
         """Make the first point: a transition, or springs relaxed at γ = 0.  Returns strains that need no step."""
         self.points = [self.point(0.0, springs)]
         if self.stress is not None:
@@ -407,7 +407,7 @@ class Path:
         self.points = [start]
         return [start] if self.strains[0] == 0 or not start.ok else []
 
-    def advance(self, target: float) -> Point:
+    def advance(self, target: float) -> PathPoint:
         """Step to a strain; the point that is reached, or refused, counts all steps since the last strain."""
         here = self.points[-1]
         if (self.gradient(target, here.free) == here.gradient).all():
@@ -444,7 +444,7 @@ class Path:
                 break
         return replace(end.refused(Status.step_limit, _LIMIT), strain=target, steps=steps, inserted=inserted)
 
-    def step_to(self, strain: float, change: Array) -> Point:
+    def step_to(self, strain: float, change: Array) -> PathPoint:
         """One step, by a predicted change of z (n,): correction, tests of the branch, measurement."""
         if lean := self.lean_step(strain, change):
             return lean
@@ -475,7 +475,7 @@ class Path:
         returned = back.ok and distance(back, here) <= RETURN_DISTANCE
         return end if returned else end.refused(Status.unstable, _JUMPED)
 
-    def lean_step(self, strain: float, change: Array) -> Point | None:
+    def lean_step(self, strain: float, change: Array) -> PathPoint | None:
         """The same step of springs in tension under a convex law (`LeanSteps`); None where it does not apply."""
         here = self.points[-1]
         if self.lean is None or strain == 0 or (here.state.softens and self.stress is None):
@@ -485,7 +485,7 @@ class Path:
         if end is None or weakly_stressed(end[0], strain):
             return None
         state, error, steps, factor, contraction = end
-        point = Point(strain, state, F, coordinate_error=error, steps=steps)
+        point = PathPoint(strain, state, F, coordinate_error=error, steps=steps)
         if not self.has_moduli:
             return self.measured(point, factor)
         rates = self.rates(point)
@@ -493,7 +493,7 @@ class Path:
         response = self.lean.response(state, factor, contraction, strain, strains)
         return None if response is None else self.responding(point, *response, strains, rates)
 
-    def accept(self, end: Point, changes: Array) -> None:
+    def accept(self, end: PathPoint, changes: Array) -> None:
         """Make a point the last one, of which these changes of z were predicted; the last three are kept."""
         if len(changes) > 1:
             self.better = int(np.abs(changes - (end.z - self.points[-1].z)).max(axis=1).argmin())
@@ -517,28 +517,28 @@ class Path:
         F = self.gradients.get(strain)
         return self.deformation.gradient(strain) if F is None else F
 
-    def unknowns(self, point: Point) -> Array:
+    def unknowns(self, point: PathPoint) -> Array:
         """z: the coordinates y that move with the cell, (n_free·d,)."""
         return np.asarray(point.state.coordinates[point.state.network.free_rows] @ point.inverse.T).ravel()
 
-    def velocity(self, point: Point, relaxation: Array, along: Array) -> Array:
+    def velocity(self, point: PathPoint, relaxation: Array, along: Array) -> Array:
         """dz/dγ of dx/dγ − A x, (n_free, d), and of the rates (1, q̇) of γ and q by γ."""
         return np.asarray(relaxation @ point.inverse.T).ravel()
 
-    def point(self, strain: float, state: SpringState, free: Array | None = None) -> Point:
+    def point(self, strain: float, state: SpringState, free: Array | None = None) -> PathPoint:
         """The point of a state in the cell of a strain and of free components q (m,), zero by default."""
         free = np.zeros(len(self.deformation.free)) if free is None else free
-        point = Point(strain, state, self.gradient(strain, free), free)
+        point = PathPoint(strain, state, self.gradient(strain, free), free)
         return replace(point, z=self.unknowns(point))
 
-    def moved(self, here: Point, strain: float, change: Array, free: Array = NONE_FREE) -> Point:
+    def moved(self, here: PathPoint, strain: float, change: Array, free: Array = NONE_FREE) -> PathPoint:
         """The point after a change of y (n_free·d,) and the affine motion to the cell of another strain."""
         F = self.gradient(strain, free)
         displacement = change.reshape(-1, len(F)) @ here.gradient.T
         state = here.state.deformed_to(self.network.deformed(F), F @ here.inverse, displacement)
-        return Point(strain, state, F, free)
+        return PathPoint(strain, state, F, free)
 
-    def corrected(self, start: Point) -> tuple[Point, Factor | None]:
+    def corrected(self, start: PathPoint) -> tuple[PathPoint, Factor | None]:
         """The equilibrium from a prediction, H u = f by Newton's method or by FIRE, and a factor of H near it."""
         tolerance = LOOSEST_TOLERANCE if self.within_reach and self.method == "newton" else self.tolerance
         solution, factor = relaxed(start.state, self.method, tolerance, condition=False)
@@ -548,7 +548,7 @@ class Path:
 
     # Measurements.
 
-    def rates(self, point: Point, path: Deformation | None = None) -> tuple[Array, Array]:
+    def rates(self, point: PathPoint, path: Deformation | None = None) -> tuple[Array, Array]:
         """Rates A of the cell by γ and q, and second derivatives by γ and each, (1 + m, d, d): F'F⁻¹ and F''F⁻¹.
 
         path  the deformation, with other derivatives; None: as it is
@@ -561,7 +561,7 @@ class Path:
         """The rates (1, q̇) of γ and q along the path, from the second derivatives E_ab (1 + m, 1 + m)."""
         return np.ones(1)
 
-    def measured(self, end: Point, factor: Factor | None) -> Point:
+    def measured(self, end: PathPoint, factor: Factor | None) -> PathPoint:
         """The point with moduli, velocity and d²E/dγ², or refused where its response is not determined."""
         state, rates = end.state, self.rates(end)
         if not self.has_moduli:
@@ -574,8 +574,8 @@ class Path:
         return self.responding(end, response.value, response.responses, response.strains, rates)
 
     def responding(
-        self, end: Point, C: Elasticity, responses: Array, strains: tuple[int, ...], rates: tuple[Array, Array]
-    ) -> Point:
+        self, end: PathPoint, C: Elasticity, responses: Array, strains: tuple[int, ...], rates: tuple[Array, Array]
+    ) -> PathPoint:
         """The point with the moduli of responses to rows of `unit_strains`, z, its velocity and d²E/dγ²."""
         E, weights = second_derivatives(C, *rates)
         along = self.along(E)
@@ -588,7 +588,7 @@ class Path:
         velocity = self.velocity(end, combined(responses, strains, components), along)
         return replace(end, z=self.unknowns(end), moduli=C, velocity=velocity, second=second)
 
-    def without_moduli(self, end: Point, factor: Factor | None, rates: Array, second_rates: Array) -> Point:
+    def without_moduli(self, end: PathPoint, factor: Factor | None, rates: Array, second_rates: Array) -> PathPoint:
         """As `measured`, velocity and d²E/dγ² alone."""
         state = end.state
         if factor is None:
@@ -610,7 +610,7 @@ class Path:
         change = 2 * abs(change) if np.isfinite(correction.remainder) else np.inf
         return replace(end, second=(end.second[0], end.second[1] + change))
 
-    def with_tangent(self, end: Point, factor: Factor, rates: Array, second_rates: Array) -> Point:
+    def with_tangent(self, end: PathPoint, factor: Factor, rates: Array, second_rates: Array) -> PathPoint:
         """The point with velocity and d²E/dγ² by a factor of the Hessian near its state, where they are determined."""
         state, network, n = end.state, end.state.network, len(rates)
         L, sigma = state.bond_vectors, state.sigma
@@ -632,7 +632,7 @@ class Path:
         error += (np.abs(along) @ np.sqrt(left)) ** 2
         return replace(end, velocity=self.velocity(end, moving, along), second=(second, float(error)))
 
-    def departure(self, here: Point, target: float) -> Array | None:
+    def departure(self, here: PathPoint, target: float) -> Array | None:
         """dz/dγ at a transition on the side of a strain: the limit under a stress η σ as η → 0, if it is determined."""
         springs, (rates, second_rates), stress = here.state, self.rates(here), self.stress
         assert stress is not None
@@ -669,7 +669,7 @@ def second_derivatives(C: Elasticity, rates: Array, second_rates: Array) -> tupl
     return E, weights
 
 
-def hermite_weights(points: list[Point], strain: float) -> list[float]:
+def hermite_weights(points: list[PathPoint], strain: float) -> list[float]:
     """The weights in a Hermite polynomial at a strain: of z and, if known, of the velocity of each point.
 
     z = Σ_i w_i ((1 − (γ − γ_i) s_i) z_i + (γ − γ_i) dz_i/dγ) with w_i = Π_j ((γ − γ_j)/(γ_i − γ_j))^o_j and
@@ -737,7 +737,7 @@ def weakly_stressed(state: SpringState, strain: float) -> bool:
     return largest(state.sigma) <= WEAK * abs(strain) * state.stiffness_scale
 
 
-def distance(one: Point, other: Point) -> float:
+def distance(one: PathPoint, other: PathPoint) -> float:
     """The largest difference of the bond vectors of two points, in units of the mean length."""
     return largest(one.state.bond_vectors - other.state.bond_vectors) / mean(one.state.lengths)
 
@@ -768,7 +768,10 @@ def start_of(start: Any, law: SpringLaw | None, taut_only: bool) -> Beginning:
     known = held(start, (CriticalConfiguration, SpringState))
     if known is not None:
         return start_of(known, law, taut_only)
-    kinds, advice = "a CriticalConfiguration or a SpringState or a Solution", getattr(start, "alone", "") or _ADVICE
+    kinds, advice = (
+        "a CriticalConfiguration or a SpringState or a Solution",
+        getattr(start, "network_refusal", "") or _ADVICE,
+    )
     raise InputError(f"start must be {kinds}, not {shown(start)}: {advice}")
 
 

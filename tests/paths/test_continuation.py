@@ -17,7 +17,7 @@ from critflow import (
 )
 from critflow import voronoi_network as voronoi
 from critflow.deformation import deformation_of
-from critflow.paths import Path, Point
+from critflow.paths import Path, PathPoint
 
 
 def test_path_ends_with_the_range_of_its_law():
@@ -143,7 +143,7 @@ def path_through(points):
     deformation = deformation_of("dilation", 2)
     path = Path(network, deformation, np.ones(1), "newton", 1e-9, "energy", None)
     for strain, z, velocity in points:
-        point = Point(strain, state, np.eye(2), z=z, velocity=velocity)
+        point = PathPoint(strain, state, np.eye(2), z=z, velocity=velocity)
         path.accept(point, path.predictions(strain) if path.points else np.zeros((1, len(z))))
     return path
 

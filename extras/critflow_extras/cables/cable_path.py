@@ -10,7 +10,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 from critflow.networks import Array
-from critflow.paths import NONE_FREE, Path, Point
+from critflow.paths import NONE_FREE, Path, PathPoint
 from critflow.sparse import Factor
 from critflow.springs import SpringState
 from critflow_extras.cables.floppy import unstressed_part
@@ -27,18 +27,18 @@ class CablePath(Path):
 
     within_reach = False
 
-    def begin(self, springs: SpringState) -> list[Point]:
+    def begin(self, springs: SpringState) -> list[PathPoint]:
         """The strains below the onset of cables that are floppy at γ = 0, which have no stress, and the onset."""
         floppy = unstressed_part(self, springs) if self.stress is None else None
         return super().begin(springs) if floppy is None else floppy
 
-    def moved(self, here: Point, strain: float, change: Array, free: Array = NONE_FREE) -> Point:
+    def moved(self, here: PathPoint, strain: float, change: Array, free: Array = NONE_FREE) -> PathPoint:
         """The point after a change, with floppy vertices among slack cables placed where none of these is tight."""
         start = super().moved(here, strain, change, free)
         sigma = here.state.sigma if self.stress is None else self.stress
         return replace(start, state=with_slack_placed(start.state, sigma))
 
-    def corrected(self, start: Point) -> tuple[Point, Factor | None]:
+    def corrected(self, start: PathPoint) -> tuple[PathPoint, Factor | None]:
         """The equilibrium from a prediction, from a second one where corrections do not converge on kinks."""
         end, factor = super().corrected(start)
         # In a free cell a correction fails where no stress fixes the cell.

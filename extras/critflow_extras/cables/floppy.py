@@ -9,7 +9,7 @@ import numpy as np
 from critflow.deformation import Deformation
 from critflow.linear_response import Elasticity, Errors
 from critflow.manifold import CriticalManifold
-from critflow.paths import BALANCED_START, Path, Point, balanced
+from critflow.paths import BALANCED_START, Path, PathPoint, balanced
 from critflow.result import Status
 from critflow.springs import SpringState
 from critflow_extras.cables.boundary_path import BoundaryPath
@@ -20,7 +20,7 @@ from critflow_extras.cables.search import NotFloppy, floppy_start
 _AT_ONSET = "this strain lies between the bounds on the onset of rigidity: choose another"
 
 
-def unstressed_part(path: Path, springs: SpringState) -> list[Point] | None:
+def unstressed_part(path: Path, springs: SpringState) -> list[PathPoint] | None:
     """The strains of a path up to its onset, and with that as its first point; None without a floppy part.
 
     Cables that are floppy at γ = 0 are so up to their onset (`critical_strain`), whatever coordinates are given.  A
@@ -49,7 +49,7 @@ def unstressed_part(path: Path, springs: SpringState) -> list[Point] | None:
     return reached
 
 
-def _unstressed(path: Path, springs: SpringState, strain: float) -> Point:
+def _unstressed(path: Path, springs: SpringState, strain: float) -> PathPoint:
     """Cables below their onset: a configuration with all |L| < ℓ, without energy, stress or stiffness."""
     here = path.network.deformed(path.deformation.gradient(strain))
     still = Deformation.linear(np.zeros((here.dimension,) * 2)).freeing(*path.deformation.free)

@@ -61,7 +61,7 @@ class LoadedConfiguration(Record):
     bond_vectors: Array
     error_bound: float
     bond_errors: Array
-    alone: ClassVar[str] = (
+    network_refusal: ClassVar[str] = (
         "it carries loads, so it has no self-stress, which this call needs: design(..., change='force_densities') "
         "changes it"
     )

@@ -14,7 +14,7 @@ import numpy as np
 from critflow.deformation import Deformation
 from critflow.manifold import CriticalConfiguration
 from critflow.networks import Array
-from critflow.paths import FLOPPY, NONE_FREE, Path, Point, keeps_lengths, weakly_stressed
+from critflow.paths import FLOPPY, NONE_FREE, Path, PathPoint, keeps_lengths, weakly_stressed
 from critflow.result import InputError, Status
 from critflow.sparse import Factor
 from critflow_extras.rest.free_cell import FreeCellState, relaxed_with_cell, stretched
@@ -34,22 +34,22 @@ class FreeCellPath(Path):
         F = super().gradient(strain)
         return stretched(free, self.free_strains) @ F if len(free) else F
 
-    def unknowns(self, point: Point) -> Array:
+    def unknowns(self, point: PathPoint) -> Array:
         """(y, q), (n_free·d + m,)."""
         return np.concatenate([super().unknowns(point), point.free])
 
-    def velocity(self, point: Point, relaxation: Array, along: Array) -> Array:
+    def velocity(self, point: PathPoint, relaxation: Array, along: Array) -> Array:
         """The rate of (y, q), (n_free·d + m,)."""
         return np.concatenate([super().velocity(point, relaxation, along), along[1:]])
 
-    def moved(self, here: Point, strain: float, change: Array, free: Array = NONE_FREE) -> Point:
+    def moved(self, here: PathPoint, strain: float, change: Array, free: Array = NONE_FREE) -> PathPoint:
         """The point after a change of (y, q) and the affine motion to another cell; of y alone where q inverts it."""
         n, q = len(change) - len(here.free), here.free
         free = q + change[n:]
         inverted = not np.linalg.det(stretched(free, self.free_strains)) > 0
         return super().moved(here, strain, change[:n], q if inverted else free)
 
-    def corrected(self, start: Point) -> tuple[Point, Factor | None]:
+    def corrected(self, start: PathPoint) -> tuple[PathPoint, Factor | None]:
         """The equilibrium of vertices and cell; `Status.floppy` where springs keep their lengths in some cell."""
         strain, F = start.strain, super().gradient(start.strain)
         state = FreeCellState(start.state, start.free, self.free_strains)
@@ -64,7 +64,7 @@ class FreeCellPath(Path):
                 end = end.refused(Status.floppy, FLOPPY.format(strain), final=True)
         return end, factor
 
-    def rates(self, point: Point, path: Deformation | None = None) -> tuple[Array, Array]:
+    def rates(self, point: PathPoint, path: Deformation | None = None) -> tuple[Array, Array]:
         """Rates and second derivatives of the module, (1 + m, d, d)."""
         path = path or self.deformation
         back = np.linalg.inv(super().gradient(point.strain))

@@ -50,7 +50,7 @@ class PressurisedConfiguration(Record):
     coordinates: Array
     bond_vectors: Array
     error_bound: float = np.nan
-    alone: ClassVar[str] = "it is in balance under pressures, which this call does not contain"
+    network_refusal: ClassVar[str] = "it is in balance under pressures, which this call does not contain"
 
     def __post_init__(self) -> None:
         set_read_only(self, "sigma", "pressures", "coordinates", "bond_vectors")

@@ -77,7 +77,7 @@ class CriticalTissue(Record):
     configuration: CriticalConfiguration
     faces: FaceSprings
     face_tensions: Array
-    alone: ClassVar[str] = (
+    network_refusal: ClassVar[str] = (
         "springs on perimeters are not springs on edges: choose elasticity(), strain_path() or stiffening(), or take "
         "its .configuration, whose edges are springs of their own"
     )
