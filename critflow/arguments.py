@@ -88,7 +88,7 @@ def _advice(value: Any, classes: tuple[type[Any], ...]) -> str:
 def held(holder: Any, kinds: tuple[type, ...]) -> Any:
     """What a holder or its value is or holds of these kinds: itself, its `configuration` or `network`; None without.
 
-    A class whose network is another problem without the rest says so by a sentence `network_refusal`, and holds nothing.
+    A class whose network is another problem without the rest says so by a sentence, `network_refusal`.
     """
     if isinstance(holder, kinds):
         return holder

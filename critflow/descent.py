@@ -84,8 +84,8 @@ PERTURBATION = 0.3
 STOPPED, STATIONARY = 1e-8, 1e-12
 SYMMETRIC = 1e-9  # distance of two components of a gradient, relative to all, of edges that are images of each other
 MAX_SADDLES = 20  # on one descent; not reached on any tested network
-# Negative curvature that is not rounding, relative to the steepest: well above `minimisers.FLAT`, as the few Lanczos vectors do not
-# resolve the end of the spectrum.
+# Negative curvature that is not rounding, relative to the steepest: well above `minimisers.FLAT`, as the few Lanczos
+# vectors do not resolve the end of the spectrum.
 NEGATIVE = 1e-6
 # The same in units of the largest component of the gradient: where the gradient does not quite vanish, flat directions
 # have an apparent curvature of that size.
