@@ -118,7 +118,7 @@ def _at_transition(critical: CriticalConfiguration, volume: float, **_: Any) -> 
 def _of_state(state: SpringState, volume: float, *, tolerance: float, **_: Any) -> LinearResponse:
     if under_stress(state, tolerance):
         return linear_response(state, volume)
-    response: LinearResponse = from_extras("state_at_rest", AT_REST)(state, volume)
+    response: LinearResponse = from_extras("state_at_rest", AT_REST)(state, volume, tolerance)
     return response
 
 

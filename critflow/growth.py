@@ -146,11 +146,8 @@ def exact_stiffening(
     """The coefficients by the kind of springs; those on edges here, which are sums over the disconnected taut parts."""
     # 1. The stiffnesses of the manifold, in a fixed cell
     if manifold is not None:
-        one, other = critical.network, manifold.network
-        geometry = ((one.edges, other.edges), (one.boundary_vectors, other.boundary_vectors))
-        if one is not other and not all(np.array_equal(*pair) for pair in geometry):
-            raise InputError("the configuration belongs to another network: its edges or its cell are not the same")
-        critical = replace(critical, network=other)
+        critical.require_same_geometry(manifold.network)
+        critical = replace(critical, network=manifold.network)
     if path.free:
         relaxing = from_extras("relaxing_component", "free components of the cell")
         return failed(Status.floppy, relaxing(critical, path))
@@ -160,8 +157,11 @@ def exact_stiffening(
         for part in backbone(critical).components
     ]
     failures = [solution for solution in solutions if not solution.ok]
-    if failures or len(solutions) == 1:
-        return (failures or solutions)[0]
+    if len(solutions) == 1:
+        return solutions[0]
+    if failures:
+        of_one = f"this is one of {len(solutions)} taut parts: take each of backbone(critical).components"
+        return replace(failures[0], note=f"{failures[0].note}; {of_one}" if failures[0].note else of_one)
     if len({solution.loosening for solution in solutions}) > 1:
         return failed(Status.slack_edges, "the strain stretches some taut parts and loosens others: take each part")
     # 3. Their sum

@@ -119,6 +119,15 @@ class CriticalConfiguration(Record):
         mean = float(np.abs(self.tensions).mean())
         return float(np.abs(force).max(initial=0.0)) / mean if mean else np.nan
 
+    def require_same_geometry(self, network: Network) -> None:
+        """Raise `InputError` unless this is a configuration of the network, at any stiffnesses."""
+        same = self.network
+        if network is not same and not (
+            np.array_equal(network.edges, same.edges)
+            and np.array_equal(network.boundary_vectors, same.boundary_vectors)
+        ):
+            raise InputError("the configuration belongs to another network: its edges or its cell are not the same")
+
 
 def critical_configuration(network: Network, sigma: Array, coordinates: Array) -> CriticalConfiguration:
     """Join a stress and coordinates that balance, with the scale set to Σσ² = N_b."""
@@ -168,12 +177,12 @@ class Balance(StressedBonds):
 
     def pull_back(self, dO_dsigma: Array, dO_dL: Array) -> tuple[Array, Array]:
         """Total derivative dO/dσ = ∂O/∂σ − L·(g y), y = P⁻¹ gᵀ ∂O/∂L, and g y for reuse (`TotalDeriv`)."""
-        gy = self.response(dO_dL)
+        gy = self.edge_response(dO_dL)
         return dO_dsigma - dot(self.bond_vectors, gy), gy
 
     def tangent(self, dsigma: Array) -> Array:
         """Change of the bond vectors along σ̇: L̇ = −g P⁻¹ gᵀ(σ̇ ∘ L) (`SelfStressParamaterization_BondVectorDeriv`)."""
-        return -self.response(dsigma[:, None] * self.bond_vectors)
+        return -self.edge_response(dsigma[:, None] * self.bond_vectors)
 
     def pull_back_tangent(self, dL: Array, gy: Array, dsigma: Array, second: tuple[Array, Array]) -> Array:
         """Derivative of `pull_back` along (σ̇, L̇): the exact Hessian-vector product of an objective.
@@ -181,10 +190,10 @@ class Balance(StressedBonds):
         second  derivatives along (σ̇, L̇) of (∂O/∂σ, ∂O/∂L)
         """
         ddO_dsigma, ddO_dL = second
-        dgy = self.response(ddO_dL - dsigma[:, None] * gy)
+        dgy = self.edge_response(ddO_dL - dsigma[:, None] * gy)
         return ddO_dsigma - dot(dL, gy) - dot(self.bond_vectors, dgy)
 
-    def response(self, edge_vectors: Array) -> Array:
+    def edge_response(self, edge_vectors: Array) -> Array:
         """g P⁻¹ gᵀ v for edge vectors v (N_b, d), or several next to each other (N_b, n·d)."""
         return product(self.network.free_incidence, self.factor.solve(product(self.network.divergence, edge_vectors)))
 
@@ -332,7 +341,11 @@ class CriticalManifold:
         """B = ∂h/∂σ = −R^h P⁻¹ R^hᵀ as an operator (N_b, N_b), h = |L|²/2 (`SelfStressParamaterization_LsqrDeriv`).
 
         B is symmetric and σᵀ B = 0: the stress is normal to the manifold (`TangentVectors`).
+
+        Raises `InputError` for a configuration of another network.
         """
+        configuration = of_kind(CriticalConfiguration, configuration=configuration)
+        configuration.require_same_geometry(self.network)
         sigma, L = configuration.sigma, configuration.bond_vectors
         free = configuration.coordinates[self.network.free]
         balance = Balance(self, sigma, L, free, self.prestress.factorize_signed(sigma))

@@ -220,3 +220,10 @@ def test_a_stress_and_coordinates_that_balance_are_stored_with_unit_mean_square(
     found = CriticalManifold(voronoi_network(20, seed=1)).configuration(np.linspace(1.0, 2.0, 30))
     joined = critical_configuration(found.network, scale * found.sigma, found.coordinates)
     np.testing.assert_allclose(joined.sigma, found.sigma, rtol=1e-14)
+
+
+def test_the_response_is_that_of_a_configuration_of_the_same_network():
+    best = optimize(voronoi_network(20, seed=1), "B_0")
+    CriticalManifold(best.value.network).response(best)
+    with pytest.raises(InputError, match="another network"):
+        CriticalManifold(voronoi_network(20, seed=2)).response(best)

@@ -133,6 +133,8 @@ def test_coefficients_of_disconnected_taut_parts_add_up():
     solution = stiffening(taut_rows(4), deformation="uniaxial")
     assert (solution.value.modulus_0, solution.value.C) == pytest.approx((1.0, -1.0), rel=1e-12)
     assert solution.value.bulk_0 == pytest.approx(0.25, rel=1e-13)
+    across = stiffening(taut_rows(4), throw=False, deformation=np.diag([0.0, 1.0]))
+    assert across.status is Status.floppy and "one of 4 taut parts" in across.note
 
 
 @pytest.mark.parametrize("n_cells", [8, 20])

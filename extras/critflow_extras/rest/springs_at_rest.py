@@ -9,11 +9,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from critflow.deformation import strain_basis
 from critflow.elastic import elastic_response, total_response
-from critflow.linear_response import LinearResponse
+from critflow.linear_response import Elasticity, LinearResponse
 from critflow.networks import Network, validated_coordinates
-from critflow.result import InputError
+from critflow.result import InputError, Stats, Status
 from critflow.springs import SpringLaw, SpringState, edge_directions, spring_state
+from critflow.taut_edges import without_hanging
 from critflow.taut_part import taut_networks
 from critflow_extras.pruning.pruning import taut_mask
 from critflow_extras.rest.at_rest import Springs, errors_of, response_at_rest
@@ -21,6 +23,8 @@ from critflow_extras.rest.at_rest import Springs, errors_of, response_at_rest
 # Change of a tensor by a stress that counts as rounding, relative to the affine tensor and to the largest σ over the
 # largest k: 0.6 was found in random networks just past the transition.
 NEGLECTED = 5.0
+
+_SLACK = "all cables are slack or hang on one taut edge, so nothing resists: shorten their rest lengths"
 
 
 def response_of_network(
@@ -58,15 +62,25 @@ def _of_taut(network: Network, coordinates: ArrayLike, taut: ArrayLike, volume: 
 
 
 def state_at_rest(
-    state: SpringState, volume: float, perimeters: Callable[[Springs], Springs] | None = None
+    state: SpringState, volume: float, tolerance: float, perimeters: Callable[[Springs], Springs] | None = None
 ) -> LinearResponse:
     """The response of springs whose stress is rounding; its effect is part of the errors.
 
+    tolerance   part of the mean rest length by which a cable at rest may be shorter; shorter ones are slack
     perimeters  as of `response_at_rest`
     """
-    response = response_at_rest(state.network, state.coordinates, volume, perimeters)
-    value, stress = response.value, float(np.abs(state.sigma).max() / np.abs(state.edge_stiffness).max())
-    if not stress:
+    network, x = state.network, state.coordinates
+    taut = np.ones(network.n_edges, bool)
+    if state.law.one_sided:
+        taut = without_hanging(network, state.extension >= -tolerance * state.length_scale)
+    if not taut.any():
+        zero, d = np.zeros((len(strain_basis(network.dimension)[0]),) * 2), network.dimension
+        value = Elasticity(zero, zero, np.zeros((d, d)), volume, errors_of(zero, d), 0.0)
+        return LinearResponse(value, Status.floppy, Stats("self-stress"), _SLACK, n_self_stresses=0)
+    response = response_at_rest(network, x, volume, perimeters) if taut.all() else _of_taut(network, x, taut, volume)
+    value, largest = response.value, float(np.abs(state.sigma).max())
+    if not largest:
         return response
+    stress = largest / np.abs(state.edge_stiffness).max()
     errors = value.errors.tensor + NEGLECTED * stress * np.abs(value.affine).max()
     return replace(response, value=replace(value, errors=errors_of(errors, state.network.dimension)))

@@ -95,7 +95,7 @@ def pull_backs(balance: Balance, partials: Sequence[tuple[Array, Array]]) -> Arr
     if not partials:
         return np.zeros((0, len(balance.sigma)))
     n, d = len(partials), balance.bond_vectors.shape[1]
-    gy = balance.response(np.concatenate([by_L for _, by_L in partials], axis=1)).reshape(-1, n, d)
+    gy = balance.edge_response(np.concatenate([by_L for _, by_L in partials], axis=1)).reshape(-1, n, d)
     rows = np.array([by_sigma for by_sigma, _ in partials])
     return np.asarray(rows - np.einsum("ad,and->na", balance.bond_vectors, gy))
 

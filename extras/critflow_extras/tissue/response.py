@@ -45,7 +45,7 @@ def _of_state(state: TissueState, volume: float, *, tolerance: float, **_: Any) 
     """The response of perimeters under stress, or of those at rest."""
     if under_stress(state, tolerance):
         return linear_response(state, volume)
-    response: LinearResponse = state_at_rest(state, volume, state.faces.of_edges)
+    response: LinearResponse = state_at_rest(state, volume, tolerance, state.faces.of_edges)
     return response
 
 

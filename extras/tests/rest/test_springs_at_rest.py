@@ -14,6 +14,7 @@ from problems import (
 from refusals import refused
 
 from critflow import (
+    Cable,
     CriticalManifold,
     Hookean,
     InputError,
@@ -22,6 +23,7 @@ from critflow import (
     elasticity,
     equilibrium,
     lattice,
+    optimize,
     spring_state,
     strain_path,
     voronoi_network,
@@ -74,6 +76,27 @@ def test_slack_edges_resist_nothing():
     solution = elasticity(network, critical.coordinates, taut=critical.sigma != 0)
     assert solution.ok and f"{n_slack} of {network.n_edges} edges are slack" in solution.note
     assert (solution.value.bulk, solution.value.shear) == pytest.approx((known.bulk, known.shear), rel=1e-11)
+
+
+@pytest.mark.parametrize("slack", [1.001, 1.2, 10.0])
+def test_slack_cables_resist_nothing(slack):
+    """All of them, three that cannot be in balance, and the slack ones of a network that is rigid by the others."""
+    critical = optimize(voronoi_network(20, seed=1), "B_0").value
+    rest = slack * critical.lengths
+    for state in (
+        spring_state(critical.network, rest, critical.coordinates, Cable()),
+        spring_state(critical.network, [*critical.lengths[:3], *rest[3:]], critical.coordinates, Cable()),
+    ):
+        solution = elasticity(state)
+        assert solution.status is Status.floppy and solution.n_self_stresses == 0
+        assert (solution.value.bulk, solution.value.errors.bulk, solution.value.tensor.any()) == (0.0, 0.0, False)
+    network, _, part = slack_lattice()
+    rest = np.where(part.sigma != 0, 1.0, slack) * part.lengths
+    solution, taut = (
+        elasticity(network, part.coordinates, rest, law=Cable()),
+        elasticity(network, part.coordinates, taut=part.sigma != 0),
+    )
+    assert solution.ok and solution.note == taut.note and solution.value.bulk == taut.value.bulk
 
 
 def test_disconnected_taut_parts_add_up():
