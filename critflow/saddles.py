@@ -15,10 +15,15 @@ from dataclasses import dataclass
 import numpy as np
 
 from critflow.networks import Array, Network
-from critflow.numerics import MOST_REFINEMENTS, REGULARISATION, STABLE_MARGIN
 from critflow.sparse import Entries, Factor, FixedPattern, end_pairs, free_ends
 
 REFINED = 1e-15  # relative residual at which a refinement is complete
+# −δ on the diagonal of the multipliers of a saddle matrix, in units of 1/⟨|σ|⟩: it makes the matrix quasi-definite, so
+# that any ordering factorises it, and refinement removes it.
+REGULARISATION = 1e-7
+STABLE_MARGIN = 1e-7  # part of the mean stress by which P must be positive on the zero modes to count as stable
+# Most refinements of one saddle system; a step that does not reduce the residual by CONTRACTION ends it.
+MOST_REFINEMENTS = 30
 CONTRACTION = 0.9  # reduction of the residual by a refinement that counts
 
 

@@ -23,9 +23,9 @@ from scipy.sparse.linalg import ArpackNoConvergence, LinearOperator, eigsh
 from critflow.checks import components
 from critflow.manifold import COLLAPSED, CriticalConfiguration
 from critflow.networks import Array, Network, validated_coordinates
-from critflow.numerics import EPS, LARGEST_DENSE, STABLE_MARGIN
+from critflow.numerics import EPS, LARGEST_DENSE
 from critflow.result import InputError
-from critflow.saddles import Saddle
+from critflow.saddles import STABLE_MARGIN, Saddle
 from critflow.sparse import FixedPattern, block_laplacian, edge_blocks, spread_columns
 
 # s below this counts as zero unless the caller gives a tolerance: the smallest other s is 0.1 in standard networks of

@@ -31,9 +31,9 @@ from critflow.arguments import Mask
 from critflow.cones import fit_lengths
 from critflow.manifold import CriticalConfiguration, CriticalManifold
 from critflow.networks import Array, IntArray, Network
-from critflow.numerics import EPS, MOST_REFINEMENTS, REGULARISATION, dot, norms
+from critflow.numerics import EPS, dot, norms
 from critflow.result import InputError, NetworkError
-from critflow.saddles import Saddle, SaddleFactor
+from critflow.saddles import MOST_REFINEMENTS, REGULARISATION, Saddle, SaddleFactor
 from critflow.taut_part import connected_parts
 
 

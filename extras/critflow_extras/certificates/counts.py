@@ -18,9 +18,9 @@ from numpy.typing import ArrayLike
 from critflow.arguments import of_kind
 from critflow.calls import running
 from critflow.networks import Array, IntArray, Network, validated_coordinates
-from critflow.numerics import LARGEST_DENSE, REGULARISATION, STABLE_MARGIN
+from critflow.numerics import LARGEST_DENSE
 from critflow.result import InputError, Record, Solution, Stats, Status
-from critflow.saddles import Saddle, positive
+from critflow.saddles import REGULARISATION, STABLE_MARGIN, Saddle, positive
 from critflow.self_stress import ITERATION_ERROR, Spectrum, edge_without_length
 from critflow.taut_part import Mask, taut_networks
 from critflow_extras.pruning.digits import rounding_note

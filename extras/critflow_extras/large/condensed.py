@@ -14,8 +14,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from critflow.networks import Array, Network
-from critflow.numerics import MOST_REFINEMENTS, dot
-from critflow.saddles import CONTRACTION, REFINED
+from critflow.numerics import dot
+from critflow.saddles import CONTRACTION, MOST_REFINEMENTS, REFINED
 from critflow.sparse import Factor, block_laplacian, edge_blocks
 
 # w |L|² in units of ⟨|σ|⟩.  The gap of R closes as 1/N_v: 1e8 takes 3 refinements at 1,000 vertices and at 1,000,000.

@@ -25,9 +25,9 @@ from critflow.elastic import under_stress
 from critflow.linear_response import accumulated_rounding
 from critflow.manifold import CriticalConfiguration
 from critflow.networks import Array, Network
-from critflow.numerics import EPS, REGULARISATION
+from critflow.numerics import EPS
 from critflow.result import InputError, Record, Solution, Stats, Status
-from critflow.saddles import Saddle
+from critflow.saddles import REGULARISATION, Saddle
 from critflow.self_stress import require_one_stress_by_rank
 from critflow.springs import SpringState
 from critflow_extras.local.compliance import Compliances, HessianCompliances, HessianFactor, compliances

@@ -18,8 +18,8 @@ import numpy as np
 from critflow.growth import StrainedEnergy, Term, Third
 from critflow.linear_response import accumulated_rounding
 from critflow.networks import Array
-from critflow.numerics import EPS, MOST_REFINEMENTS, dot, norms
-from critflow.saddles import CONTRACTION, REFINED
+from critflow.numerics import EPS, dot, norms
+from critflow.saddles import CONTRACTION, MOST_REFINEMENTS, REFINED
 from critflow_extras.tissue.face_springs import FaceSprings
 from critflow_extras.tissue.state import TissueState
 from critflow_extras.tissue.tissue import CriticalTissue

@@ -21,8 +21,8 @@ import scipy.sparse as sp
 from critflow.deformation import Deformation
 from critflow.manifold import CriticalConfiguration
 from critflow.networks import Array
-from critflow.numerics import MOST_REFINEMENTS, dot
-from critflow.saddles import CONTRACTION, REFINED
+from critflow.numerics import dot
+from critflow.saddles import CONTRACTION, MOST_REFINEMENTS, REFINED
 from critflow.sparse import Factor, FixedPattern, spread_columns
 from critflow_extras.weak.weak_energies import WeakFunction
 
