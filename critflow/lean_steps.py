@@ -30,7 +30,6 @@ from critflow.linear_response import (
     CONTRACTION_MARGIN,
     CONVERGED,
     NO_RELAXATION,
-    TRUSTED_ERROR,
     Elasticity,
     elasticity_of_form,
     form_rounding,
@@ -223,7 +222,4 @@ class LeanSteps:
         relaxations, speed = u.reshape(m, -1, d).swapaxes(1, 2), np.sqrt(np.add.reduce(rate * rate, axis=1))
         errors = *form_rounding(state, speed, relaxations, tension), np.sqrt(np.outer(unfinished, unfinished))
         C = elasticity_of_form(state, volume, strains, form - gained, direct, errors)
-        hidden = max(C.errors.bulk, C.errors.shear, C.errors.shear_stress_corrected)
-        if not hidden <= TRUSTED_ERROR * max(abs(C.bulk), abs(C.shear)):
-            return None
-        return C, relaxations
+        return (C, relaxations) if C.trusted else None

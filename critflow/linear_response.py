@@ -119,6 +119,12 @@ class Elasticity(Record):
         """G − ½ dE/dV; in the plane, and under isotropic stress, C_xyxy by derivatives in the Green–Lagrange strain."""
         return self.shear - 0.5 * float(np.trace(self.stress)) / self.dimension
 
+    @property
+    def trusted(self) -> bool:
+        """Whether the errors of all moduli are known, and below a tenth of the larger modulus."""
+        errors = np.array([self.errors.bulk, self.errors.shear, self.errors.shear_stress_corrected])
+        return bool((errors <= TRUSTED_ERROR * max(abs(self.bulk), abs(self.shear))).all())
+
     def modulus(self, deformation: Deformable) -> float:
         """(1/V) d²E/dγ² at γ = 0 of any deformation, or of F = 1 + γA for a matrix A (d, d) that may rotate.
 
@@ -266,8 +272,7 @@ def linear_response(
     if condition:
         number = state.largest_stiffness * inverse_norm(factor, last)
         solution = replace(solution, stats=replace(solution.stats, condition=number))
-    trusted, errors = TRUSTED_ERROR * max(abs(value.bulk), abs(value.shear)), value.errors
-    if not converged or max(errors.bulk, errors.shear, errors.shear_stress_corrected) > trusted:
+    if not (converged and value.trusted):
         return replace(solution, value=no_elasticity(d, volume, np.inf), status=Status.ill_conditioned, note=_HIDDEN)
     return solution if value is solution.value else replace(solution, value=value)
 
