@@ -134,8 +134,12 @@ def stiffening(
     of_kind(bool, throw=throw)
     of_kind(SpringLaw, law=law)
     manifold = of_kind(CriticalManifold, None, manifold=manifold)
-    path = None if deformation is None else deformation_of(deformation, critical.network.dimension)
-    solution: StiffeningSolution = exact_stiffening(critical, path, law, manifold)
+    solution: StiffeningSolution = exact_stiffening(
+        critical,
+        None if deformation is None else deformation_of(deformation, critical.network.dimension),
+        law,
+        manifold,
+    )
     return solution.or_raise("no stiffening coefficients") if throw else solution
 
 

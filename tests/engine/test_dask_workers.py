@@ -265,19 +265,18 @@ def test_a_scheduler_that_ends_while_it_is_asked_is_reported(error, words):
 def test_an_interrupt_after_the_end_of_the_scheduler_reports_that_end(monkeypatch):
     """Which tasks are idle is then unknown, and nothing is there to cancel them."""
 
-    def gone(**_):
-        raise OSError("Timed out trying to connect")
-
-    client, stopped = Mock(nthreads=lambda **_: {"worker": 1}), threading.Event()
+    gone, workers = OSError("Timed out trying to connect"), {"worker": 1}
+    client = Mock(nthreads=Mock(side_effect=[workers, workers, gone]), processing=Mock(side_effect=gone))
     monkeypatch.setattr(dask_workers, "_LOOK", 0.0)
     monkeypatch.setattr(dask_workers, "_scheduler_client", lambda _: nullcontext(client))
     monkeypatch.setattr(dask_workers, "as_completed", lambda *_, **__: Mock(next_batch=lambda block: []))
+    stopped = threading.Event()
     outcomes = dask_workers.compute_in_workers(None, [[]], Workers(1, scheduler="tls://head"), stopped)
     assert next(outcomes) == [] and client.submit.call_count == 1
-    client.processing = client.nthreads = gone
     stopped.set()
     with pytest.raises(EnvironmentFailure, match=r"the scheduler ended: .*again"):
         next(outcomes)
+    assert client.processing.called
 
 
 PAGE = Path(__file__).parents[2] / "docs" / "command.md"
