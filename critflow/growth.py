@@ -93,7 +93,7 @@ def stiffening(
     throw: bool = True,
     *,
     law: SpringLaw = HOOKEAN,
-    deformation: Deformable = "dilation",
+    deformation: Deformable | None = None,
     manifold: CriticalManifold | None = None,
 ) -> StiffeningSolution:
     """Growth of the moduli along a path exactly, from the critical configuration alone: no strain path.
@@ -102,8 +102,8 @@ def stiffening(
     A law adds Σ E''' e_δ² e_γ/V to the C_B of Hookean springs, and likewise to the others, with the elongations
     e_a = ḣ_a/|L| = c_a σ̂|L|/k; the moduli at the transition are the same for all laws.
 
-    deformation  what `deformation_of` accepts; antisymmetric parts of A rotate the network and change no modulus
-                 to first order but G, whose axes do not rotate
+    deformation  what `deformation_of` accepts; None: that of the onset, else a dilation.  Antisymmetric parts of A
+                 rotate the network and change no modulus to first order but G, whose axes do not rotate
     manifold     of the network, with other stiffnesses for instance; that of the configuration by default
 
     Under tension the mean of C_G over all pure shears has a lower bound, `shear_growth`.
@@ -134,16 +134,24 @@ def stiffening(
     of_kind(bool, throw=throw)
     of_kind(SpringLaw, law=law)
     manifold = of_kind(CriticalManifold, None, manifold=manifold)
-    path = deformation_of(deformation, critical.network.dimension)
-    solution: StiffeningSolution = exact_stiffening(critical, path, law, manifold)
+    solution: StiffeningSolution = exact_stiffening(
+        critical,
+        None if deformation is None else deformation_of(deformation, critical.network.dimension),
+        law,
+        manifold,
+    )
     return solution.or_raise("no stiffening coefficients") if throw else solution
 
 
 @singledispatch
 def exact_stiffening(
-    critical: Any, path: Deformation, law: SpringLaw, manifold: CriticalManifold | None
+    critical: Any, path: Deformation | None, law: SpringLaw, manifold: CriticalManifold | None
 ) -> StiffeningSolution:
-    """The coefficients by the kind of springs; those on edges here, which are sums over the disconnected taut parts."""
+    """The coefficients by the kind of springs; those on edges here, which are sums over the disconnected taut parts.
+
+    path  None: that which the kind has by default, a dilation here
+    """
+    path = Deformation.dilation(critical.network.dimension) if path is None else path
     # 1. The stiffnesses of the manifold, in a fixed cell
     if manifold is not None:
         critical.require_same_geometry(manifold.network)

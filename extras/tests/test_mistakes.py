@@ -145,6 +145,10 @@ COMMANDS = {
         *(2, "there is no file text_edges.txt", "one of two tables", "give the other one after it"),
     ),
     "examine without a boundary": (["examine", "star.csv"], 2, "--pins hull fixes"),
+    "examine with an option of polygons": (
+        ["examine", "star.csv", "--pins", "hull", "--weld", "0.1"],
+        *(2, "--weld belongs to polygons", "leave it out"),
+    ),
     "show an unknown axis": (
         ["show", "RESULTS/tiny.nc", "--set", "sed=1"],
         *(2, "the dataset has no axis 'sed'", "did you mean 'seed'?"),

@@ -9,12 +9,14 @@ import socket
 import ssl
 import subprocess
 import sys
+import threading
 import time
 from contextlib import nullcontext, suppress
 from copy import deepcopy
 from http.client import HTTPException
 from pathlib import Path
 from types import SimpleNamespace
+from unittest.mock import Mock
 from urllib.error import HTTPError
 from urllib.request import urlopen
 
@@ -258,6 +260,23 @@ def test_a_scheduler_that_ends_while_it_is_asked_is_reported(error, words):
 
     with pytest.raises(EnvironmentFailure, match=f"the scheduler {words}: .*again"):
         next(dask_workers._tasks_wanted(SimpleNamespace(nthreads=nthreads), "tls://head"))
+
+
+def test_an_interrupt_after_the_end_of_the_scheduler_reports_that_end(monkeypatch):
+    """Which tasks are idle is then unknown, and nothing is there to cancel them."""
+
+    gone, workers = OSError("Timed out trying to connect"), {"worker": 1}
+    client = Mock(nthreads=Mock(side_effect=[workers, workers, gone]), processing=Mock(side_effect=gone))
+    monkeypatch.setattr(dask_workers, "_LOOK", 0.0)
+    monkeypatch.setattr(dask_workers, "_scheduler_client", lambda _: nullcontext(client))
+    monkeypatch.setattr(dask_workers, "as_completed", lambda *_, **__: Mock(next_batch=lambda block: []))
+    stopped = threading.Event()
+    outcomes = dask_workers.compute_in_workers(None, [[]], Workers(1, scheduler="tls://head"), stopped)
+    assert next(outcomes) == [] and client.submit.call_count == 1
+    stopped.set()
+    with pytest.raises(EnvironmentFailure, match=r"the scheduler ended: .*again"):
+        next(outcomes)
+    assert client.processing.called
 
 
 PAGE = Path(__file__).parents[2] / "docs" / "command.md"

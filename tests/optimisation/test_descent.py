@@ -316,6 +316,23 @@ def test_the_stress_that_fades_before_others_have_converged_is_named():
     assert found.status is Status.stalled and "that of edge 7 first" in found.reason
 
 
+def test_a_descent_that_stalls_at_an_edge_too_short_returns_the_last_sound_configuration():
+    descent = Descent(CriticalManifold(NETWORK), quantity(NETWORK, "V_tau"))
+    sound = descent.at(descent.unknowns(np.ones(NETWORK.n_edges)))
+    assert descent(sound) is None
+    # Its length is that of its tension over its stress; no stress has faded.
+    end, short = (descent.at(np.where(np.arange(len(sound.x)) == 7, np.log(s), sound.x)) for s in (1e9, 1e3))
+    assert np.argmin(np.linalg.norm(end.state.balance.bond_vectors, axis=1)) == 7
+    found, other, early = (
+        optimum_at(descent, Minimum(point, status, 3), None, "lbfgs")
+        for point, status in ((end, Status.stalled), (short, Status.stalled), (end, Status.step_limit))
+    )
+    assert found.status is Status.stalled and found.value.sigma[7] == 1 and found.objective == end.value
+    assert found.note == f"edges become too short to resolve as the value falls to {end.value:.6g}: try another start"
+    # An edge that is only short, or a descent that has not stalled, says something else.
+    assert "too short" not in other.note + early.note
+
+
 def test_ends_that_rough_tolerances_leave_untested():
     network = voronoi_network(40, seed=1)
     assert [optimize(network, "V_tau", tolerance=t).saddles for t in (1e-4, 1e-10, 1e-12)] == [None, None, 0]

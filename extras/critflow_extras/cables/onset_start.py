@@ -1,4 +1,7 @@
-"""Cables at an onset of rigidity, where strain paths start: taut ones at rest, slack ones below their rest lengths."""
+"""Cables at an onset of rigidity, where strain paths start: taut ones at rest, slack ones below their rest lengths.
+
+Paths and coefficients of an onset are along its deformation, unless another one is named.
+"""
 
 from __future__ import annotations
 
@@ -7,7 +10,9 @@ from functools import partial
 
 import numpy as np
 
-from critflow.manifold import COLLAPSED, CriticalConfiguration
+from critflow.deformation import Deformation
+from critflow.growth import StiffeningSolution, exact_stiffening
+from critflow.manifold import COLLAPSED, CriticalConfiguration, CriticalManifold
 from critflow.networks import Array
 from critflow.paths import Beginning, start_of
 from critflow.result import InputError
@@ -27,6 +32,16 @@ def _(onset: CriticalStrain, law: SpringLaw | None, taut_only: bool) -> Beginnin
     counted = f"strains count from the onset at strain {onset.strain:.6g}: total_strains are those of the network given"
     along = onset.deformation, partial(total_strains, onset)
     return springs, stress, f"{note}; {counted}" if note else counted, along
+
+
+@exact_stiffening.register
+def _(
+    onset: CriticalStrain, path: Deformation | None, law: SpringLaw, manifold: CriticalManifold | None
+) -> StiffeningSolution:
+    """The coefficients of the configuration at the onset, by default along the deformation of the onset."""
+    path = onset.deformation if path is None else path
+    found: StiffeningSolution = exact_stiffening(onset.configuration, path, law, manifold)
+    return found
 
 
 def cables_at_onset(critical: CriticalConfiguration, rest: Array, law: SpringLaw | None) -> Beginning:

@@ -206,6 +206,7 @@ function say(sentence, error = false) {
 }
 // Text that stays is not set, which would lay out the page again.
 function text(element, words) {
+  words = minus(words);
   if (element.textContent !== words) element.textContent = words;
 }
 function adjust(input, values) {
@@ -552,7 +553,7 @@ function describe(canvas, event) {
       square = (x0 + part * u) ** 2 + (y0 + part * v) ** 2;
     if (square < near) [near, edge] = [square, edges[i]];
   }
-  const words = edge === null ? "" : `edge ${edge}: ${state.scale.name}: ${state.values[edge].toPrecision(4)}`;
+  const words = edge === null ? "" : minus(`edge ${edge}: ${state.scale.name}: ${state.values[edge].toPrecision(4)}`);
   if (canvas.title !== words) canvas.title = words;
 }
 function move(kind, item, value) {

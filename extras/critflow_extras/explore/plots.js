@@ -5,6 +5,9 @@ const COLOURS = ["#0072B2", "#56B4E9", "#D55E00", "#009E73", "#E69F00", "#CC79A7
 // The first blue is too dark for a dark page, and black has no colour there.
 const seriesColour = (kind) => (theme === "dark" && kind % 8 === 0 ? "#2f8fd6" : COLOURS[kind % 8] || INKS[theme].ink);
 
+// Words with the sign of minus in numbers, as figures have it, in place of the hyphen.
+const minus = (words) => String(words).replace(/(^|[\s(]|\de)-(?=\.?\d)/g, "$1−");
+
 function ticks(low, high) {
   const step = 10 ** Math.floor(Math.log10((high - low) / 3)),
     factor = (high - low) / step > 12 ? 5 : (high - low) / step > 6 ? 2 : 1;
@@ -42,7 +45,7 @@ function axes(canvas, xs, ys, xlabel, ylabel) {
     r = 8,
     t = 8;
   c.font = "12px system-ui, sans-serif";
-  const l = 28 + Math.max(...ticks(y0, y1).map((v) => c.measureText(v).width));
+  const l = 28 + Math.max(...ticks(y0, y1).map((v) => c.measureText(minus(v)).width));
   const x = (v) => l + ((v - x0) / (x1 - x0)) * (width - l - r),
     y = (v) => height - b - ((v - y0) / (y1 - y0)) * (height - b - t);
   c.fillStyle = INKS[theme].ink;
@@ -54,7 +57,7 @@ function axes(canvas, xs, ys, xlabel, ylabel) {
     c.moveTo(x(v), t);
     c.lineTo(x(v), height - b);
     c.stroke();
-    c.fillText(v, x(v), height - b + 14);
+    c.fillText(minus(v), x(v), height - b + 14);
   }
   c.textAlign = "right";
   for (const v of ticks(y0, y1)) {
@@ -62,7 +65,7 @@ function axes(canvas, xs, ys, xlabel, ylabel) {
     c.moveTo(l, y(v));
     c.lineTo(width - r, y(v));
     c.stroke();
-    c.fillText(v, l - 4, y(v) + 4);
+    c.fillText(minus(v), l - 4, y(v) + 4);
   }
   title(c, xlabel, (l + width) / 2, height - 4);
   c.save();

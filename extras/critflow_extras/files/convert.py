@@ -27,6 +27,8 @@ from critflow_extras.files.tables import has_centres, read_centres, read_tables
 
 # Edges of copies that fit into the memory of a usual computer with their file.
 _MOST_EDGES = 10_000_000
+# Keywords of one kind of source, which the readers of the others leave.
+_BELONGS = {"weld": "polygons", "pixel": "a label mask", "traced": "a label mask", "cutoff": "atoms"}
 
 
 def network_from(
@@ -69,7 +71,7 @@ def network_from(
     of_kind(np.ndarray, None, cell=cell)
     of_kind(bool, nearest=nearest, strict=strict, contract=contract, voronoi=voronoi)
     of_kind(float, str, None, volume=volume)
-    data = _of_centres(source, cell) if voronoi else _record(source, given)
+    data = _overridden(_of_centres(source, cell) if voronoi else _record(source, given), given)
     if cell is not None and not voronoi:
         if data.cell is not None:
             raise InputError(f"the source, {data.source}, has a cell of its own: leave cell= out, or correct it there")
@@ -274,7 +276,7 @@ def _record(source: Any, given: dict[str, Any]) -> NetworkData:
         assert known.convert is not None
         with _one_sentence(shown(source), "a network"):
             data = known.convert(source, **_taken(given, known.keywords))
-    return _overridden(data, given)
+    return data
 
 
 def _is_path(source: object) -> bool:
@@ -339,9 +341,10 @@ def _of_polygons(value: Any, given: dict[str, Any]) -> NetworkData:
 def _overridden(data: NetworkData, given: dict[str, Any]) -> NetworkData:
     """The record with values given by keyword, each of one row for an edge."""
     known = ("offsets", "bond_vectors", "stiffness", "rest_lengths", "force_densities")
-    unknown = set(given) - set(known)
-    if unknown:
-        raise InputError(f"this source takes no keyword {sorted(unknown)[0]!r}: choose from {', '.join(known)}")
+    for name in sorted(set(given) - set(known)):
+        if name in _BELONGS:
+            raise InputError(f"{name}= belongs to {_BELONGS[name]}, not to this source: leave it out")
+        raise InputError(f"this source takes no keyword {name!r}: choose from {', '.join(known)}")
     values = {name: value for name, value in given.items() if value is not None}
     if np.ndim(values.get("stiffness", ())) == 0:
         values["stiffness"] = np.full(data.n_edges, values["stiffness"])

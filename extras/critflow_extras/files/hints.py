@@ -134,7 +134,11 @@ def reading(command: Callable[..., int]) -> Callable[..., int]:
 
     case = "The case of a critflow dataset; may be repeated."
     options = [
-        *(click.option(_spelled(k), is_flag=v is None, metavar=v, help=text) for k, (v, text, _) in _HINTS.items()),
+        # An option declared as no flag, is_flag=False, may stand without its value, and takes none that begins with -.
+        *(
+            click.option(_spelled(k), is_flag=v is None or None, metavar=v, help=text)
+            for k, (v, text, _) in _HINTS.items()
+        ),
         click.option("--set", "case", multiple=True, metavar="AXIS=VALUE", help=case),
     ]
     for option in reversed(options):
@@ -175,10 +179,9 @@ def require_other(out: Path, files: Sequence[Path]) -> None:
             raise InputError(f"{out} would overwrite {path}, which is read: give another name to write to")
 
 
-# A keyword of `network_from` or `write_network` in a sentence, such as pins='hull' or nearest=True.
-_KEYWORD = re.compile(
-    rf"\b({'|'.join((*_HINTS, 'copies', 'size', 'radius', 'by_stiffness', 'change'))})=('?)([\w.+-]*)\2"
-)
+_NAMES = "|".join((*_HINTS, "copies", "size", "radius", "by_stiffness", "change"))
+# A keyword of `network_from` or `write_network` in a sentence, such as pins='hull' or nearest=True, or what it must be.
+_KEYWORD = re.compile(rf"\b({_NAMES})=('?)([\w.+-]*)\2|^({_NAMES})(?= must be )")
 # What sentences of the library call functions, in the words of the command.
 _IN_SHELL = {
     "examine(FILE)": "critflow examine FILE",
@@ -193,8 +196,8 @@ def in_shell(sentences: str) -> str:
     """Sentences of the library with options of the command in place of keywords: --pins hull for pins='hull'."""
 
     def option(keyword: re.Match[str]) -> str:
-        name, _, value = keyword.groups()
-        return f"{_spelled(name)} {'' if value == 'True' else value}".strip()
+        name, _, value, first = keyword.groups(default="")
+        return f"{_spelled(name or first)} {'' if value == 'True' else value}".strip()
 
     for function, words in _IN_SHELL.items():
         sentences = sentences.replace(function, words)

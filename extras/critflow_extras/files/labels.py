@@ -20,6 +20,11 @@ _INSIDE = 8
 # Part of the pixels of label 0 beside cells that lie between two of them; at an outline only its corners do.
 _GAPS = 1 / 3
 _TOUCHING_CELLS = "give a segmentation of touching cells, such as skimage.segmentation.expand_labels makes"
+# Of four neighbours, since a diagonal line has gaps for eight.
+_LABELLED_CELLS = (
+    "label the cells first, as skimage.measure.label(interior, connectivity=1) does, then close the lines between "
+    "labels with skimage.segmentation.expand_labels, whose distance is at least their width"
+)
 # Fewest sides of pixels between vertices on a border: their mean is that of the border within a fraction of a pixel.
 _SPACING = 4
 
@@ -54,6 +59,8 @@ def from_labels(labels: ArrayLike, pixel: ArrayLike = 1.0, traced: int = 0) -> N
     if mask.ndim != 2 or mask.dtype.kind not in "iub":
         raise InputError("a label mask is a two-dimensional array of whole numbers, 0 outside: give a page of it")
     size, padded = _pixel_sizes(pixel), np.pad(mask.astype(np.int64), 1)
+    if (n := len(np.unique(mask))) <= 2:
+        raise InputError(f"a picture of {counted(n, 'value')} shows outlines or no cells at all: {_LABELLED_CELLS}")
     _require_touching(padded)
     # Corners of pixels around which at least three labels meet.
     around = np.stack([padded[:-1, :-1], padded[:-1, 1:], padded[1:, :-1], padded[1:, 1:]], axis=-1)

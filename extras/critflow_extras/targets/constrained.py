@@ -229,7 +229,10 @@ def minimise_constrained(
                 continue
             status = Status.stalled
         point = search.restored(point, _Metric(first, len(start)), _AT_END)
-        return search.end(point if violation(problem, point) <= RESTORED else feasible, status)
+        if not violation(problem, point) <= RESTORED:
+            # The minimum was that of the point which rounding keeps off the constraints.
+            point, status = feasible, Status.stalled if status is Status.ok else status
+        return search.end(point, status)
 
 
 def violation(problem: Problem, point: Point) -> float:

@@ -48,7 +48,7 @@ class Stresses(Variables):
     # Component of the gradient of the change along the surface of the targets, relative to 1 plus the largest one: the
     # change is then mostly least to 1e-3; it only selects.
     tolerance = 2e-2
-    nearest = 1e-3  # the same of the distance to given coordinates
+    nearest = 1e-3  # the same of the distance to given coordinates, at most
 
     def __init__(
         self,

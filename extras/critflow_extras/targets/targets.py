@@ -244,7 +244,8 @@ def nearness(stresses: Stresses, coordinates: Array) -> Preference:
         by_sigma = -size / len(apart) * np.einsum("ad,ad->a", state.bond_vectors, network.free_incidence @ y)
         return 0.5 * size * float(np.sum(apart**2)) / len(apart), stresses.gradients(by_sigma, state.sigma)
 
-    return Preference("distance", stresses.nearest, at, size)
+    # Components of the gradient of a mean fall as a network grows.
+    return Preference("distance", min(stresses.nearest, TARGET_OPTIMAL / len(coordinates)), at, size)
 
 
 def preference_of(
@@ -277,7 +278,8 @@ def preference_of(
 def _note(problem: TargetProblem, end: Minimum) -> str:
     """The error that remains, and the next step."""
     if end.reached:
-        return f"the targets are reached, and {problem.preference.name} is not yet at its minimum: raise max_steps"
+        more = "raise max_steps" if end.status is Status.step_limit else "give another start"
+        return f"the targets are reached, and {problem.preference.name} is not yet at its minimum: {more}"
     c, n = end.point.constraints, len(problem.targets)
     excess = np.abs(c - np.clip(c, problem.low, problem.high))
     if not np.isfinite(excess[:n]).all():

@@ -61,9 +61,10 @@ def _of_self_stress(tissue: CriticalTissue, volume: float) -> Elasticity:
 
 @exact_stiffening.register(CriticalTissue)
 def _stiffening(
-    tissue: CriticalTissue, path: Deformation, law: SpringLaw, _manifold: CriticalManifold | None
+    tissue: CriticalTissue, path: Deformation | None, law: SpringLaw, _manifold: CriticalManifold | None
 ) -> StiffeningSolution:
     """The coefficients, whose errors are ten times the largest change in two samples of perturbed bond vectors."""
+    path = Deformation.dilation(tissue.network.dimension) if path is None else path
     if law != HOOKEAN:
         raise InputError("springs on perimeters are Hookean: leave out law=")
     if path.free:

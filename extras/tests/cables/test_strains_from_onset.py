@@ -1,15 +1,19 @@
 """Strains of a path from an onset count from it, and the path says which strains of the network these are."""
 
+from dataclasses import astuple
+
 import numpy as np
 import pytest
 
-from critflow import Deformation, equilibrium, spring_state, strain_path
+from critflow import CriticalManifold, Deformation, equilibrium, spring_state, stiffening, strain_path, voronoi_network
 from critflow.springs import Cable
 from critflow_extras import critical_strain, fibre_network
 from critflow_extras.cables.total_strain import strain_of
 
 NETWORK = fibre_network("mikado", 60, z=3.4, seed=2)
 LENGTHS = np.linalg.norm(NETWORK.bond_vectors(NETWORK.positions), axis=1)
+# Rest lengths longer than those of a transition, so that all edges become taut together.
+TAUT = (voronoi := voronoi_network(40, seed=1)), 1.05 * CriticalManifold(voronoi).configuration(np.ones(60)).lengths
 TURN = np.array([[0.0, 0.4], [0.1, 0.0]])
 # A deformation, and γ of the path for a total strain 0.05 past the onset.
 DEFORMATIONS = {
@@ -39,6 +43,23 @@ def test_total_strains_are_those_of_the_network_as_given(name):
     deformed = NETWORK.deformed(F)
     start = spring_state(deformed, LENGTHS, found.value.states[1].coordinates, Cable())
     assert equilibrium(start, throw=False).value.energy == pytest.approx(found.value.energy[1], rel=1e-8)
+
+
+@pytest.mark.parametrize("name", ["simple_shear", "dilation"])
+def test_coefficients_are_along_the_deformation_of_the_onset(name):
+    onset = critical_strain(*TAUT, name)
+    named = stiffening(onset.value.configuration, deformation=name).value
+    other = stiffening(onset, deformation="uniaxial").value
+    assert astuple(stiffening(onset).value) == astuple(stiffening(onset.value).value) == astuple(named)
+    assert (
+        astuple(other) == astuple(stiffening(onset.value.configuration, deformation="uniaxial").value) != astuple(named)
+    )
+    # They are those of the path, which has this deformation too.
+    path = strain_path(onset, strains := 1e-4 * np.arange(1, 4)).value
+    np.testing.assert_allclose(path.shear_modulus, named.shear_0 + named.C_G * strains, rtol=1e-3)
+    # A configuration alone knows no onset.
+    dilated = stiffening(onset.value.configuration, deformation="dilation").value
+    assert astuple(stiffening(onset.value.configuration).value) == astuple(dilated)
 
 
 def test_along_another_deformation_there_is_no_total_strain():

@@ -63,6 +63,11 @@ async def texts(tab):
     return dict(await tab.run(f"{ROWS}.map(row => [row.dataset.key, row.querySelector('button').dataset.text])"))
 
 
+def with_minus(texts):
+    """Numbers as the page draws them; a click copies them with hyphens."""
+    return {key: text.replace("-", "−") for key, text in texts.items()}
+
+
 async def slide(tab, name, value):
     await tab.run(f"(() => {{ const i = get('{name}'); i.value = {value}; i.dispatchEvent(new Event('input')); }})()")
     await tab.until(SETTLED)
@@ -92,13 +97,15 @@ async def test_the_page_shows_the_numbers_of_the_state(browser):
     assert shown["residual"] == f"{state.critical.residual:.6g}"
     visible = f"{ROWS}.map(row => [row.dataset.key, row.cells[1].textContent])"
     short = {row.key: row.short for row in rows}
-    assert short.items() <= dict(await tab.run(visible)).items()
+    assert with_minus(short).items() <= dict(await tab.run(visible)).items() and with_minus(short) != short
     await tab.run("window.copied = []; navigator.clipboard.writeText = async words => copied.push(words)")
     await tab.run(f"{ROWS}.find(row => row.dataset.key === 'B_0').querySelector('button').click()")
     assert await tab.until("copied[0]") == expected["B_0"] != short["B_0"]
     await tab.until(f"get('sentence').textContent.includes('{expected['B_0']} is copied')")
     await tab.run("get('all').click()")
-    assert dict(await tab.run(visible)) == shown
+    assert dict(await tab.run(visible)) == with_minus(shown)
+    words = "['-0.5', '2 at -.5', '1e-12', 'edge-1', '3-50', '--pins hull', 'γ (-1)']"
+    assert await tab.run(f"{words}.map(minus)") == "−0.5,2 at −.5,1e−12,edge-1,3-50,--pins hull,γ (−1)".split(",")
     assert tab.problems == []
 
 

@@ -1,5 +1,6 @@
 """The command `critflow convert`, and the options that the commands on a user's own network share."""
 
+import json
 import os
 
 import pytest
@@ -43,10 +44,21 @@ def test_the_refusal_of_a_network_that_nothing_holds_names_the_command_that_help
         (["h.csv", "h.svg", "--cell", "1_0 1_0"], "1_0"),
         (["h.csv", "h.json", "--volume", "1_0"], "a number or 'hull', not '1_0'"),
         (["h.csv", "h.svg", "--copies", "100000"], "fewer copies"),
+        (["h.csv", "h.svg", "--copies", "0"], "--copies must be a whole number"),
+        (["h.csv", "h.svg", "--weld"], "'--weld' requires an argument"),
+        (["h.csv", "h.svg", "--weld", "0.1"], "--weld belongs to polygons, not to this source: leave it out"),
+        (["h.csv", "h.svg", "--traced", "1"], "--traced belongs to a label mask"),
+        (["missing.csv", "h.svg", "--weld", "0.1"], "no file missing_edges.csv: check its name"),
+        (["missing.csv", "h.svg", "--weld", "-1"], "no file"),
+        (["cells.geojson", "h.svg", "--weld", "-1"], "--weld must be zero or a distance, not -1"),
+        (["cells.geojson", "h.svg", "--weld", "wide"], "--weld must be zero or a distance, not 'wide'"),
+        (["cells.geojson", "h.svg", "--weld", "1:2"], "--weld must be zero or a distance, not (1.0, 2.0)"),
     ],
 )
 def test_a_wrong_command_is_one_sentence(tmp_path, monkeypatch, capsys, words, word):
     write_network(lattice("honeycomb", 4, 4), tmp_path / "h.csv")
+    cell = {"type": "Polygon", "coordinates": [[[0, 0], [1, 0], [0, 1]]]}
+    (tmp_path / "cells.geojson").write_text(json.dumps(cell))
     monkeypatch.chdir(tmp_path)
     assert main(["convert", *words]) == 2
     error = capsys.readouterr().err

@@ -117,9 +117,23 @@ def test_what_is_no_mask_is_one_sentence(tmp_path):
     Image.fromarray(colours).save(tmp_path / "colours.png")
     pages = [Image.fromarray(np.full((4, 4), n, np.uint8)) for n in range(2)]
     pages[0].save(tmp_path / "pages.tif", save_all=True, append_images=pages[1:])
+    inside = brick_wall() == np.roll(brick_wall(), 1, (0, 1))
+    Image.fromarray(np.where(inside, 0, 255).astype(np.uint8)).save(tmp_path / "outlines.tif")
+    labelled = r"label the cells first, .*label\(interior.* then .*expand_labels"
+    apart = np.pad(np.kron(np.diag([1, 2, 3]), np.ones((5, 5), int)), 2)
     for labels, word in (
-        (np.arange(64).reshape(8, 8) // 64, "three labels"),
-        (np.where(brick_wall() == np.roll(brick_wall(), 1, (0, 1)), brick_wall(), 0), "lines of label 0"),
+        (np.zeros((8, 8), int), labelled),
+        (tmp_path / "outlines.tif", f"a picture of 2 values shows outlines .*: {labelled}"),
+        (inside, labelled),
+        (np.where(inside, 1, 255), labelled),
+        (
+            apart * (np.roll(apart, 1, 0) == apart),
+            "three labels .*: give a segmentation of touching cells, .*expand_labels",
+        ),
+        (
+            np.where(inside, brick_wall(), 0),
+            "lines of label 0, .*: give a segmentation of touching cells, .*expand_labels",
+        ),
         (np.zeros((9, 9)), "whole numbers"),
         (tmp_path / "colours.png", "colours"),
         (tmp_path / "pages.tif", "give a page"),

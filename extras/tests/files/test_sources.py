@@ -628,6 +628,7 @@ def test_centres_of_cells_are_read_as_their_voronoi_network(tmp_path, cell):
         (CENTRES, {"cell": np.ones((3, 2))}, "side lengths or as many vectors"),
         (12 * CENTRES, {"cell": 1.0}, "span 10.7 cells: give the cell that they lie in"),
         ("nowhere.csv", {"cell": 1.0}, "there is no file nowhere.csv"),
+        (CENTRES, {"cell": 1.0, "weld": 0.1}, "weld= belongs to polygons"),
     ],
 )
 def test_centres_that_make_no_network_are_one_sentence(source, options, word):

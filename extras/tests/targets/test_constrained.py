@@ -49,6 +49,22 @@ def test_targets_inside_their_interval_move_nothing():
     assert found.status is Status.ok and found.steps == 0 and not found.multipliers.any()
 
 
+class Coarse:
+    """The point nearest to zero with z_0 = 0.9, whose digits at small z_1 are fewer than those of a constraint."""
+
+    low = high = np.array([0.9])
+
+    def at(self, z):
+        c = np.round(z[:1], 9) + 5e-10 * (z[1] < 0.1)
+        return Point(z, 0.5 * z @ z, z, c, lambda indices: np.eye(N)[:1][indices])
+
+
+def test_a_start_to_which_a_search_returns_is_no_minimum():
+    found = solved(Coarse())
+    assert found.status is Status.stalled and found.reached and found.residual > 0.1
+    np.testing.assert_array_equal(found.point.z, ORIGIN)
+
+
 def test_dependent_limits_hold_and_are_tight():
     # Three limits with two gradients, one of them twice.
     A = np.vstack([np.eye(N)[:1], np.eye(N)[:1], np.eye(N)[1:2]])

@@ -177,6 +177,18 @@ def test_a_preference_selects():
     assert even.preference < 0.1 * np.var(near.value.lengths) / np.mean(near.value.lengths) ** 2
 
 
+@pytest.mark.parametrize("n_vertices", [40, 200])
+def test_the_nearest_design_is_near_in_networks_of_any_size(n_vertices):
+    manifold = CriticalManifold(voronoi_network(n_vertices, seed=1))
+    network = manifold.network
+    stresses = np.exp(0.5 * np.random.default_rng(0).standard_normal((2, network.n_edges)))
+    goal, far = map(manifold.configuration, stresses)
+    # Every B_0 is allowed, so that the coordinates themselves are.
+    found = design(manifold, {"B_0": (0.0, 1.0)}, prefer=goal, initial=far.sigma)
+    assert found.ok and found.stats.steps > 0
+    assert np.sqrt(2 * found.preference) < 5e-3 * network.spacing
+
+
 def test_a_search_that_ends_too_early_is_not_ok():
     few = design(MANIFOLD, {"B_0": 0.25, "C_B": 0.1}, max_steps=2, throw=False)
     assert few.status is Status.step_limit and "raise max_steps" in few.note

@@ -16,7 +16,7 @@ def test_designs_are_the_same(prefer, stiffness, length):
     found = []
     for k, unit in ((1.0, 1.0), (stiffness, length)):
         network = in_units(PLANAR, k, unit)
-        place = unit * (PLANAR.positions + 0.1 * np.sin(np.arange(80)).reshape(-1, 2))
+        place = unit * (PLANAR.positions + 0.05 * np.sin(np.arange(80)).reshape(-1, 2))
         wanted = {"B_0": 0.2 * k, "C_B": 0.1 * k, "length[3]": 0.6 * unit}
         one = design(network, wanted, prefer=place if prefer == "coordinates" else prefer)
         assert one.reached
