@@ -324,7 +324,7 @@ def test_a_descent_that_stalls_at_an_edge_too_short_returns_the_last_sound_confi
     end, short = (descent.at(np.where(np.arange(len(sound.x)) == 7, np.log(s), sound.x)) for s in (1e9, 1e3))
     assert np.argmin(np.linalg.norm(end.state.balance.bond_vectors, axis=1)) == 7
     found, other, early = (
-        optimum_at(descent, Minimum(point, status, 3), None, "lbfgs")
+        optimum_at(descent, (point, status, 3), None, "lbfgs")
         for point, status in ((end, Status.stalled), (short, Status.stalled), (end, Status.step_limit))
     )
     assert found.status is Status.stalled and found.value.sigma[7] == 1 and found.objective == end.value
