@@ -47,6 +47,8 @@ def test_the_dataset_has_the_dtypes_units_and_meanings_of_the_table(tmp_path, ru
 
 def test_values_are_those_of_the_case_function(tmp_path, run, tiny):
     assert run(tmp_path, "seeds=3,1", "populations=floppy,random") == 0
+    with netCDF4.Dataset(tmp_path / "tiny.nc") as file:  # no strings of variable length
+        assert {name: file[name].dtype for name in ("seed", "population")} == {"seed": "i8", "population": "S1"}
     ds = xr.load_dataset(tmp_path / "tiny.nc")
     for seed in (3, 1):
         right = tiny.study.case(tiny.study.parameters, seed=seed, population="random")

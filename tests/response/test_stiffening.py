@@ -137,6 +137,16 @@ def test_coefficients_of_disconnected_taut_parts_add_up():
     assert across.status is Status.floppy and "one of 4 taut parts" in across.note
 
 
+def test_taut_parts_of_which_a_strain_loosens_some_have_a_status():
+    """A cable along x and one along y, under a strain that stretches the first."""
+    edges, offsets = [[0, 1], [1, 0], [2, 3], [3, 2], [0, 2], [1, 3]], [[0, 0], [1, 0], [0, 0], [0, 1], [0, 0], [0, 0]]
+    network, x = Network(edges, offsets, 2 * np.eye(2)), np.array([[0, 0], [1, 0], [0.3, 0.2], [0.3, 1.2]])
+    crossed = critical_configuration(network, np.array([1.0, 1, 1, 1, 0, 0]), x)
+    solution = stiffening(crossed, throw=False, deformation=np.diag([1.0, -1.0]))
+    assert solution.status is Status.slack_edges and "loosens others" in solution.note
+    assert np.isnan(astuple(solution.value)).all()
+
+
 @pytest.mark.parametrize("n_cells", [8, 20])
 def test_parts_joined_by_slack_edges_have_the_largest_residual_and_the_sum_of_errors(n_cells):
     networks = [voronoi_network(n_cells, seed=seed) for seed in (1, 2)]
