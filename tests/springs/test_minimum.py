@@ -4,7 +4,17 @@ import numpy as np
 import pytest
 from problems import Factorisations, triangular_lattice
 
-from critflow import CriticalManifold, Network, Status, equilibrium, lattice, spring_state, voronoi_network
+from critflow import (
+    Cable,
+    CriticalManifold,
+    Network,
+    Status,
+    equilibrium,
+    lattice,
+    optimize,
+    spring_state,
+    voronoi_network,
+)
 from critflow.equilibria import compressed_edges, minimum_factor
 
 METHODS = ["newton", "fire"]
@@ -107,6 +117,16 @@ def test_indefinite_start_reaches_a_minimum(monkeypatch, size, seed):
     assert np.linalg.eigvalsh(H).min() > -1e-8
     if size < 1:
         assert solution.value.energy < 1e-20
+
+
+@pytest.mark.parametrize("seed", [1, 3, 4])
+def test_a_floppy_part_of_slack_cables_costs_a_shift_and_no_convex_matrix(monkeypatch, seed):
+    """The shift stays, so that a step has one factorisation."""
+    critical = optimize(voronoi_network(30, seed=seed), "B_0").value
+    rest = 0.98 * critical.lengths * np.exp(0.5 * np.random.default_rng(seed).standard_normal(45))
+    state, factorised = spring_state(critical.network, rest, critical.coordinates, Cable()), Factorisations(monkeypatch)
+    factors, solution = factorised(critical.network, lambda: equilibrium(state))["Hessian"], factorised.answer
+    assert solution.ok and (solution.value.sigma == 0).any() and factors <= solution.stats.steps
 
 
 @pytest.mark.parametrize("compression", [0.1, 1e-6, -0.1])
