@@ -75,11 +75,11 @@ EXPECTED_STEPS, EXPECTED_DISTANCE = 40, 0.05
 # Ends further than the first from the prediction are accepted if the step back ends within the second of the start:
 # beyond a fold it ends on another branch, a distance of order one away.
 DOUBTED_DISTANCE, RETURN_DISTANCE = 1e-3, 1e-6
-# Stress over the square of the strain, in units of k, below which a state has none.  Newton's method leaves 1e-16; by
-# symmetry a stress may be of second order in the strain, or of third.
+# Stress over the square of the strain, in units of each edge's k, below which a state has none.  Newton's method leaves
+# 1e-16; by symmetry a stress may be of second order in the strain, or of third.
 UNSTRESSED = 1e-8
-# A resisted strain γ causes a stress of order γ k; below WEAK γ k the state may be unstressed: forces balanced to 1e-14
-# leave up to 1e-9 where stresses are nearly balanced by themselves.
+# A resisted strain of size s extends some edge by s of its length; below WEAK s the state may be unstressed: forces
+# balanced to 1e-14 leave up to 1e-9 where stresses are nearly balanced by themselves.
 WEAK = 1e-6
 # Part of the strain interval below which a step is not divided further.
 _SMALLEST_PART = 2.0**-16
@@ -102,7 +102,9 @@ LOOSENING_WORK = 1e-9  # work of a strain on the stress of a transition, relativ
 MEASURES = ("tensors", "moduli", "energy")  # what a path measures at each strain, in falling order of time
 NONE_FREE = np.zeros(0)  # q of a cell without free components
 
-FLOPPY = "springs keep all lengths at strain {:.3g}, so nothing resists: fix the free components of the cell"
+_FLOPPY, _FIX = "springs keep all lengths, so nothing resists: ", "fix the free components of the cell"
+_OTHER = "deform the cell in another way"
+_UNDETERMINED = "rounding errors hide the response to strain: measure it further from the transition"
 _LIMIT = "the steps became too short to arrive: give strains that are closer together, or another method"
 _UNRESOLVED = "this strain and the one before it give the same cell in floating-point numbers: choose larger ones"
 _JUMPED = "the equilibrium jumps to another branch: the one followed ends before this strain"
@@ -305,6 +307,11 @@ class PathPoint:
     def ok(self) -> bool:
         return self.status is Status.ok
 
+    @property
+    def volume(self) -> float:
+        """V of the cell or as named, or 1 without either."""
+        return self.state.network.volume if self.state.network.has_volume else 1.0
+
     @cached_property
     def inverse(self) -> Array:
         """F⁻¹, (d, d)."""
@@ -333,9 +340,7 @@ class PathPoint:
         row: dict[str, Any] = {"steps": self.steps, "inserted": self.inserted, "status": self.status}
         if not self.ok:
             return row
-        state, C = self.state, self.moduli
-        # V of the cell or as named, or 1 without either.
-        volume = state.network.volume if state.network.has_volume else 1.0
+        state, C, volume = self.state, self.moduli, self.volume
         row |= {"energy": state.energy, "max_force": state.max_force, "coordinate_error": self.coordinate_error}
         row |= {"modulus": self.second[0] / volume, "modulus_error": self.second[1] / volume}
         if C is None:
@@ -454,8 +459,8 @@ class Path:
         end, factor = self.corrected(start)
         if not end.ok:
             return end
-        if keeps_lengths(end.state, strain):
-            return end.refused(Status.floppy, FLOPPY.format(strain), final=True)
+        if keeps_lengths(end.state, self.gradient(strain)):
+            return self.floppy(end)
         # 3. An equilibrium without compressed springs is the global minimum, on the branch of taut states.  Another one
         # may lie on another branch: after many iterations, which FIRE takes everywhere, or far from the prediction.
         certain, few = end.state.unique, end.steps <= EXPECTED_STEPS or self.method == "fire"
@@ -482,7 +487,7 @@ class Path:
             return None
         F = self.gradient(strain)
         end = self.lean.equilibrium(F, here.z + change)
-        if end is None or weakly_stressed(end[0], strain):
+        if end is None or weakly_stressed(end[0], F):
             return None
         state, error, steps, factor, contraction = end
         point = PathPoint(strain, state, F, coordinate_error=error, steps=steps)
@@ -516,6 +521,10 @@ class Path:
         """F (d, d) of cell and vertices at a strain and free components q (m,)."""
         F = self.gradients.get(strain)
         return self.deformation.gradient(strain) if F is None else F
+
+    def floppy(self, end: PathPoint) -> PathPoint:
+        """The point, refused since springs keep all lengths."""
+        return end.refused(Status.floppy, _FLOPPY + (_FIX if self.deformation.free else _OTHER), final=True)
 
     def unknowns(self, point: PathPoint) -> Array:
         """z: the coordinates y that move with the cell, (n_free·d,)."""
@@ -565,13 +574,19 @@ class Path:
         """The point with moduli, velocity and d²E/dγ², or refused where its response is not determined."""
         state, rates = end.state, self.rates(end)
         if not self.has_moduli:
-            return replace(self.without_moduli(end, factor, *rates), z=self.unknowns(end))
+            along = self.without_moduli(end, factor, *rates)
+            # Between the strains of the path none is needed.
+            if end.strain not in self.gradients or not np.isnan(along.second).any():
+                return replace(along, z=self.unknowns(end))
+            # Corrections by another factor may converge.
+            if state.network.dimension < 2:
+                return end.refused(Status.ill_conditioned, _UNDETERMINED)
         chosen = None if self.measure == "tensors" else strains_of(rates[0])
-        volume, exact = state.network.volume, self.method == "newton"
-        response = linear_response(state, volume, exact, factor, condition=False, strains=chosen)
+        response = linear_response(state, end.volume, self.method == "newton", factor, condition=False, strains=chosen)
         if not response.ok:
             return end.refused(response.status, response.reason)
-        return self.responding(end, response.value, response.responses, response.strains, rates)
+        end = self.responding(end, response.value, response.responses, response.strains, rates)
+        return end if self.has_moduli else replace(end, moduli=None)
 
     def responding(
         self, end: PathPoint, C: Elasticity, responses: Array, strains: tuple[int, ...], rates: tuple[Array, Array]
@@ -611,14 +626,14 @@ class Path:
         return replace(end, second=(end.second[0], end.second[1] + change))
 
     def with_tangent(self, end: PathPoint, factor: Factor, rates: Array, second_rates: Array) -> PathPoint:
-        """The point with velocity and d²E/dγ² by a factor of the Hessian near its state, where they are determined."""
+        """The point with velocity and d²E/dγ² by a factor of the Hessian near its state; NaN where not determined."""
         state, network, n = end.state, end.state.network, len(rates)
         L, sigma = state.bond_vectors, state.sigma
         # The antisymmetric part rotates all.
         responses = [relaxation(state, factor, 0.5 * (L @ (A + A.T))) for A in rates]
         u, left = np.array([motion for motion, _ in responses]), np.array([energy for _, energy in responses])
         if not np.isfinite(left).all():
-            return end
+            return replace(end, second=(np.nan, np.nan))
         speeds = np.array([L @ A.T + network.free_incidence @ each for A, each in zip(rates, u, strict=True)])
         hdots, rows = np.array([dot(L, speed) for speed in speeds]), speeds.reshape(n, -1)
         E = hdots @ state.resistance(hdots).T + (np.repeat(sigma, L.shape[1]) * rows) @ rows.T
@@ -720,21 +735,32 @@ def _edge_rounding(state: SpringState, speed: Array, u: Array) -> Array:
     return noise + 2 * (np.abs(stress) * length + np.abs(sigma) * size) * rate_rounding
 
 
-def keeps_lengths(state: SpringState, strain: float) -> bool:
-    """Whether a strain causes no stress beyond rounding: all springs keep their lengths, by motions that none resists.
+def keeps_lengths(state: SpringState, gradient: Array) -> bool:
+    """Whether a strain from rest by F (d, d) causes no stress beyond rounding: motions keep the lengths of all springs.
 
-    Where they resist, a stress is of the order of the strain.
+    Where springs resist, some are extended by a part of their lengths of the order of the strain.
     """
-    if strain == 0 or not weakly_stressed(state, strain):
+    strain = strain_size(gradient)
+    if strain == 0 or not weakly_stressed(state, gradient):
         return False
-    unit, rounding = strain**2 * state.stiffness_scale, ROUNDING_COMPRESSION * state.stress_rounding
+    unit, rounding = strain**2 * stress_unit(state), ROUNDING_COMPRESSION * state.stress_rounding
     least = np.maximum(UNSTRESSED * unit, np.where(rounding < WEAK * unit, rounding, 0.0))
     return bool((np.abs(state.sigma) <= least).all())
 
 
-def weakly_stressed(state: SpringState, strain: float) -> bool:
-    """Whether the stress is far below that of a strain which the springs resist."""
-    return largest(state.sigma) <= WEAK * abs(strain) * state.stiffness_scale
+def weakly_stressed(state: SpringState, gradient: Array) -> bool:
+    """Whether the stress of each edge is far below that of a strain by F (d, d) which the springs resist."""
+    return bool((np.abs(state.sigma) <= WEAK * strain_size(gradient) * stress_unit(state)).all())
+
+
+def strain_size(gradient: Array) -> float:
+    """Σ_ij |F − 1|_ij, at most 1: of a small dilation, uniaxial strain or simple shear, γ."""
+    return min(1.0, float(np.abs(gradient - np.eye(len(gradient))).sum()))
+
+
+def stress_unit(state: SpringState) -> Array:
+    """σ (N_b,) of springs whose extension is their length: k."""
+    return state.edge_tension(state.stiffness * state.spring_lengths) / state.lengths
 
 
 def distance(one: PathPoint, other: PathPoint) -> float:

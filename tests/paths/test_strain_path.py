@@ -22,11 +22,13 @@ from refusals import refused
 from critflow import (
     Cable,
     CriticalManifold,
+    Deformation,
     Hookean,
     InputError,
     Network,
     PowerLaw,
     Status,
+    equilibrium,
     lattice,
     optimize,
     spring_state,
@@ -181,6 +183,53 @@ def test_a_path_of_energies_has_their_second_derivative():
             assert np.isnan(path.bulk_modulus).all() and path.elasticity == ()
             # The rounding of one modulus is a part of that of all.
             assert "method" in options or (path.modulus_error > 0.25 * exact.modulus_error).all()
+
+
+@pytest.mark.parametrize("decades, strain", [(0, 1e-12), (8, 1e-3), (8, 1e-6)])
+def test_a_path_of_energies_has_a_modulus_where_that_of_tensors_has_one(decades, strain):
+    # Forces of an affine motion are rounding alone; corrections by a factor next to stiff springs do not shrink.
+    k = 10 ** np.random.default_rng(4).uniform(-decades / 2, decades / 2, 30)
+    network = voronoi(20, seed=4).with_stiffness(k)
+    critical = CriticalManifold(network).configuration(random_stress(30, 4) if decades else k)
+    path, exact = (strain_path(critical, [strain], measure=measure).value for measure in ("energy", "tensors"))
+    assert np.abs(path.modulus - exact.modulus) <= path.modulus_error + exact.modulus_error < 1e-6 * exact.modulus
+    assert np.isnan(path.bulk_modulus).all() and path.elasticity == ()
+
+
+def test_a_path_of_energies_needs_a_modulus_at_its_strains_alone():
+    # Springs exactly at rest leave vertices of the kagome lattice floppy, here also after a small shear.
+    network = lattice("kagome", 4, 4)
+    state = spring_state(network, np.full(network.n_edges, 1.0), network.positions)
+    state = replace(state, rest_lengths=state.lengths)
+    assert strain_path(state, [1e-6], "uniaxial", measure="energy").value.modulus == pytest.approx(0.6495, rel=1e-4)
+    for strains, deformation in (([0.0, 1e-6], "uniaxial"), ([1e-6], "pure_shear")):
+        solution = strain_path(state, strains, deformation, measure="energy", throw=False)
+        assert solution.status is Status.ill_conditioned and np.isnan(solution.value.modulus).all()
+
+
+@pytest.mark.parametrize(
+    "stiffness, parameter, strain",
+    [(1e10, 1, 1.0), (1, 1e-6, 0.01), (1, 1, 1e6), (1, 1, 1e13)],
+    ids=["one stiff spring", "slow", "large", "huge"],
+)
+def test_springs_that_resist_are_not_floppy(stiffness, parameter, strain):
+    """F(t) of a dilation γ = t, or of one that a slow parameter runs through."""
+    k = np.where(np.arange(60) == 7, stiffness, 1.0)
+    critical = CriticalManifold(voronoi(40, seed=1).with_stiffness(k)).configuration(np.ones(60))
+    slow = Deformation.exponential(0.5 * parameter * np.eye(2)) if parameter < 1 else "dilation"
+    path = strain_path(critical, [strain / parameter], slow).value
+    x = np.sqrt(np.exp(strain) if parameter < 1 else 1 + strain)
+    direct = spring_state(critical.network, critical.lengths, critical.coordinates).deformed(x * np.eye(2))
+    # At the largest strains rounding hides the last digits of the balance.
+    assert path.energy[0] == pytest.approx(equilibrium(direct, throw=False).value.energy, rel=1e-9)
+
+
+def test_springs_that_only_turn_keep_their_lengths():
+    turn = Deformation.exponential([[0.0, 1.0], [-1.0, 0.0]])
+    solution = strain_path(critical_of(voronoi(12, seed=1)), [1e-3], turn, throw=False)
+    assert solution.status is Status.floppy
+    assert solution.note.endswith("springs keep all lengths, so nothing resists: deform the cell in another way")
+    assert solution.note.count("strain") == 1 and "free" not in solution.note
 
 
 def test_a_strain_that_loosens_is_floppy():

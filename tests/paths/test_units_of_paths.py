@@ -44,7 +44,8 @@ def judged(network, units):
     ]
     rest = [stretched(network, 1 - part) for part in np.logspace(-16, -1, 31)]
     strains = np.logspace(-10, 0, 21)
-    weak = [[weakly_stressed(one, strain), keeps_lengths(one, strain)] for one in rest for strain in strains]
+    cells = [(1 + 0.5 * strain) * np.eye(2) for strain in strains]
+    weak = [[weakly_stressed(one, cell), keeps_lengths(one, cell)] for one in rest for cell in cells]
     noise = units.length * np.random.default_rng(1).standard_normal(springs.forces.shape)
     at_rest = [balanced(one.moved(part * noise)) for part in strains for one in rest[::9]]
     # The Hessian of softer springs makes each correction larger than the one before it.

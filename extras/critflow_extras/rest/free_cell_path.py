@@ -14,7 +14,7 @@ import numpy as np
 from critflow.deformation import Deformation
 from critflow.manifold import CriticalConfiguration
 from critflow.networks import Array
-from critflow.paths import FLOPPY, NONE_FREE, Path, PathPoint, keeps_lengths, weakly_stressed
+from critflow.paths import NONE_FREE, Path, PathPoint, keeps_lengths, weakly_stressed
 from critflow.result import InputError, Status
 from critflow.sparse import Factor
 from critflow_extras.rest.free_cell import FreeCellState, relaxed_with_cell, stretched
@@ -57,11 +57,11 @@ class FreeCellPath(Path):
         # The energy of cables is convex: in a floppy cell smaller steps gain nothing.
         final = solution.status is Status.floppy and solution.value.unique
         end = replace(start.relaxed_to(solution, final), gradient=self.gradient(strain, q), free=q)
-        if end.status is Status.ill_conditioned and weakly_stressed(end.state, strain):
+        if end.status is Status.ill_conditioned and weakly_stressed(end.state, F):
             # Nearly balanced stresses remain that the tolerance of the forces hides, though all lengths can be kept.
             near = FreeCellState(end.state, q, self.free_strains).near_rest()
-            if keeps_lengths(near.springs, strain):
-                end = end.refused(Status.floppy, FLOPPY.format(strain), final=True)
+            if keeps_lengths(near.springs, F):
+                end = self.floppy(end)
         return end, factor
 
     def rates(self, point: PathPoint, path: Deformation | None = None) -> tuple[Array, Array]:
