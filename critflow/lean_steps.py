@@ -34,6 +34,7 @@ from critflow.linear_response import (
     elasticity_of_form,
     form_rounding,
     largest_each,
+    remaining,
     unit_strains,
 )
 from critflow.linear_response import MOST_CORRECTIONS as MOST_RESPONSES
@@ -195,7 +196,7 @@ class LeanSteps:
         last, u = [(here, known) for here, known in self.known if len(known) == m], np.zeros((m, self.size))
         for here, known in last:
             u += math.prod((strain - other) / (here - other) for other, _ in last if other != here) * known
-        rate, before = self.rates(u, affine), np.zeros(m)
+        rate, before, size = self.rates(u, affine), np.zeros(m), np.full(m, np.inf)
         for number in range(MOST_RESPONSES + 1):
             tension = K * np.add.reduce(L * rate, axis=1)
             pulls = sigma * rate + tension[:, None] * L
@@ -206,12 +207,12 @@ class LeanSteps:
             for each in loaded.nonzero()[0]:
                 correction[each] = factor.solve(force[each])
             u, gained = u + correction, force @ correction.T
-            gain = np.abs(gained.diagonal())
+            gain, former, size = np.abs(gained.diagonal()), size, largest_each(correction)
             # What a correction leaves is its gain times the contraction, at first that of the equilibrium.
             if number:
                 contraction = float(np.sqrt(np.maximum.reduce(gain / np.maximum(before, 1e-300))))
             unfinished = gain * min(1.0, CONTRACTION_MARGIN * contraction)
-            small = (largest_each(correction) <= CONVERGED * np.maximum(largest_each(u), least)).all()
+            small = (size <= CONVERGED * np.maximum(largest_each(u), least)).all()
             if small and (unfinished <= (4 if number else 1) * EPS * form.diagonal()).all():
                 break
             before, rate = gain, self.rates(u, affine)
@@ -219,6 +220,7 @@ class LeanSteps:
             return None
         self.known = [*self.known[-3:], (strain, u)]
         # 4. Errors and moduli
+        unfinished = remaining(gain, unfinished, size, former)
         relaxations, speed = u.reshape(m, -1, d).swapaxes(1, 2), np.sqrt(np.add.reduce(rate * rate, axis=1))
         errors = *form_rounding(state, speed, relaxations, tension), np.sqrt(np.outer(unfinished, unfinished))
         C = elasticity_of_form(state, volume, strains, form - gained, direct, errors)

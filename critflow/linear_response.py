@@ -35,6 +35,7 @@ TRUSTED_ERROR = 0.1  # largest error of a result, relative to the largest modulu
 CONVERGED, MOST_CORRECTIONS = 0.05, 4
 # The contraction of corrections is that observed between two of them times this margin.
 CONTRACTION_MARGIN = 10.0
+SLOWEST = 0.99  # largest contraction that counts: corrections of the size of rounding do not shrink
 # Relaxations below this part of the mean length are compared with it instead: all edges then respond affinely.
 NO_RELAXATION = 1e-5
 
@@ -318,7 +319,7 @@ def responses(
     L = np.ascontiguousarray(state.bond_vectors.T)
     affine = (unit_strains(d)[list(strains)].reshape(m * d, d) @ L).reshape(m, d, n)
     rate, direct, least, relaxing = affine, np.zeros((m, m)), NO_RELAXATION * state.length_scale, np.arange(m)
-    u, scale, energy = np.zeros((m, d * len(network.free))), np.zeros(m), np.zeros(m)
+    u, scale, energy, left = np.zeros((m, d * len(network.free))), np.zeros(m), np.zeros(m), np.full(m, np.inf)
     for refinement in range(MOST_CORRECTIONS + 1):
         # 1. The form and the forces of all strains, in one product
         hdot = np.add.reduce(L * rate, axis=1)
@@ -336,7 +337,7 @@ def responses(
         for each in relaxing:
             correction[each] = factor.solve(force[each])
         gained, u = force @ correction.T, u + correction
-        moved, left = largest_each(u), largest_each(correction)
+        moved, last, left = largest_each(u), left, largest_each(correction)
         scale = np.maximum(scale, size)
         small = bool((left <= CONVERGED * np.maximum(moved, least)).all())
         # 3. The energy that it leaves is its gain times the contraction, and must be rounding.  The contraction is the
@@ -349,12 +350,25 @@ def responses(
             break
         motion = u.reshape(m, -1, d).swapaxes(0, 1).reshape(-1, m * d)
         rate = affine + np.ascontiguousarray(product(network.free_incidence, motion).T).reshape(m, d, n)
+    unfinished = remaining(energy, unfinished, left, last)
     relaxations, speed = u.reshape(m, -1, d).swapaxes(1, 2), np.sqrt(np.add.reduce(rate * rate, axis=1))
     errors = *form_rounding(state, speed, relaxations, tension), np.sqrt(np.outer(unfinished, unfinished))
     value = elasticity_of_form(state, volume, strains, form - gained, direct, errors)
     stats = Stats("linear response", 1, residual=float((size / np.maximum(scale, 1e-300)).max()))
     status = Status.ok if small else Status.stalled
     return LinearResponse(value, status, stats, strains=strains, responses=relaxations), correction[0]
+
+
+def remaining(gain: Array, unfinished: Array, size: Array, before: Array) -> Array:
+    """The energy that the last corrections leave, (m,): modes that shrink by c a correction leave c/(1 − c) of theirs.
+
+    Stiff modes have most of the energy; soft ones, which shrink more slowly, have most of the size.
+
+    gain          energy of the last corrections, and `unfinished` what they leave by the decrease of that energy
+    size, before  of the last corrections and of those before them, (m,)
+    """
+    c = np.minimum(size / np.maximum(before, 1e-300), SLOWEST)
+    return np.maximum(unfinished, gain * CONTRACTION_MARGIN * c / (1 - c) ** 2)
 
 
 def largest_each(vectors: Array) -> Array:

@@ -196,6 +196,17 @@ def test_a_path_of_energies_has_a_modulus_where_that_of_tensors_has_one(decades,
     assert np.isnan(path.bulk_modulus).all() and path.elasticity == ()
 
 
+@pytest.mark.parametrize("seed", [0, 1])
+def test_errors_contain_what_soft_modes_leave(seed):
+    """The energy of the last corrections is that of the stiff modes; paths of energies correct to the end."""
+    network = voronoi(20, seed=seed)
+    network = network.with_stiffness(10 ** np.random.default_rng(seed).uniform(-3, 3, network.n_edges))
+    critical = CriticalManifold(network).configuration(network.stiffness)
+    whole, exact = (strain_path(critical, [1e-12], "uniaxial", measure=m).value for m in ("tensors", "energy"))
+    assert exact.modulus_error < 1e-2 * abs(whole.modulus - exact.modulus)
+    assert abs(whole.modulus - exact.modulus) <= whole.modulus_error < 1e-6 * exact.modulus
+
+
 def test_a_path_of_energies_needs_a_modulus_at_its_strains_alone():
     # Springs exactly at rest leave vertices of the kagome lattice floppy, here also after a small shear.
     network = lattice("kagome", 4, 4)
