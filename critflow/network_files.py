@@ -81,11 +81,11 @@ def read_critical(source: Any) -> CriticalConfiguration:
         if "force_density" not in edges:
             raise InputError("it has no force densities: CriticalManifold(network).configuration(sigma) takes them")
         sigma = edge_values(_numbers(edges, "force_density"), network.n_edges, "force_density", positive=False)
-        x, rest = np.asarray(network.positions), _numbers(edges, "rest_length") if "rest_length" in edges else None
-        L = network.bond_vectors(x)
-        # Rest lengths that are the lengths name no slack edges, and say no more than the configuration.
-        rest = None if rest is None or np.allclose(rest, norms(L), rtol=1e-9, atol=0) else rest
-        critical = CriticalConfiguration(network, sigma, x, L, rest_lengths=rest)
+        rest = (
+            edge_values(_numbers(edges, "rest_length"), len(sigma), "rest_length") if "rest_length" in edges else None
+        )
+        x = np.asarray(network.positions)
+        critical = CriticalConfiguration(network, sigma, x, network.bond_vectors(x), rest_lengths=rest)
         if not critical.residual < _BALANCED:
             raise InputError(
                 f"its forces do not balance, by {critical.residual:.1g} of the mean tension: give all digits, or let "

@@ -1,6 +1,7 @@
 """Networks of tables, graphs and cases of datasets: nothing is lost there and back, every fault is named."""
 
 import sys
+from dataclasses import replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -11,7 +12,7 @@ import xarray as xr
 from refusals import refused
 
 import critflow as cf
-from critflow import CriticalConfiguration, InputError, Network, extensions
+from critflow import InputError, Network, extensions
 
 SIX = np.random.default_rng(5).random((6, 2))
 NETWORKS = {
@@ -86,17 +87,12 @@ def test_a_critical_configuration_comes_back_with_all_bits(tmp_path, form):
     np.testing.assert_array_equal(read.sigma, critical.sigma)
     np.testing.assert_array_equal(read.coordinates, critical.coordinates)
     assert read.rest_lengths is None and read.residual < 1e-13
-    # In the scale in which the stresses are stored.
-    larger = CriticalConfiguration(
-        critical.network,
-        3 * critical.sigma,
-        critical.coordinates,
-        critical.bond_vectors,
-        rest_lengths=critical.lengths + 1,
-    )
-    read = cf.read_critical(FORMS[form](larger, tmp_path))
-    np.testing.assert_array_equal(read.sigma, larger.sigma)
-    np.testing.assert_array_equal(read.rest_lengths, larger.rest_lengths)
+    # In the scale in which the stresses are stored; rest lengths that are the lengths are those of cables.
+    for rest in (critical.lengths, critical.lengths + 1):
+        larger = replace(critical, sigma=3 * critical.sigma, rest_lengths=rest)
+        read = cf.read_critical(FORMS[form](larger, tmp_path))
+        np.testing.assert_array_equal(read.sigma, larger.sigma)
+        np.testing.assert_array_equal(read.rest_lengths, rest)
 
 
 def test_pins_are_written_where_they_are():
@@ -291,6 +287,10 @@ test_sources_that_contradict_themselves_are_refused = refused(
         "stresses NaN": (
             lambda: cf.read_critical((ROWS.assign(force_density=np.nan), PLACES)),
             "row 1 of column force_density",
+        ),
+        "a rest length below zero": (
+            lambda: cf.read_critical((ROWS.assign(rest_length=-1.0), PLACES)),
+            r"rest_length\[0\] = -1",
         ),
         "stresses of zero": (lambda: cf.read_critical((ROWS.assign(force_density=0.0), PLACES)), "do not balance"),
     },
