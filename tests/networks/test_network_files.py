@@ -95,6 +95,36 @@ def test_a_critical_configuration_comes_back_with_all_bits(tmp_path, form):
         np.testing.assert_array_equal(read.rest_lengths, rest)
 
 
+HUNG = {0: [0.0, 0.0], 2: [3.0, 0.0], 3: [0.0, 3.0]}
+MEANT = {
+    "parallel springs": (Network([[0, 1], [0, 1], [1, 2], [1, 3]], pins=HUNG), "edge 1 is edge 0 again"),
+    "a plane in space": (
+        Network([[0, 1], [1, 2], [1, 3]], pins={vertex: [*place, 0.0] for vertex, place in HUNG.items()}),
+        "in one plane",
+    ),
+    "edges beyond the cell": (
+        Network([[0, 1]] * 3, [[0, 0], [3, 0], [0, 3]], np.eye(2)),
+        "contradict the offsets",
+    ),
+}
+
+
+@pytest.mark.parametrize("form", FORMS)
+@pytest.mark.parametrize("name", MEANT)
+def test_what_looks_like_a_mistake_comes_back_where_it_is_meant(tmp_path, name, form):
+    if form == "graph":
+        pytest.importorskip("networkx")
+    network, word = MEANT[name]
+    critical = cf.CriticalManifold(network).configuration(np.arange(1.0, 1 + network.n_edges))
+    read = cf.read_critical(FORMS[form](critical, tmp_path))
+    np.testing.assert_array_equal(read.sigma, critical.sigma)
+    assert same(read.network, network._copied(positions=critical.coordinates))
+    edges, vertices = cf.to_tables(critical)
+    vertices.attrs.pop("critflow")
+    with pytest.raises(InputError, match=word):
+        cf.read_network((edges, vertices))
+
+
 def test_pins_are_written_where_they_are():
     pinned = Network([[0, 1], [1, 0]], [[0], [1]], [[2.0]], pins={0: [0.25]}, positions=[[0.1], [0.9]])
     assert cf.read_network(cf.to_tables(pinned)).pins[0] == 0.25
