@@ -3,6 +3,7 @@
 A table of edges has the columns tail and head, those of the image offset of the head, offset_x, offset_y, ..., where
 the network is periodic, and where known stiffness, rest_length and force_density.  A table of vertices has x, y, ...,
 and where needed id and fixed (1 or 0); it begins with lines `# cell` and d² numbers, vectors by rows, or `# volume`.
+`# critflow 1` marks tables that were written here, in which parallel edges, planes in space and long edges are meant.
 Graphs have the same names as attributes, with `pos` of a node and `offset` of an edge in place of their components.
 
 Every source becomes two tables first.  Nothing is repaired or guessed: the first fault is one sentence.
@@ -13,7 +14,6 @@ from __future__ import annotations
 import sys
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import replace
 from importlib import import_module
 from io import StringIO
 from os import PathLike
@@ -39,6 +39,8 @@ OFFSETS = ("offset_x", "offset_y", "offset_z")
 # The length and the number of an edge follow from the rest, and are not read.
 _OF_EDGES = ("tail", "head", *OFFSETS, "stiffness", "rest_length", "force_density", "length", "edge")
 _OF_VERTICES = ("x", "y", "z", "id", "fixed")
+# Attributes of the table of vertices, and of a graph.
+_ATTRIBUTES = ("cell", "volume", "critflow")
 _SEPARATORS = {".csv": ",", ".txt": ",", ".tsv": "\t"}
 # Largest unbalanced force of a configuration, in units of the mean tension: half of all digits.
 _BALANCED = 1e-8
@@ -81,11 +83,11 @@ def read_critical(source: Any) -> CriticalConfiguration:
         if "force_density" not in edges:
             raise InputError("it has no force densities: CriticalManifold(network).configuration(sigma) takes them")
         sigma = edge_values(_numbers(edges, "force_density"), network.n_edges, "force_density", positive=False)
-        x, rest = np.asarray(network.positions), _numbers(edges, "rest_length") if "rest_length" in edges else None
-        L = network.bond_vectors(x)
-        # Rest lengths that are the lengths name no slack edges, and say no more than the configuration.
-        rest = None if rest is None or np.allclose(rest, norms(L), rtol=1e-9, atol=0) else rest
-        critical = CriticalConfiguration(network, sigma, x, L, rest_lengths=rest)
+        rest = (
+            edge_values(_numbers(edges, "rest_length"), len(sigma), "rest_length") if "rest_length" in edges else None
+        )
+        x = np.asarray(network.positions)
+        critical = CriticalConfiguration(network, sigma, x, network.bond_vectors(x), rest_lengths=rest)
         if not critical.residual < _BALANCED:
             raise InputError(
                 f"its forces do not balance, by {critical.residual:.1g} of the mean tension: give all digits, or let "
@@ -111,17 +113,17 @@ def to_tables(thing: Network | CriticalConfiguration | Solution[Any]) -> Tables:
     network, critical = (value, None) if isinstance(value, Network) else (value.network, value)
     if (x := network.positions if critical is None else critical.coordinates) is None:
         raise InputError("the network has no positions: give a configuration, or Network(..., positions=)")
-    pins = list(network.pins)
-    x = x.copy()
-    x[pins] = network.fixed_positions[pins]
-    values = {"stiffness": network.stiffness}
-    if critical is not None:
-        values |= {} if critical.rest_lengths is None else {"rest_length": critical.rest_lengths}
-        values |= {"force_density": critical.sigma}
-    values["length"] = norms(network.bond_vectors(x))
-    fixed = np.isin(np.arange(len(x)), pins).astype(int)
-    boundary = {"cell": network.cell, "volume": network.reference_volume}
-    return tables_of(network.edges, network.offsets, values, x, fixed, boundary)
+    fixed = np.isin(np.arange(len(x)), list(network.pins)).astype(int)
+    x = np.where(fixed[:, None], network.fixed_positions, x)
+    values = {
+        "stiffness": network.stiffness,
+        "rest_length": None if critical is None else critical.rest_lengths,
+        "force_density": None if critical is None else critical.sigma,
+        "length": norms(network.bond_vectors(x)),
+    }
+    return tables_of(
+        network.edges, network.offsets, values, x, fixed, {"cell": network.cell, "volume": network.reference_volume}
+    )
 
 
 def to_graph(thing: Network | CriticalConfiguration | Solution[Any]) -> Any:
@@ -214,7 +216,7 @@ def _table(source: Any) -> pd.DataFrame:
     if not isinstance(table.index, pd.RangeIndex):
         raise InputError(f"the rows of {path.name} have more values than its header has names: correct it")
     words = [line[1:].split() for line in text.splitlines() if line.startswith("#")]
-    table.attrs = {word[0]: word[1:] for word in words if word[:1] in (["cell"], ["volume"])}
+    table.attrs = {word[0]: word[1:] for word in words if word and word[0] in _ATTRIBUTES}
     return table
 
 
@@ -222,7 +224,7 @@ def _of_graph(graph: Any) -> Tables:
     """The tables of a networkx graph."""
     nodes = {node: row for row, node in enumerate(graph)}
     vertices = pd.DataFrame([_spread(graph.nodes[node], "pos", "xyz") for node in nodes])
-    vertices.attrs = {name: graph.graph[name] for name in ("cell", "volume") if name in graph.graph}
+    vertices.attrs = {name: graph.graph[name] for name in _ATTRIBUTES if name in graph.graph}
     rows = []
     for a, b, values in sorted(graph.edges(data=True), key=lambda edge: edge[2].get("index", 0)):
         row = _spread(values, "offset", OFFSETS)
@@ -260,33 +262,41 @@ def stored_configuration(case: Any) -> dict[str, np.ndarray | None]:
     position = np.asarray(case["position"], dtype=float)
     if not np.isfinite(position).all():
         raise InputError("this case of the dataset has no configuration: see its status, or choose another")
-    arrays: dict[str, np.ndarray | None] = {name: np.asarray(case[name]) for name in ("edges", "offsets", "cell")}
-    optional = {name: np.asarray(case[name]) if name in case else None for name in ("sigma", "stiffness")}
-    return arrays | {"position": position} | optional
+    names = ("edges", "offsets", "cell", "position", "sigma", "stiffness")
+    return {name: np.asarray(case[name]) if name in case else None for name in names} | {"position": position}
 
 
 def _of_case(case: Any) -> Tables:
     """The tables of a case of a dataset."""
     edges, offsets, cell, x, sigma, stiffness = stored_configuration(case).values()
     assert edges is not None and offsets is not None and x is not None
-    given = {"stiffness": stiffness, "force_density": sigma}
-    values = {name: value for name, value in given.items() if value is not None}
-    return tables_of(edges, offsets, values, x, np.zeros(len(x), int), {"cell": cell})
+    return tables_of(
+        edges, offsets, {"stiffness": stiffness, "force_density": sigma}, x, np.zeros(len(x), int), {"cell": cell}
+    )
 
 
 # Between tables, networks, files and graphs
 
 
 def tables_of(
-    edges: IntArray, offsets: IntArray, values: Mapping[str, Array], x: Array, fixed: IntArray, boundary: dict[str, Any]
+    edges: IntArray,
+    offsets: IntArray,
+    values: Mapping[str, Array | None],
+    x: Array,
+    fixed: IntArray,
+    boundary: dict[str, Any],
 ) -> Tables:
-    """The tables of arrays, with `values` of edges by column, marks of fixed vertices, and the cell or the volume."""
+    """The tables of arrays, with `values` of edges by column, marks of fixed vertices, and the cell or the volume.
+
+    Their own mark says that what looks like a mistake is meant: parallel edges, planes in space, edges beyond a cell.
+    """
     d = x.shape[1]
     ends = dict(zip(("tail", "head", *OFFSETS[:d]), (*edges.T, *offsets.T), strict=True))
     places = dict(zip("xyz"[:d], x.T, strict=True))
     vertices = pd.DataFrame({"id": np.arange(len(x)), **places, "fixed": fixed})
-    vertices.attrs = {name: np.asarray(value).tolist() for name, value in boundary.items() if value is not None}
-    return pd.DataFrame({**ends, **values}), vertices
+    given = {**boundary, "critflow": 1}
+    vertices.attrs = {name: np.asarray(value).tolist() for name, value in given.items() if value is not None}
+    return pd.DataFrame({**ends, **{name: value for name, value in values.items() if value is not None}}), vertices
 
 
 def _network(edges: pd.DataFrame, vertices: pd.DataFrame, cell: ArrayLike | None) -> Network:
@@ -301,8 +311,8 @@ def _network(edges: pd.DataFrame, vertices: pd.DataFrame, cell: ArrayLike | None
     d, present = len(axes), [column for column in OFFSETS if column in edges]
     if axes != list("xyz"[:d]) or present not in ([], list(OFFSETS[:d])):
         raise InputError(f"the columns {', '.join([*axes, *present])} have no common dimension: add or delete some")
-    x = np.array([_numbers(vertices, axis) for axis in axes]).T
-    if d == 3 and np.count_nonzero((extent := np.ptp(x, axis=0)) <= _FLAT * extent.max()) == 1:
+    x, own = np.array([_numbers(vertices, axis) for axis in axes]).T, "critflow" in vertices.attrs
+    if not own and d == 3 and np.count_nonzero((extent := np.ptp(x, axis=0)) <= _FLAT * extent.max()) == 1:
         raise InputError("all vertices lie in one plane of two axes: give these two as x and y")
     cell = _given(vertices, "cell", d**2, cell)
     volume = _given(vertices, "volume", 1)
@@ -321,9 +331,10 @@ def _network(edges: pd.DataFrame, vertices: pd.DataFrame, cell: ArrayLike | None
         _numbers(edges, "stiffness") if "stiffness" in edges else 1.0,  # type: ignore[arg-type]
         {int(vertex): x[vertex] for vertex in np.flatnonzero(fixed)},
         n_vertices=len(x),
-        positions=x,
+        positions=None if own else x,
     )
-    _require_single(network)
+    if not own:
+        _require_single(network)
     network = network if volume is None else network.with_volume(volume[0])
     L = (
         x[network.edges[:, 1]]
@@ -331,9 +342,10 @@ def _network(edges: pd.DataFrame, vertices: pd.DataFrame, cell: ArrayLike | None
         + (0 if network.cell is None else network.offsets @ network.cell)
     )
     try:
-        return replace(network, faces=planar_faces(network.edges, L, len(x))) if d == 2 else network
+        faces = planar_faces(network.edges, L, len(x)) if d == 2 else None
     except NetworkError:  # edges cross
-        return network
+        faces = None
+    return network._copied(positions=x, faces=faces)
 
 
 def _ends(edges: pd.DataFrame, vertices: pd.DataFrame) -> IntArray:

@@ -236,16 +236,20 @@ class Network:
         return self._copied(reference_volume=float(value))
 
     def deformed(self, gradient: ArrayLike) -> Network:
-        """The network after the affine deformation F of its boundary: b → F b, including pins and positions."""
+        """The network after the affine deformation F of its boundary: b → F b, including pins and positions.
+
+        Faces keep their numbers, also in a mirror, det F < 0.
+        """
         F = floats(gradient, "a deformation")
-        growth = abs(np.linalg.det(F)) if F.shape == (self.dimension,) * 2 and np.isfinite(F).all() else 0.0
-        if not growth > 0:
+        determinant = np.linalg.det(F) if F.shape == (self.dimension,) * 2 and np.isfinite(F).all() else 0.0
+        if not abs(determinant) > 0:
             raise NetworkError(f"a deformation must be an invertible {self.dimension} × {self.dimension} matrix")
         copied = self._copied(
             cell=None if self.cell is None else self.cell @ F.T,
             pins={i: F @ p for i, p in self.pins.items()},
             positions=None if self.positions is None else self.positions @ F.T,
-            reference_volume=None if self.reference_volume is None else self.reference_volume * growth,
+            faces=self.faces if self.faces is None or determinant > 0 else self.faces.mirrored(),
+            reference_volume=None if self.reference_volume is None else self.reference_volume * abs(determinant),
         )
         copied.__dict__.pop("boundary_vectors", None)
         copied.__dict__.pop("fixed_positions", None)

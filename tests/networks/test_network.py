@@ -63,6 +63,9 @@ def test_part_keeps_its_bond_vectors():
     )
 
 
+MIRRORED = voronoi_network(40, seed=3)
+
+
 @pytest.mark.parametrize(
     "network, sizes",
     [
@@ -70,12 +73,12 @@ def test_part_keeps_its_bond_vectors():
         (lattice("honeycomb", 1, 1), np.array([6])),
         (voronoi_network(100, seed=1), None),
         (oblique(voronoi_network(40, seed=2)), None),
+        (MIRRORED.deformed(np.diag([-1.0, 1.0])), MIRRORED.faces.sizes),
     ],
-    ids=["honeycomb", "one hexagon", "voronoi", "oblique"],
+    ids=["honeycomb", "one hexagon", "voronoi", "oblique", "mirrored"],
 )
 def test_faces_are_closed_left_handed_and_fill_the_cell(network, sizes):
-    L = network.bond_vectors(network.positions)
-    faces = planar_faces(network.edges, L, network.n_vertices)
+    L, faces = network.bond_vectors(network.positions), network.faces
     # Euler on the torus: N_v − N_b + N_f = 0.
     assert faces.n_faces == network.n_edges - network.n_vertices
     assert faces.sizes.sum() == 2 * network.n_edges

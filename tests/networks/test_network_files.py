@@ -1,6 +1,7 @@
 """Networks of tables, graphs and cases of datasets: nothing is lost there and back, every fault is named."""
 
 import sys
+from dataclasses import replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -11,7 +12,7 @@ import xarray as xr
 from refusals import refused
 
 import critflow as cf
-from critflow import CriticalConfiguration, InputError, Network, extensions
+from critflow import InputError, Network, extensions
 
 SIX = np.random.default_rng(5).random((6, 2))
 NETWORKS = {
@@ -86,17 +87,42 @@ def test_a_critical_configuration_comes_back_with_all_bits(tmp_path, form):
     np.testing.assert_array_equal(read.sigma, critical.sigma)
     np.testing.assert_array_equal(read.coordinates, critical.coordinates)
     assert read.rest_lengths is None and read.residual < 1e-13
-    # In the scale in which the stresses are stored.
-    larger = CriticalConfiguration(
-        critical.network,
-        3 * critical.sigma,
-        critical.coordinates,
-        critical.bond_vectors,
-        rest_lengths=critical.lengths + 1,
-    )
-    read = cf.read_critical(FORMS[form](larger, tmp_path))
-    np.testing.assert_array_equal(read.sigma, larger.sigma)
-    np.testing.assert_array_equal(read.rest_lengths, larger.rest_lengths)
+    # In the scale in which the stresses are stored; rest lengths that are the lengths are those of cables.
+    for rest in (critical.lengths, critical.lengths + 1):
+        larger = replace(critical, sigma=3 * critical.sigma, rest_lengths=rest)
+        read = cf.read_critical(FORMS[form](larger, tmp_path))
+        np.testing.assert_array_equal(read.sigma, larger.sigma)
+        np.testing.assert_array_equal(read.rest_lengths, rest)
+
+
+HUNG = {0: [0.0, 0.0], 2: [3.0, 0.0], 3: [0.0, 3.0]}
+MEANT = {
+    "parallel springs": (Network([[0, 1], [0, 1], [1, 2], [1, 3]], pins=HUNG), "edge 1 is edge 0 again"),
+    "a plane in space": (
+        Network([[0, 1], [1, 2], [1, 3]], pins={vertex: [*place, 0.0] for vertex, place in HUNG.items()}),
+        "in one plane",
+    ),
+    "edges beyond the cell": (
+        Network([[0, 1]] * 3, [[0, 0], [3, 0], [0, 3]], np.eye(2)),
+        "contradict the offsets",
+    ),
+}
+
+
+@pytest.mark.parametrize("form", FORMS)
+@pytest.mark.parametrize("name", MEANT)
+def test_what_looks_like_a_mistake_comes_back_where_it_is_meant(tmp_path, name, form):
+    if form == "graph":
+        pytest.importorskip("networkx")
+    network, word = MEANT[name]
+    critical = cf.CriticalManifold(network).configuration(np.arange(1.0, 1 + network.n_edges))
+    read = cf.read_critical(FORMS[form](critical, tmp_path))
+    np.testing.assert_array_equal(read.sigma, critical.sigma)
+    assert same(read.network, network._copied(positions=critical.coordinates))
+    edges, vertices = cf.to_tables(critical)
+    vertices.attrs.pop("critflow")
+    with pytest.raises(InputError, match=word):
+        cf.read_network((edges, vertices))
 
 
 def test_pins_are_written_where_they_are():
@@ -291,6 +317,10 @@ test_sources_that_contradict_themselves_are_refused = refused(
         "stresses NaN": (
             lambda: cf.read_critical((ROWS.assign(force_density=np.nan), PLACES)),
             "row 1 of column force_density",
+        ),
+        "a rest length below zero": (
+            lambda: cf.read_critical((ROWS.assign(rest_length=-1.0), PLACES)),
+            r"rest_length\[0\] = -1",
         ),
         "stresses of zero": (lambda: cf.read_critical((ROWS.assign(force_density=0.0), PLACES)), "do not balance"),
     },

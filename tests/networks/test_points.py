@@ -28,7 +28,10 @@ def periodic_distances(points: np.ndarray) -> np.ndarray:
 
 
 @pytest.mark.parametrize("seed", range(4))
-@pytest.mark.parametrize("n_points, distance, dimension", [(200, STANDARD_HARD_CORE / 200**0.5, 2), (100, 0.15, 3)])
+@pytest.mark.parametrize(
+    "n_points, distance, dimension",
+    [(200, STANDARD_HARD_CORE / 200**0.5, 2), (100, 0.15, 3), (1000, 0.04 / 1000**0.5, 2)],
+)
 def test_points_satisfy_the_minimum_distance(n_points, distance, dimension, seed):
     points = random_sequential_addition(n_points, distance, np.random.default_rng(seed), dimension)
     assert points.shape == (n_points, dimension)
@@ -44,6 +47,9 @@ def test_points_satisfy_the_minimum_distance(n_points, distance, dimension, seed
         (50, 0.82, 2, "661f5a69e3c54fff"),
         (2000, 0.82, 2, "c51a118a9809e9af"),
         (2000, 0.6, 2, "0fe2484b2aabd201"),
+        (50, 0.05, 2, "dbac86e5c79639bd"),
+        (50, 1e-9, 2, "ffcf9e08d58e78f1"),
+        (50, 1e-300, 3, "7e546f2c7640be5c"),
         (100, 0.85, 3, "6acfe489e6980cce"),
     ],
 )
@@ -56,7 +62,12 @@ def test_points_are_frozen(n_points, hard_core, dimension, bits):
 
 @pytest.mark.parametrize(
     "dimension, hard_core, total",
-    [(2, 0.7, 2464.2206000330084), (3, 0.7, 6003.70028738539), (2, 0.82, 2577.0834777689943)],
+    [
+        (2, 0.7, 2464.2206000330084),
+        (3, 0.7, 6003.70028738539),
+        (2, 0.82, 2577.0834777689943),
+        (2, 1e-9, 2348.9434470093393),
+    ],
 )
 def test_points_of_a_cell_are_frozen(dimension, hard_core, total):
     cell = np.array([[1.0, 0.1, 0.0], [0.7, 1.0, 0.2], [0.0, 0.3, 1.0]])[:dimension, :dimension]

@@ -248,7 +248,7 @@ def data_of(
         offsets=network.offsets,
         pins=tuple(pins),
         stiffness=network.stiffness,
-        rest_lengths=known(rest_lengths, "rest_lengths", "lengths"),
+        rest_lengths=known(rest_lengths, "rest_lengths"),
         force_densities=known(force_densities, "force_densities", "sigma"),
         volume=network.reference_volume,
         source="critflow",

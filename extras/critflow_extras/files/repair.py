@@ -85,8 +85,9 @@ class ImportedNetwork(Solution[Network]):
             raise InputError("the source has no force densities: nearest_critical(network, positions) estimates them")
         if self.repaired:
             raise InputError("the network was repaired, so these force densities may not balance: see its notes")
-        vectors = self.network.bond_vectors(self.positions)
-        return CriticalConfiguration(self.network, self.force_densities, self.positions, vectors)
+        x, rest = self.positions, self.rest_lengths
+        vectors = self.network.bond_vectors(x)
+        return CriticalConfiguration(self.network, self.force_densities, x, vectors, rest_lengths=rest)
 
     @property
     def sides(self) -> sp.csr_array:

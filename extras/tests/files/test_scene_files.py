@@ -41,11 +41,17 @@ def test_both_read_what_either_writes(tmp_path, name, write):
         assert list(read.pins) == list(network.pins) and read.reference_volume == network.reference_volume
 
 
+CONFIGURATIONS = {
+    "without rest lengths": cf.optimize(PLANE, "B_0").value,
+    "of rest lengths": cf.critical_from_lengths(PLANE, np.ones(48)).value,
+}
+
+
+@pytest.mark.parametrize("critical", CONFIGURATIONS.values(), ids=CONFIGURATIONS)
 @pytest.mark.parametrize("write", [cf.write_network, ce.write_network])
-def test_both_read_the_stresses_of_a_configuration(tmp_path, write):
-    critical = cf.optimize(PLANE, "B_0").value
+def test_both_read_the_stresses_and_the_rest_lengths_of_a_configuration(tmp_path, write, critical):
     write(critical, tmp_path / "c.csv")
     for read in (cf.read_critical(tmp_path / "c.csv"), ce.network_from(tmp_path / "c.csv").configuration):
         np.testing.assert_array_equal(read.sigma, critical.sigma)
         np.testing.assert_array_equal(read.coordinates, critical.coordinates)
-        assert read.rest_lengths is None
+        np.testing.assert_array_equal(read.rest_lengths, critical.rest_lengths)
