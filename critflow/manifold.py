@@ -333,7 +333,8 @@ class CriticalManifold:
 
         B is symmetric and σᵀ B = 0: the stress is normal to the manifold (`TangentVectors`).
         """
-        sigma, L = configuration.sigma, configuration.bond_vectors
+        configuration = of_kind(CriticalConfiguration, configuration=configuration)
+        sigma, L = edge_values(configuration.sigma, self.network.n_edges, "sigma", False), configuration.bond_vectors
         free = configuration.coordinates[self.network.free]
         balance = Balance(self, sigma, L, free, self.prestress.factorize_signed(sigma))
 
