@@ -138,6 +138,8 @@ def _draw(axes, one, width):
 
 def _band(axes, values, colour):
     """Median over networks, and the band of two thirds of them, against the step."""
+    # All ascents may end before the last records.
+    values = values.dropna("step", how="all")
     x = values.step.values
     low, middle, high = np.nanquantile(values.transpose("seed", "step").values, (1 / 6, 0.5, 5 / 6), axis=0)
     axes.fill_between(x, low, high, color=colour, alpha=0.25, linewidth=0)
