@@ -120,7 +120,8 @@ class Deformation:
 
     def matrix(self, strain: float, order: int) -> Array:
         """The derivative of F(γ) of an order, (d, d); `InputError` for other shapes and numbers that are not finite."""
-        F = np.asarray(self.derivative(float(strain), order), dtype=float)
+        of_kind(float, strain=strain)
+        F = floats(self.derivative(float(strain), order), f"the {_ORDERS[order]} of the deformation {self.name}")
         if F.shape != (self.dimension,) * 2 or not np.isfinite(F).all():
             raise InputError(
                 f"at strain {strain:g} the {_ORDERS[order]} of the deformation {self.name} must be a finite "
@@ -133,7 +134,7 @@ class Deformation:
     @classmethod
     def dilation(cls, dimension: int) -> Deformation:
         """F = (1 + γ)^{1/d} 1: volumetric strain γ."""
-
+        dimension = _checked(dimension)
         power, one = 1 / dimension, np.eye(dimension)
         factors = 1.0, power, power * (power - 1)
 
@@ -147,12 +148,14 @@ class Deformation:
     @classmethod
     def simple_shear(cls, dimension: int, plane: str = "xy") -> Deformation:
         """F = 1 + γ e_i e_jᵀ in the plane (i, j): x_i → x_i + γ x_j."""
+        dimension = _checked(dimension)
         i, j = np.eye(dimension)[[*_plane(dimension, plane)]]
         return replace(cls.linear(np.outer(i, j)), name="simple_shear" + f"_{plane}" * (plane != "xy"))
 
     @classmethod
     def pure_shear(cls, dimension: int, plane: str = "xy") -> Deformation:
         """Stretch 1 + γ along axis i and 1/(1 + γ) along axis j of the plane (i, j)."""
+        dimension = _checked(dimension)
         i, j = _plane(dimension, plane)
 
         def derivative(strain: float, order: int) -> Array:
@@ -167,6 +170,7 @@ class Deformation:
     @classmethod
     def uniaxial(cls, dimension: int, axis: str = "x", sides: str = "fixed") -> Deformation:
         """F = 1 + γ e_i e_iᵀ; sides "fixed", or "free": the other normal components of the cell are free of stress."""
+        dimension = _checked(dimension)
         i = _axis(dimension, axis)
         if sides not in ("fixed", "free"):
             raise InputError(f"the sides of a uniaxial deformation are 'fixed' or 'free', not {sides!r}")
@@ -200,18 +204,21 @@ class Deformation:
         results.  A path with a kink, or one that is defined for γ ≥ 0 alone, needs them: `InputError` where quotients
         by two steps disagree.
         """
-        start = np.asarray(gradient(0.0), dtype=float)
+        dimension = _checked(dimension)
+        of_kind(Callable, gradient=gradient)
+        of_kind(Callable, None, rate=rate, second_rate=second_rate)
+        start = floats(gradient(0.0), "a deformation F(0)")
         if start.shape != (dimension,) * 2 or not np.allclose(start, np.eye(dimension), rtol=0, atol=1e-14):
             raise InputError(f"a deformation must begin with F(0) = 1, a {dimension} × {dimension} matrix")
         given = [gradient] + [one for one in (rate, second_rate) if one is not None]
         if second_rate is not None and rate is None:
             raise InputError("a deformation with F'' needs F' as well: give rate, or leave out second_rate")
         for order, (below, above) in enumerate(pairwise(given), 1):
-            slope, start = np.asarray(above(0.0), float), np.asarray(below(0.0), float)
+            start, slope = floats(below(0.0), "a deformation"), floats(above(0.0), f"its {_ORDERS[order]}")
             allowed = _CONSISTENT * max(1.0, float(np.abs(slope).max()))
             # A path may have a kink at zero, or be defined on one side alone.
             sides = (np.asarray(below(s), float) - start - s * slope for s in (_NEAR, -_NEAR))
-            if not any(np.abs(off).max() <= _NEAR * allowed for off in sides):
+            if slope.shape != start.shape or not any(np.abs(off).max() <= _NEAR * allowed for off in sides):
                 raise InputError(f"at strain 0 the {_ORDERS[order]} given is not that of the deformation: correct it")
 
         @lru_cache(maxsize=8)
@@ -290,9 +297,7 @@ def deformation_of(value: Deformation | str | ArrayLike | Function, dimension: i
            [0. , 1. ]])
     """
     value = of_kind(np.ndarray, str, Deformation, Callable, value=value)
-    dimension = of_kind(int, dimension=dimension)
-    if dimension < 1:
-        raise InputError(f"a deformation needs a dimension of at least 1, not {dimension}")
+    dimension = _checked(dimension)
     if isinstance(value, str):
         if value not in _NAMED:
             raise InputError(f"no deformation is called {value!r}: choose one of {', '.join(_NAMED)}")
@@ -343,6 +348,13 @@ def _square(strain: ArrayLike) -> Array:
     if A.ndim != 2 or A.shape[0] != A.shape[1] or not 1 <= len(A) <= 3 or not np.isfinite(A).all():
         raise InputError(f"an affine strain must be a finite square matrix of 1, 2 or 3 rows, not of shape {A.shape}")
     return A
+
+
+def _checked(dimension: int) -> int:
+    dimension = of_kind(int, dimension=dimension)
+    if dimension < 1:
+        raise InputError(f"a deformation needs a dimension of at least 1, not {dimension}")
+    return dimension
 
 
 def _axis(dimension: int, axis: str) -> int:

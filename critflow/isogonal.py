@@ -24,7 +24,7 @@ import scipy
 import scipy.sparse as sp
 from numpy.typing import ArrayLike
 
-from critflow.arguments import edge_values, of_kind
+from critflow.arguments import edge_values, floats, of_kind
 from critflow.calls import running
 from critflow.manifold import CriticalConfiguration, critical_configuration
 from critflow.networks import Array, Network
@@ -70,7 +70,7 @@ class IsogonalModes(Record):
         Raises `InputError` where a length would not be positive.
         """
         critical, network = self.critical, self.critical.network
-        a = np.asarray(amplitudes, dtype=float)
+        a = floats(amplitudes, "amplitudes")
         change = self._elongation(a)
         lengths = critical.lengths + change
         if not lengths.min() > 0:
@@ -82,6 +82,7 @@ class IsogonalModes(Record):
 
     def towards(self, direction: ArrayLike, fraction: float = 0.5) -> CriticalConfiguration:
         """The configuration at a fraction (0 ≤ fraction < 1) of `limit` in a direction (n_modes,)."""
+        of_kind(float, fraction=fraction)
         if not 0 <= fraction < 1:
             raise InputError(f"the fraction must lie in 0 ≤ fraction < 1, not be {fraction}")
         limit = self.limit(direction)
@@ -97,8 +98,10 @@ class IsogonalModes(Record):
         """
         critical = self.critical
         w = edge_values(weights, critical.network.n_edges, "weights", positive=False)
-        if not shortest > 0:
-            raise InputError(f"the shortest length must be positive, not {shortest}")
+        of_kind(float, shortest=shortest)
+        of_kind(bool, throw=throw)
+        if not 0 < shortest < np.inf:
+            raise InputError(f"the shortest length must be positive and finite, not {shortest}")
         # The program has an absolute tolerance, 1e-7: lengths, elongations and weights are in units of their own.
         E = sp.csr_array(self.elongations)
         sizes = critical.lengths.mean(), np.abs(E.data).max(initial=0.0) or 1.0, np.abs(w).max(initial=0.0) or 1.0
@@ -116,7 +119,7 @@ class IsogonalModes(Record):
         return solution.or_raise("no best isogonal change was found") if throw else solution
 
     def _elongation(self, amplitudes: ArrayLike) -> Array:
-        a = np.asarray(amplitudes, dtype=float)
+        a = floats(amplitudes, "amplitudes")
         n_modes = self.elongations.shape[0]
         if a.shape != (n_modes,) or not np.isfinite(a).all():
             raise InputError(f"the family needs {n_modes} finite amplitudes, not an array of shape {a.shape}")

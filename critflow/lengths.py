@@ -19,6 +19,7 @@ configuration, which is unique.
     slack_edges  they converge on the stressed edges, and no other is longer   the configuration, σ = 0 on slack edges
     stalled      a length is below the rounding of coordinates                 NaN
     stalled      the only taut edges join pins                                 NaN
+    stalled      several separate parts become taut at once                    NaN
     stalled      the stressed edges are not separated from slack ones          NaN
 
 The error of the coordinates is that of one more step of Newton's method, from residuals in extended precision.
@@ -117,6 +118,7 @@ SOLVED = 1e-6  # relative residual of a Newton step that determines the error of
 NEAR_END = 1e-4  # error of the state of a matrix up to which its step has two digits
 
 NOT_SEPARATED = "the stressed edges were not separated from slack ones: narrow the spread of the rest lengths"
+SEVERAL = "several separate parts become taut at once, so the ratio of their stresses is open: change some rest lengths"
 
 
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)
@@ -206,6 +208,8 @@ def critical_from_lengths(
             balance = None if end is None else _balanced(boundary, ratio * lengths, end)
             if balance is not None:
                 break
+            if end and end.part and end.part.several and resolved(boundary, ratio * lengths, end):
+                note = SEVERAL
     if end is not None and balance is not None:
         solution = _configuration(boundary, lengths, ratio, end, balance, steps)
     else:

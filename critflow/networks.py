@@ -17,7 +17,7 @@ import scipy.linalg
 import scipy.sparse as sp
 from numpy.typing import ArrayLike, NDArray
 
-from critflow.arguments import Array, IntArray, edge_values, finite_rows, floats, integers, shown
+from critflow.arguments import Array, IntArray, edge_values, finite_rows, floats, integers, of_kind, shown
 from critflow.checks import check_ends, check_positions, check_support, checked_cell, checked_pins
 from critflow.faces import Faces, PlanarFaces
 from critflow.numerics import restore_read_only
@@ -273,6 +273,8 @@ class Network:
 
         The faces of the network, if it has any, are not kept: the edge may cross others.
         """
+        tail, head = of_kind(int, tail=tail, head=head)
+        of_kind(float, stiffness=stiffness)
         for vertex in (tail, head):
             if not 0 <= vertex < self.n_vertices:
                 raise NetworkError(f"there is no vertex {vertex}: vertices run from 0 to {self.n_vertices - 1}")

@@ -97,7 +97,7 @@ def optimize(
     modulus in closed form whose maximum, has an edge of zero length, `Status.slack_edges` for a length variance whose
     infimum has slack edges, `Status.singular` where lengths grow without end.  The objective is then the limit of the
     value.  Every optimum of a descent may be local: where no stress gives equal lengths, different starts end at
-    different length variances.
+    different length variances.  The note of an optimum that needs no descent names the options that had no effect.
     Raises `InputError` for bad arguments, `SolveError` if not `ok` and `throw`. Many parameters: each is one choice.
 
     >>> import critflow as cf
@@ -114,14 +114,17 @@ def optimize(
     given = _starts(manifold.network.n_edges, start, starts, rng, positive)
     _check_objective(manifold, objective, method, positive, given[0])
     # An optimum that is known without a descent.
-    prescribed = start is not None or max_steps is not None or observe is not None
-    best = known_optimum(manifold, objective, method, positive, None if prescribed else tolerance)
+    options = {"start": start is not None, "max_steps": max_steps is not None, "observe": observe is not None}
+    best = known_optimum(manifold, objective, method, positive, None if any(options.values()) else tolerance)
     if best is None:
         # Else the best of the descents from all starts; of those with status `ok`, where there is one.
         kind, sign = Descent if positive else SignedDescent, -1 if objective.maximise else 1
         ends = [descend(kind(manifold, objective, observe), one, method, tolerance, max_steps) for one in given]
         first = min([end for end in ends if end.ok] or ends, key=lambda end: sign * end.objective)
         best = replace(first, start=ends.index(first), starts=np.array([end.objective for end in ends]))
+    elif best.ok and (unused := [name for name, chosen in (options | {"starts": starts > 1}).items() if chosen]):
+        idle = f"no descent is needed, so that {', '.join(unused)} had no effect: choose method='lbfgs' for one"
+        best = replace(best, note="; ".join(filter(None, (best.note, idle))))
     return best.or_raise("no optimum") if throw else best
 
 
@@ -142,6 +145,8 @@ def _check_options(
         raise InputError(f"no method is called {method!r}: choose one of {', '.join(METHODS)}")
     if not tolerance > 0:
         raise InputError(f"the tolerance must be positive, not {tolerance}")
+    if not 0 < threshold < np.inf:
+        raise InputError(f"the threshold must be positive and finite, not {threshold}: stresses stay above it")
     if max_steps is not None and max_steps < 0:
         raise InputError(f"max_steps must be a whole number of at least 0, or None, not {max_steps!r}")
     if signs not in ("positive", "any"):

@@ -206,11 +206,16 @@ BAD = {
     "amplitudes NaN": (lambda: SMALL.limit(np.full(30, np.nan)), "30 finite amplitudes"),
     **{
         f"fraction {part}": (lambda part=part: SMALL.towards(np.arange(30.0), part), "fraction")
-        for part in (1.0, -0.1, np.nan)
+        for part in (1.0, -0.1, np.nan, "half")
     },
+    "amplitudes in words": (lambda: SMALL.walk("abc"), "amplitudes must be real numbers"),
+    "direction in words": (lambda: SMALL.towards("abc"), "amplitudes must be real numbers"),
     "nothing shrinks": (lambda: SMALL.towards(np.zeros(30)), "no edge shrinks"),
     "lengths of no member": (lambda: SMALL.largest(np.ones(90), 1.5), "smaller length"),
-    "length of zero": (lambda: SMALL.largest(np.ones(90), 0.0), "must be positive"),
+    **{
+        f"length {shortest}": (lambda shortest=shortest: SMALL.largest(np.ones(90), shortest), "shortest")
+        for shortest in (0.0, np.inf, np.nan, "short")
+    },
     "few weights": (lambda: SMALL.largest(np.ones(89), 0.1), "one value per edge"),
     "four edges a vertex": (lambda: face_modes(critical_of(square_octagon(), 5)), "use isogonal_modes instead"),
     "pins": (lambda: face_modes(critical_of(pinned_grid(), 5)), "use isogonal_modes instead"),

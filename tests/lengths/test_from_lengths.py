@@ -89,12 +89,32 @@ def test_the_cone_program_is_solved_for_many_slack_edges_only(monkeypatch, n_ver
     assert solution.status is (Status.slack_edges if slack else Status.ok)
 
 
-def test_an_edge_between_pins_that_is_taut_alone_is_named():
-    network = Network([[0, 3], [1, 3], [2, 3], [0, 1]], pins={0: [0, 0], 1: [4, 0], 2: [1, 3]})
-    solution = critical_from_lengths(network, np.ones(4), throw=False)
-    assert not solution.ok and "edge 3 joins two pins" in solution.note
-    lengthened = critical_from_lengths(network, [1, 1, 1, 2.0], throw=False)
-    assert lengthened.status is Status.slack_edges and lengthened.slack_edges.tolist() == [3]
+# Two cables around the cell, joined by edges that are longer.
+LADDER = Network(
+    *([[0, 1], [1, 0], [2, 3], [3, 2], [0, 2], [1, 3], [2, 0], [3, 1]],),
+    *([[0, 0], [1, 0], [0, 0], [1, 0], [0, 0], [0, 0], [0, 1], [0, 1]], np.diag([2.0, 2.0])),
+)
+FANNED = Network([[0, 3], [1, 3], [2, 3], [0, 1]], pins={0: [0, 0], 1: [4, 0], 2: [1, 3]})
+
+
+@pytest.mark.parametrize(
+    ("network", "target", "word", "changed", "slack"),
+    [
+        pytest.param(FANNED, np.ones(4), "edge 3 joins two pins", {3: 2.0}, [3], id="an edge between pins"),
+        pytest.param(
+            LADDER, [1, 1, 1, 1, 3, 3, 3, 3], "several separate parts", {2: 1.1}, range(2, 8), id="two cables"
+        ),
+        pytest.param(
+            voronoi_network(4, seed=0), np.ones(6), "several separate parts", {2: 1.1}, [0, 1, 2, 5], id="equal"
+        ),
+    ],
+)
+def test_what_is_taut_alone_is_named_with_its_remedy(network, target, word, changed, slack):
+    solution = critical_from_lengths(network, target, throw=False)
+    assert solution.status is Status.stalled and word in solution.note
+    remedied = [changed.get(edge, length) for edge, length in enumerate(target)]
+    found = critical_from_lengths(network, remedied, throw=False)
+    assert found.status is Status.slack_edges and found.slack_edges.tolist() == list(slack)
 
 
 @pytest.mark.parametrize("shortest", [1e-9, 1e-12, 1e-20, 1e-100])

@@ -33,6 +33,10 @@ def extended(edges, offsets=None):
     return CriticalManifold(Network(np.concatenate([EDGES, edges]), np.concatenate([OFFSETS, offsets]), CELL))
 
 
+def soft_beyond_zero(strain):
+    return "soft" if strain else np.eye(2)
+
+
 CASES = {
     # Stiffness and lengths
     "stiffness negative": (lambda: NETWORK.with_stiffness(values(3, -1)), r"stiffness\[3\]"),
@@ -100,6 +104,8 @@ CASES = {
     "edge with a short offset": (lambda: NETWORK.with_edge(0, 1, [1]), "2 whole numbers"),
     "edge with half an offset": (lambda: NETWORK.with_edge(0, 1, [0.5, 0]), "whole"),
     "edge to itself": (lambda: NETWORK.with_edge(3, 3), "itself"),
+    "edge of two stiffnesses": (lambda: NETWORK.with_edge(0, 1, stiffness=[1, 2]), "stiffness must be a number"),
+    "edge from a list": (lambda: NETWORK.with_edge([0], 1), "tail must be a whole number"),
     "volume of a cell": (lambda: NETWORK.with_volume(1.0), "cell"),
     **{
         f"volume {v}": (lambda v=v: three_bar_linkage().with_volume(v), "volume")
@@ -116,6 +122,18 @@ CASES = {
     ),
     "second rate alone": (lambda: Deformation.path(lambda g: np.eye(2), 2, None, lambda g: np.eye(2)), "give rate"),
     "deformation that begins elsewhere": (lambda: deformation_of(lambda g: 2 * np.eye(2), 2), "begin"),
+    **{
+        f"{path} of {d} dimensions": (lambda path=path, d=d: getattr(Deformation, path)(d), "dimension")
+        for path in ("dilation", "simple_shear", "pure_shear", "uniaxial")
+        for d in (0, "x", 2.5)
+    },
+    "path of no dimension": (lambda: Deformation.path(lambda g: np.eye(2), "x"), "dimension"),
+    "path that is no function": (lambda: Deformation.path(3, 2), "gradient must be"),
+    "path of words": (lambda: Deformation.path(lambda g: "soft", 2), "numbers"),
+    "path with a rate of words": (lambda: Deformation.path(lambda g: np.eye(2), 2, lambda g: "soft"), "rate.*numbers"),
+    "path with a large rate": (lambda: Deformation.path(lambda g: np.eye(2), 2, lambda g: np.eye(3)), "rate given"),
+    "path that ends in words": (lambda: deformation_of(soft_beyond_zero, 2).gradient(0.1), "numbers"),
+    "strain of words": (lambda: Deformation.dilation(2).rate("soft"), "strain must be a number"),
     "shear out of the plane": (lambda: Deformation.simple_shear(2, "xz"), "axis"),
     "shear on a line": (lambda: Deformation.simple_shear(1), "two dimensions"),
     "shear along one axis": (lambda: Deformation.pure_shear(2, "xx"), "plane"),

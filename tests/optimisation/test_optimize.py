@@ -126,11 +126,30 @@ def test_many_starts_return_the_best():
     assert least.objective == np.min(least.starts)
 
 
+@pytest.mark.parametrize(
+    ("objective", "method", "options", "unused"),
+    [
+        ("B_0", "auto", {"start": np.ones(NETWORK.n_edges), "max_steps": 0}, "start, max_steps"),
+        ("C_B", "auto", {"observe": lambda *_: True}, "observe"),
+        ("V_L", "conic", {"starts": 2, "rng": np.random.default_rng(0)}, "starts"),
+        ("V_L", "auto", {"start": np.ones(NETWORK.n_edges)}, ""),
+        ("B_0", "auto", {"tolerance": 1e-3}, ""),
+    ],
+)
+def test_options_without_effect_are_named(objective, method, options, unused):
+    solution = optimize(NETWORK, objective, method, **options)
+    assert solution.note.startswith(f"no descent is needed, so that {unused} had no effect" if unused else "")
+    assert bool(solution.note) is bool(unused)
+    if unused:
+        assert solution.objective == optimize(NETWORK, objective, method).objective
+
+
 test_bad_arguments_are_refused = refused(
     {
         "starts without a generator": (lambda: optimize(NETWORK, "shear_modulus", starts=3), "random generator"),
         "a closed form of G_0": (lambda: optimize(NETWORK, "G_0", "closed_form"), "without a penalty"),
         "infinite threshold": (lambda: optimize(NETWORK, "G_0", threshold=np.inf), "threshold"),
+        "threshold of another": (lambda: optimize(NETWORK, "V_L", threshold=-5), "threshold must be positive"),
         "unknown signs": (lambda: optimize(NETWORK, "B_0", signs="negative"), "'positive' or 'any'"),
         "compression": (
             lambda: optimize(NETWORK, transition_modulus(NETWORK, pure_shear(2)), "closed_form"),

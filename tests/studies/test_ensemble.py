@@ -1,6 +1,7 @@
 """The ensemble study end to end, small: what it stores, whether the stored arrays bear out the stored numbers."""
 
 import numpy as np
+import pytest
 
 from critflow import CriticalManifold, Status, critical_from_lengths, voronoi_network
 from critflow.command.main import main
@@ -82,6 +83,16 @@ def test_coefficients_are_undefined_where_an_edge_collapses(run_study, tmp_path)
         ):
             assert np.isnan(collapsed[name]) and np.isfinite(other[name]), name
     assert np.isfinite(collapsed.B_0) and np.isfinite(collapsed.B).all()
+
+
+def test_several_taut_parts_add_up(run_study, tmp_path):
+    dataset = run_study("ensemble", tmp_path / "out", "n_vertices=4", "seeds=0", "populations=random_lengths")
+    one = dataset.isel(seed=0, population=0)
+    assert Status(int(one.status)) is Status.slack_edges and (one.path_status == Status.ok).all()
+    # Two chains around the cell, of which each has B = ⅛ k; the fitted line misses the curvature.
+    assert (float(one.B_0), float(one.C_B)) == pytest.approx((0.25, -0.125), rel=1e-12)
+    assert float(one.C_B_fit) == pytest.approx(float(one.C_B), rel=0.02)
+    assert not load_study("ensemble").study.verify(dataset)
 
 
 def test_populations_have_labels_symbols_and_colours(dataset):

@@ -26,6 +26,7 @@ SETTINGS = {
     "shear": {
         **{"method=steepest": "fire", "algorithms=steepest": "fire", "n_vertices=7": "n_vertices"},
         **{"fractions=0.5,1.5": "between", "n_steps=0": "least", "n_starts=0": "least"},
+        **{"detailed_seeds=0": "least"},
         **{"populations=shear": "population", "thresholds=0,0.1": "positive"},
     },
     "speed": {

@@ -79,3 +79,10 @@ def test_an_exponent_is_recovered_with_its_interval():
         inside += fit[1] <= -0.8 <= fit[2]
     # 95 % intervals: 38 of 40 are expected, 33 or fewer once in a thousand times.
     assert inside >= 34
+
+
+def test_ascents_of_few_steps_or_early_ends_are_drawn(run_study, tmp_path):
+    # No ascent reaches a part of the bound, and the recorded one ends before the last record.
+    short = ("n_steps=2", "fractions=0.9", "ascent_vertices=4", "steps=0,1,10,100", "seeds=0:2", "n_vertices=20,40")
+    dataset = run_study(STUDY, tmp_path / "out", *short, "populations=max_G_0,max_B_0", drawn=True)
+    assert np.isnan(dataset.compressed_edges_of_part).all() and np.isnan(dataset.G_0_ascent.isel(step=-1)).all()

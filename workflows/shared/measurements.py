@@ -79,16 +79,14 @@ def measured(manifold, found, parameters, wanted):
         result |= dict(zip(bounds(_AT_TRANSITION), errors, strict=True))
     deformation = deformation_of(parameters.get("deformation", "dilation"), manifold.network.dimension)
     side = tightening(critical, deformation)
-    if len(parts) == 1 and parts[0] is not critical:
-        # The taut part and its patterns then serve both.
-        critical, manifold = parts[0], parts[0].manifold
     if not wanted.isdisjoint((*_EXACT, *bounds(_EXACT), *_DEVIATIONS)):
-        exact, errors = known_stiffening(manifold, critical, deformation)
-        for names, of_all, sign in ((_EXACT, exact, side), (bounds(_EXACT), errors, 1)):
-            values = (of_all.C_B, of_all.C_G, of_all.C_G_stress_corrected)
+        # Patterns of the whole serve where no edge is slack.
+        known = [known_stiffening(manifold if one is critical else one.manifold, one, deformation) for one in parts]
+        for names, of_parts, sign in zip((_EXACT, bounds(_EXACT)), zip(*known, strict=True), (side, 1), strict=True):
+            values = np.sum([(one.C_B, one.C_G, one.C_G_stress_corrected) for one in of_parts], axis=0)
             result |= {name: sign * value for name, value in zip(names, values, strict=True)}
     if not wanted.isdisjoint((*_ALONG, *bounds(_OF_PATH))):
-        result |= _along_path(critical, parameters, deformation, side)
+        result |= _along_path(parts, parameters, deformation, side)
         result |= {f"{name}_fit_deviation": result[f"{name}_fit"] - result[name] for name in _EXACT if name in result}
     return result
 
@@ -150,30 +148,33 @@ def tightening(critical, deformation):
     return -1.0 if np.vdot(sigma[:, None] * L, L @ deformation.velocity(0.0).T) < 0 else 1.0
 
 
-def _along_path(critical, parameters, deformation, side):
-    """Moduli at strains of the tightening sign, and their growth with the distance |γ| from the transition."""
+def _along_path(parts, parameters, deformation, side):
+    """Moduli at strains of the tightening sign, and their growth with the distance |γ| from the transition.
+
+    parts  the taut parts alone, of which the coefficients are; their energies and moduli add up
+    """
     strains = np.array(parameters["strains"])
-    # The taut part alone, of which the coefficients are.
-    path = strain_path(
-        critical,
-        side * strains,
-        deformation=deformation,
-        taut_only=True,
-        measure="moduli",
-        throw=False,
-    ).value
-    result = {
-        "B": path.bulk_modulus,
-        "G": path.shear_modulus,
-        "G_stress_corrected": path.shear_modulus_stress_corrected,
-        "energy": path.energy,
-        "max_force": path.max_force,
-        "newton_steps": path.steps,
-        "path_status": path.status,
-    }
+    paths = [
+        strain_path(
+            part,
+            side * strains,
+            deformation=deformation,
+            taut_only=True,
+            measure="moduli",
+            throw=False,
+        ).value
+        for part in parts
+    ]
     # That of G holds in both conventions.
-    errors = (path.bulk_modulus_error, path.shear_modulus_error, path.shear_modulus_error)
-    result |= dict(zip(bounds(_OF_PATH), errors, strict=True))
+    sums = {
+        **{"B": "bulk_modulus", "G": "shear_modulus", "G_stress_corrected": "shear_modulus_stress_corrected"},
+        **{"energy": "energy", "newton_steps": "steps"},
+        **dict(zip(bounds(_OF_PATH), ("bulk_modulus_error", *["shear_modulus_error"] * 2), strict=True)),
+    }
+    result = {name: np.sum([getattr(path, field) for path in paths], axis=0) for name, field in sums.items()}
+    result["max_force"] = np.max([path.max_force for path in paths], axis=0)
+    # `Status.ok` is zero: of several outcomes one that is not ok.
+    result["path_status"] = np.max([path.status for path in paths], axis=0)
     for name, modulus in _FITTED.items():
         slope, error = fitted(strains, result[modulus], parameters["fit_window"], parameters.get("fit_degree", 1))
         result[f"{name}_fit"], result[f"{name}_fit_standard_error"] = slope, error

@@ -56,9 +56,9 @@ def ascent_figure(ds):
     lettered(modulus, longest, tension, length)
 
     one = ds.isel(seed=0)
-    # The first recorded steps beyond the drawn parts of the bound.
+    # The first recorded steps beyond the drawn parts of the bound, or the last before the ascent ended.
     parts = one.G_0_ascent.values / float(one.bound)
-    places = [int(np.argmax(parts >= part)) if parts.max() >= part else len(parts) - 1 for part in SHOWN]
+    places = [int(np.argmax(parts >= part)) if (parts >= part).any() else _last_record(one) for part in SHOWN]
     for axes, letter, place in zip(bottom.subplots(1, 3), "EFG", places, strict=True):
         _draw(axes, one.isel(step=place), width=0.55)
         value = float(one.G_0_ascent[place])
@@ -71,10 +71,15 @@ def ascent_figure(ds):
     return figure
 
 
+def _last_record(one):
+    """The place of the last recorded step before the ascent ended."""
+    return int(np.flatnonzero(np.isfinite(one.G_0_ascent.values))[-1])
+
+
 def _step_axis(axes, last):
     """Steps on a logarithmic axis that begins with step 0."""
     axes.set_xscale("symlog", linthresh=1, linscale=0.3)
-    axes.set_xlim(0, 1.1 * last)
+    axes.set_xlim(0, 1.1 * max(last, 1))
     axes.set_xticks([step for step in (0, 1, 10, 100, 1000) if step <= last])
     axes.set_xticks([], minor=True)
     axes.xaxis.set_major_formatter("{x:g}")
@@ -108,7 +113,7 @@ def animation(ds):
     """One network at every second record of the ascent, with its modulus."""
     one = recorded(ds).isel(seed=0)
     steps, moduli = one.step.values, one.G_0_ascent.values
-    for place in reversed(range(len(steps) - 1, -1, -2)):
+    for place in reversed(range(_last_record(one), -1, -2)):
         figure = Figure(figsize=(WIDTH, 3.3), dpi=135, layout="constrained")
         network, curve = figure.subplots(1, 2, width_ratios=(1.15, 1))
         _draw(network, one.isel(step=place), width=0.8)
@@ -133,6 +138,8 @@ def _draw(axes, one, width):
 
 def _band(axes, values, colour):
     """Median over networks, and the band of two thirds of them, against the step."""
+    # All ascents may end before the last records.
+    values = values.dropna("step", how="all")
     x = values.step.values
     low, middle, high = np.nanquantile(values.transpose("seed", "step").values, (1 / 6, 0.5, 5 / 6), axis=0)
     axes.fill_between(x, low, high, color=colour, alpha=0.25, linewidth=0)
@@ -156,13 +163,14 @@ DRAWN = ("FIRE, 50 % of the bound", "L-BFGS, 50 % of the bound", "L-BFGS, 95 % o
 def compression_figure(ds):
     """Number, total and mean length of compressed edges against size."""
     ds = detailed(ds)
+    number, length = (dict(ascent_parts(ds, name)) for name in ("compressed_edges", "compressed_length"))
+    found = "The compressed length grows as $N_v$; how many edges share it depends on the ascent"
     figure, axes = panels(
         3,
-        "The compressed length grows as $N_v$; how many edges share it depends on the ascent\n"
+        f"{found if number else 'In these steps no ascent reaches one of the parts of the bound at all sizes'}\n"
         f"({counted(ds)} a size; means with their standard errors; dotted: slopes of the paper)",
         height=4.5,
     )
-    number, length = (dict(ascent_parts(ds, name)) for name in ("compressed_edges", "compressed_length"))
     with np.errstate(invalid="ignore", divide="ignore"):
         each = {label: length[label] / number[label] for label in number}
     quantities = ((number, 0.5, "number"), (length, 1.0, "total length"), (each, 0.5, "mean length"))
@@ -179,10 +187,13 @@ def compression_figure(ds):
     axes[1].text(0.04, 0.97, needed, transform=axes[1].transAxes, fontsize=8.5, va="top")
     for one in axes:
         one.tick_params(axis="x", rotation=45)
-        one.legend(
-            fontsize=8.5, frameon=False, loc="upper center", bbox_to_anchor=(0.45, -0.27), labelspacing=0.25,
-            title="exponent [95 %]", title_fontsize=8.5, alignment="left", handletextpad=0.3,
-        )  # fmt: skip
+        if number:
+            one.legend(
+                fontsize=8.5, frameon=False, loc="upper center", bbox_to_anchor=(0.45, -0.27), labelspacing=0.25,
+                title="exponent [95 %]", title_fontsize=8.5, alignment="left", handletextpad=0.3,
+            )  # fmt: skip
+        elif one is not axes[1]:
+            one.set_axis_off()
     lettered(*axes)
     handles = [Line2D([], [], ls="none", **series(2 * n), label=words) for n, words in enumerate(drawn_of(number))]
     figure.legend(handles=handles, fontsize=9, frameon=False, ncols=3, loc="outside lower center")
@@ -202,7 +213,7 @@ def _draw_compressed(axes, sizes, ascents, printed):
         means = mean_bars(axes, sizes, values, **style, capsize=2, markersize=5, label=quoted(fit))
         line = np.exp(np.mean(np.log(means)) + fit[0] * (np.log(sizes) - np.log(sizes).mean()))
         axes.plot(sizes, line, color=style["color"], linewidth=1.2)
-    low = min(np.nanmean(ascents[words][0]) for words in drawn_of(ascents))
+    low = min((np.nanmean(ascents[words][0]) for words in drawn_of(ascents)), default=np.nan)
     axes.plot(sizes, low / 1.6 * (sizes / sizes[0]) ** printed, color="0.4", linestyle=":", linewidth=1.2)
 
 
@@ -257,7 +268,7 @@ def _draw_thresholds(axes, ds):
         axes.plot(ds.threshold, mean, style, color=colour, linewidth=1.8, label=f"$N_v$ = {size:,}")
     axes.set(
         xscale="log", xlabel="least stress $r$  (mean square 1)", ylabel="largest $G_0$ with $\\sigma > r$  [k]",
-        ylim=(0, 1.15 * bound), title="by threshold",
+        ylim=(0, 1.15 * bound if np.isfinite(bound) else None), title="by threshold",
     )  # fmt: skip
     axes.set_xticks([0.01, 0.03, 0.1, 0.3, 0.7], ["0.01", "0.03", "0.1", "0.3", "0.7"])
     axes.minorticks_off()

@@ -30,8 +30,10 @@ def claims(ds):
     good = whole.isel(seed=np.isfinite(whole.bound.values))
     finished = good.isel(seed=np.isfinite(good.G_0_ascent.isel(step=-1).values))
     last = finished.isel(step=-1)
+    # Every ascent may have ended before the last record.
+    extremes, compression = (_extremes(last), [_compression(good, last)]) if last.sizes["seed"] else ([], [])
     measured = [
-        *(_rise(good), *_extremes(last), *_long_edges(good), _onset(good), _compression(good, last)),
+        *(_rise(good), *extremes, *_long_edges(good), _onset(good), *compression),
         *_thresholds(detail, ds),
     ]
     several = ds.sizes["n_vertices"] > 1
@@ -227,12 +229,15 @@ def _bound(good):
 def _singular(ds, good, last):
     runaway = int((ds.status == Status.singular).sum())
     part = (100 * good.G_0_end / good.bound).where(good.status == Status.singular)
+    balanced = (
+        f"; the others balance to {float(last.residual.max()):.0e} at the last step" if last.sizes["seed"] else ""
+    )
     limit = f"{spread(part, 3)} % of the bound" if np.isfinite(part).any() else "none here"
     return Claim(
         "singular-prestress", "the ascent crosses stresses with a singular prestress matrix, and may end at one", "",
         f"{spread(good.crossings, 3)} steps cross; {spread(good.negative_pivots, 3)} negative eigenvalues at the end; "
         f"{runaway} of {ds.sizes['seed']} ascents end at a singular matrix, where lengths diverge and the modulus has "
-        f"a limit ({limit}); the others balance to {float(last.residual.max()):.0e} at the last step",
+        f"a limit ({limit}){balanced}",
         "measured",
     )  # fmt: skip
 

@@ -212,7 +212,7 @@ def check(parameters, axes):
     check_known("population", parameters["populations"], POPULATIONS)
     if not all(r > 0 for r in (*parameters["thresholds"], parameters["threshold"])):
         raise StudyError("thresholds must be positive, such as 0.1")
-    for name in ("n_starts", "n_steps"):
+    for name in ("n_starts", "n_steps", "detailed_seeds"):
         if parameters[name] < 1:
             raise StudyError(f"{name}={parameters[name]} must be at least 1")
     for n_vertices in (*axes["n_vertices"], parameters["ascent_vertices"]):

@@ -22,6 +22,7 @@ from functools import cache
 import numpy as np
 from numpy.typing import ArrayLike
 
+from critflow.arguments import floats
 from critflow.deformation import strain_basis, strain_components
 from critflow.linear_response import TRUSTED_ERROR, Elasticity
 from critflow.networks import Array
@@ -143,7 +144,7 @@ def _components(tensor: Array) -> Array:
 
 
 def _unit(elastic: Elasticity, direction: ArrayLike) -> Array:
-    n = np.asarray(direction, dtype=float)
+    n = floats(direction, "a direction")
     if n.ndim == 0:
         _require_plane(elastic)
         n = np.concatenate([[np.cos(n), np.sin(n)], np.zeros(elastic.dimension - 2)])

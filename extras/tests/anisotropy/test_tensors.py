@@ -93,6 +93,7 @@ BAD = {
     "no direction": (lambda: isotropic(1.0, 1.0, 2).young([0, 0]), "direction"),
     "direction in space": (lambda: isotropic(1.0, 1.0, 2).young([1, 0, 0]), "direction"),
     "direction NaN": (lambda: isotropic(1.0, 1.0, 2).young([np.nan, 1]), "direction"),
+    "direction in words": (lambda: isotropic(1.0, 1.0, 2).young("xy"), "direction"),
     "not transverse": (lambda: isotropic(1.0, 1.0, 2).poisson([1, 0], [1, 1]), "orthogonal"),
 }
 test_bad_input_raises_one_sentence = refused(BAD)
