@@ -79,6 +79,11 @@ def test_the_number_of_workers_respects_the_limit_of_the_study(allowed, requeste
     assert small_study(workers=allowed).worker_count(requested, available=8) == count
 
 
+@pytest.mark.parametrize("dtype, fill", [("i1", -128), ("u2", 65535), ("f4", None)])
+def test_integers_without_a_fill_have_the_most_distant_from_ordinary_values(dtype, fill):
+    assert Variable("x", (), dtype, long_name="x").fill == fill
+
+
 def test_numbers_stand_with_their_nouns():
     assert [plural(n, noun) for n, noun in ((1, "case"), (0, "case"), (2, "stress"))] == [
         "1 case",

@@ -47,6 +47,7 @@ def test_the_file_alone_says_what_its_numbers_are(dataset):
     for words in ("random_lengths ", "random_lengths_transition ", "√(V/N_v)", "V = V(0) (1 + γ)", "F = 1 + ε A"):
         assert words in summary, words
     assert "..." not in summary
+    assert "valid members: ds[['B_0', 'G_0']].where(ds.valid)" in summary
     labels = {"end": ["tail", "head"], "axis": ["x", "y"], "cell_vector": ["a", "b"]}
     assert {name: dataset[name].values.tolist() for name in labels} == labels
     assert dataset.C_B_fit.attrs["ancillary_variables"] == "C_B_fit_standard_error"
