@@ -452,10 +452,6 @@ VALUES = {
     "threshold negative": (lambda: cf.optimize(NETWORK, "shear_modulus", threshold=-1), "threshold"),
     "threshold NaN": (lambda: cf.optimize(NETWORK, "shear_modulus", threshold=np.nan), "threshold"),
     "response of an array": (lambda: cf.CriticalManifold(NETWORK).response(np.ones(3)), "CriticalConfiguration"),
-    "response of another network": (
-        lambda: cf.CriticalManifold(cf.three_bar_linkage()).response(CRITICAL),
-        "one value per edge",
-    ),
     "relaxation to nothing": (lambda: cf.equilibrium(state(), tolerance=0.0), "tolerance"),
     "relaxation to no number": (lambda: cf.equilibrium(state(), tolerance=np.nan), "tolerance"),
     "no strains": (lambda: cf.strain_path(CRITICAL, []), "at least"),
