@@ -36,6 +36,21 @@ def test_saddle_solves_both_equations(backend, name):
     assert_solved(network, sigma, L, u, multipliers, forces, elongations)
 
 
+@pytest.mark.parametrize("seed", [1, 2, 5])
+def test_a_stress_is_stable_by_a_margin(seed):
+    """With one edge under compression, against the least curvature of P on the null space of R."""
+    network = voronoi_network(20, seed=seed)
+    sigma = random_stress(network.n_edges, seed)
+    sigma[3] *= -0.05
+    L, g = dense_bond_vectors(network, sigma), network.free_incidence.toarray()
+    R = (g[:, :, None] * L[:, None]).reshape(len(L), -1)
+    P = np.kron(g.T @ (sigma[:, None] * g), np.eye(2))
+    zero = np.linalg.svd(R)[2][len(L) - 1 :].T
+    least = np.linalg.eigvalsh(zero.T @ P @ zero)[0] / np.mean(np.abs(sigma))
+    assert least > 1e-3
+    assert Saddle(network).stable(sigma, L, 0.9 * least) and not Saddle(network).stable(sigma, L, 1.1 * least)
+
+
 @pytest.mark.parametrize(
     "corner, sums", [(None, None), (np.array([[0.3]]), None), (np.array([[-0.2]]), np.array([1.7]))]
 )

@@ -337,6 +337,13 @@ def test_a_descent_that_stalls_at_an_edge_too_short_returns_the_last_sound_confi
     assert "too short" not in other.note + early.note
 
 
+@pytest.mark.parametrize("stress, status", [(1e-19, None), (1e-21, Status.stalled)])
+def test_a_descent_ends_where_a_stress_is_not_resolved(stress, status):
+    """Though the others have not converged, so that its limit is not known."""
+    descent = Descent(CriticalManifold(NETWORK), quantity(NETWORK, "V_tau"))
+    assert descent.monitor(descent.at(np.where(np.arange(NETWORK.n_edges) == 7, np.log(stress), 0.0))) is status
+
+
 def test_ends_that_rough_tolerances_leave_untested():
     network = voronoi_network(40, seed=1)
     assert [optimize(network, "V_tau", tolerance=t).saddles for t in (1e-4, 1e-10, 1e-12)] == [None, None, 0]

@@ -7,7 +7,7 @@ import pytest
 from problems import Analytic, quadratic
 
 from critflow import Status
-from critflow.minimisers import METHODS, Pairs, fire, minimise, newton
+from critflow.minimisers import METHODS, Pairs, _steihaug, fire, minimise, newton
 
 
 def rosenbrock():
@@ -107,6 +107,17 @@ def test_newton_converges_superlinearly():
     assert len(small) >= 2
     # Conjugate gradients may take one product in each step, so two steps are one of Newton's method for two unknowns.
     assert (errors[small + 2] < 10 * errors[small] ** 2).all()
+
+
+@pytest.mark.parametrize("radius", [0.1, 0.5, 2.0])
+@pytest.mark.parametrize("lowest", [1.0, -0.5])
+def test_a_step_of_newton_ends_at_the_radius_of_its_trust_region(lowest, radius):
+    """Also from an inner step that is not the first, on whose way to the radius the value decreases as predicted."""
+    H, x = np.diag([*np.linspace(1, 100, 7), lowest]), np.full(8, 10.0)
+    function = Analytic(lambda x: 0.5 * x @ H @ x, lambda x: H @ x, lambda x: H)
+    step, predicted, inside = _steihaug(function, function.at(x), radius)
+    assert np.linalg.norm(step) == pytest.approx(radius, rel=1e-12) and not inside
+    assert predicted == pytest.approx(function.at(x).value - function.at(x + step).value, rel=1e-10)
 
 
 def test_a_step_that_raises_the_value_is_refused_where_the_model_predicts_rounding():

@@ -196,6 +196,13 @@ def test_a_path_of_energies_has_a_modulus_where_that_of_tensors_has_one(decades,
     assert np.isnan(path.bulk_modulus).all() and path.elasticity == ()
 
 
+def test_the_statistics_of_a_path_have_its_largest_error_and_residual():
+    solution = strain_path(optimize(voronoi(20, seed=1), "G_0"), [1e-5, 1e-3, 0.1])
+    path, stats = solution.value, solution.stats
+    assert 0 < path.coordinate_error.min() < path.coordinate_error.max() == stats.error_bound
+    assert path.max_force.min() < path.max_force.max() == stats.residual and stats.steps == path.steps.sum()
+
+
 @pytest.mark.parametrize("seed", [0, 1])
 def test_errors_contain_what_soft_modes_leave(seed):
     """The energy of the last corrections is that of the stiff modes; paths of energies correct to the end."""
