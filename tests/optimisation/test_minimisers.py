@@ -109,11 +109,11 @@ def test_newton_converges_superlinearly():
     assert (errors[small + 2] < 10 * errors[small] ** 2).all()
 
 
-@pytest.mark.parametrize("radius", [0.1, 0.5, 2.0])
+@pytest.mark.parametrize("radius", [0.1, 2.2, 2.35])
 @pytest.mark.parametrize("lowest", [1.0, -0.5])
 def test_a_step_of_newton_ends_at_the_radius_of_its_trust_region(lowest, radius):
     """Also from an inner step that is not the first, on whose way to the radius the value decreases as predicted."""
-    H, x = np.diag([*np.linspace(1, 100, 7), lowest]), np.full(8, 10.0)
+    H, x = np.diag([*np.linspace(1, 100, 7), lowest]), np.ones(8)
     function = Analytic(lambda x: 0.5 * x @ H @ x, lambda x: H @ x, lambda x: H)
     step, predicted, inside = _steihaug(function, function.at(x), radius)
     assert np.linalg.norm(step) == pytest.approx(radius, rel=1e-12) and not inside
