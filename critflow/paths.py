@@ -740,27 +740,27 @@ def keeps_lengths(state: SpringState, gradient: Array) -> bool:
 
     Where springs resist, some are extended by a part of their lengths of the order of the strain.
     """
-    strain = strain_size(gradient)
+    strain, stress = strain_and_stress(state, gradient)
     if strain == 0 or not weakly_stressed(state, gradient):
         return False
-    unit, rounding = strain**2 * stress_unit(state), ROUNDING_COMPRESSION * state.stress_rounding
+    unit, rounding = strain**2 * stress, ROUNDING_COMPRESSION * state.stress_rounding
     least = np.maximum(UNSTRESSED * unit, np.where(rounding < WEAK * unit, rounding, 0.0))
     return bool((np.abs(state.sigma) <= least).all())
 
 
 def weakly_stressed(state: SpringState, gradient: Array) -> bool:
     """Whether the stress of each edge is far below that of a strain by F (d, d) which the springs resist."""
-    return bool((np.abs(state.sigma) <= WEAK * strain_size(gradient) * stress_unit(state)).all())
+    strain, stress = strain_and_stress(state, gradient)
+    return bool((np.abs(state.sigma) <= WEAK * strain * stress).all())
 
 
-def strain_size(gradient: Array) -> float:
-    """Σ_ij |F − 1|_ij, at most 1: of a small dilation, uniaxial strain or simple shear, γ."""
-    return min(1.0, float(np.abs(gradient - np.eye(len(gradient))).sum()))
+def strain_and_stress(state: SpringState, gradient: Array) -> tuple[float, Array]:
+    """The size of a strain, Σ_ij |F − 1|_ij, at most 1, and σ (N_b,) of springs whose extension is their length: k.
 
-
-def stress_unit(state: SpringState) -> Array:
-    """σ (N_b,) of springs whose extension is their length: k."""
-    return state.edge_tension(state.stiffness * state.spring_lengths) / state.lengths
+    The size of a small dilation, uniaxial strain or simple shear is γ.
+    """
+    strain = min(1.0, float(np.abs(gradient - np.eye(len(gradient))).sum()))
+    return strain, state.edge_tension(state.stiffness * state.spring_lengths) / state.lengths
 
 
 def distance(one: PathPoint, other: PathPoint) -> float:
