@@ -70,6 +70,16 @@ def test_a_violin_on_a_logarithmic_axis_marks_the_median_of_the_values():
     assert axes.lines[-1].get_color() == "k"
 
 
+@pytest.mark.parametrize(
+    "values, names",
+    [((0.2, 0.4), ["0.2", "0.3", "0.4"]), ((2e-6, 4e-6), [rf"${n} \times 10^{{-6}}$" for n in (2, 3, 4)])],
+)
+def test_a_logarithmic_axis_of_less_than_a_decade_names_its_ticks(values, names):
+    axes = Figure().add_subplot()
+    violins(axes, [np.array(values)], ["one"], ["k"], log=True)
+    assert [text.get_text() for text in axes.get_yticklabels()] == names
+
+
 def test_numbers_that_are_not_finite_are_left_out():
     values = np.array([1.0, np.nan, 3.0, np.inf])
     assert finite(values).tolist() == [1.0, 3.0]

@@ -130,11 +130,12 @@ def _distribution(axes: Axes, place: int, values: Array, median: float, colour: 
 def _decades(axes: Axes) -> None:
     """Names of the ticks of logarithms."""
     low, high = axes.get_ylim()
-    # Fewer than three decades need ticks within them to be readable.
-    marks = (1, 3) if high - low < 3 else (1,)
+    # Fewer than three decades need ticks within them to be readable, and less than one needs more.
+    marks = (1, 1.5, 2, 3, 4, 5, 7) if high - low < 1 else (1, 3) if high - low < 3 else (1,)
     decades = range(int(np.floor(low)), int(np.ceil(high)) + 1)
     ticks = [(decade + np.log10(mark), mark, decade) for decade in decades for mark in marks]
     ticks = [tick for tick in ticks if low <= tick[0] <= high]
     plain = high - low < 3 and low > -4
-    names = [f"{mark * 10.0**decade:g}" if plain else f"$10^{{{decade}}}$" for _, mark, decade in ticks]
+    factors = {mark: "" if mark == 1 else rf"{mark:g} \times " for mark in marks}
+    names = [f"{mark * 10.0**decade:g}" if plain else f"${factors[mark]}10^{{{decade}}}$" for _, mark, decade in ticks]
     axes.set_yticks([place for place, _, _ in ticks], names)
