@@ -130,7 +130,7 @@ def test_many_starts_return_the_best():
     ("objective", "method", "options", "unused"),
     [
         ("B_0", "auto", {"start": np.ones(NETWORK.n_edges), "max_steps": 0}, "start, max_steps"),
-        ("C_B", "auto", {"observe": lambda *_: True}, "observe"),
+        ("modulus[dilation]", "auto", {"observe": lambda *_: True}, "observe"),
         ("V_L", "conic", {"starts": 2, "rng": np.random.default_rng(0)}, "starts"),
         ("V_L", "auto", {"start": np.ones(NETWORK.n_edges)}, ""),
         ("B_0", "auto", {"tolerance": 1e-3}, ""),
