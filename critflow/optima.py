@@ -81,23 +81,20 @@ def optimize(
 
     objective  a name such as "V_L", "V_tau" (least), "B_0", "G_0" (largest; the last with the penalty that keeps σ
                above about `threshold`), "C_B" (least), or a `Quantity`
-    method     "fire", "lbfgs", "newton"; "closed_form" for moduli without a penalty, in three dimensions for the bulk
-               modulus, and for "C_B"; "conic" for the length variance, exactly; "auto": the cheapest that reaches the
-               tolerance
+    method     "fire", "lbfgs", "newton"; "closed_form" for moduli without a penalty (in space B_0 alone) and "C_B";
+               "conic" for V_L, exactly; "auto": the cheapest that reaches the tolerance
     signs      "positive": every edge under tension; "any": compression too, and "G_0" without penalty
     start      initial σ, (N_b,); 1 on every edge by default
     tolerance  of the largest dO/dσ in units of O; an end is tested for a saddle below 1e-12, and from symmetric starts
                below 1e-8
     max_steps  limit of the steps from each start, in all parts of the method together
     starts     number of starts; from the second on random, |N(0, 1)|, drawn from `rng`; the best optimum is returned
-    observe    called with (step, value, σ, L) at the start and after every step of a descent; when it returns a true
-               value the descent ends there, with `Status.step_limit`
+    observe    called with (step, value, σ, L) at the start and after every step; a true value ends it, `step_limit`
 
-    An optimum that is not attained has a status: `Status.edge_collapse` for a tension variance whose infimum, or a
-    modulus in closed form whose maximum, has an edge of zero length, `Status.slack_edges` for a length variance whose
-    infimum has slack edges, `Status.singular` where lengths grow without end.  The objective is then the limit of the
-    value.  Every optimum of a descent may be local: where no stress gives equal lengths, different starts end at
-    different length variances.  The note of an optimum that needs no descent names the options that had no effect.
+    An optimum that is not attained has a status: `Status.edge_collapse` for an infimum of V_tau, or a modulus in closed
+    form, with an edge of zero length, `Status.slack_edges` for an infimum of V_L with slack edges, `Status.singular`
+    where lengths grow without end; the objective is then the limit.  An optimum of a descent may be local.  The note of
+    one that needs no descent names the options that had no effect.
     Raises `InputError` for bad arguments, `SolveError` if not `ok` and `throw`. Many parameters: each is one choice.
 
     >>> import critflow as cf
@@ -113,11 +110,10 @@ def optimize(
     objective = objective_of(manifold.network, objective, threshold if positive else None)
     given = _starts(manifold.network.n_edges, start, starts, rng, positive)
     _check_objective(manifold, objective, method, positive, given[0])
-    # An optimum that is known without a descent.
     options = {"start": start is not None, "max_steps": max_steps is not None, "observe": observe is not None}
     best = known_optimum(manifold, objective, method, positive, None if any(options.values()) else tolerance)
     if best is None:
-        # Else the best of the descents from all starts; of those with status `ok`, where there is one.
+        # The best of the descents from all starts; of those with status `ok`, where there is one.
         kind, sign = Descent if positive else SignedDescent, -1 if objective.maximise else 1
         ends = [descend(kind(manifold, objective, observe), one, method, tolerance, max_steps) for one in given]
         first = min([end for end in ends if end.ok] or ends, key=lambda end: sign * end.objective)
