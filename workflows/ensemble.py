@@ -262,7 +262,7 @@ def gallery(ds):
     size = (3.1 * columns, 3.35 * rows + 0.4)
     figure = Figure(figsize=size, dpi=100)
     number = _NUMBERS.get(len(shown), len(shown))
-    title = f"One network of {ds.sizes['vertex']} vertices at the rigidity transition in {number} populations"
+    title = f"One network of {ds.sizes['vertex']:,} vertices at the rigidity transition in {number} populations"
     figure.suptitle(title, fontsize=13, y=1 - 0.1 / size[1], va="top")
     high = float(np.percentile(np.concatenate([np.abs(_tensions(one)) for one in shown]), 97))
     places = [(3.1 * (n % columns), 3.35 * (rows - 1 - n // columns)) for n in range(rows * columns)]

@@ -77,7 +77,7 @@ def gallery(ds):
     limits = (0.0, float(np.nanpercentile(tension, 98)))
     figure = Figure(figsize=(7.2, 9.0), dpi=200)
     number = "thirteen" if len(shown) == len(PANELS) else len(shown)
-    title = f"One network of {ds.sizes['vertex']} vertices at the rigidity transition, {number} configurations"
+    title = f"One network of {ds.sizes['vertex']:,} vertices at the rigidity transition, {number} configurations"
     figure.text(0.5, 0.985, title, ha="center", va="top", fontsize=11)
     grid = figure.add_gridspec(4, 4, left=0.012, right=0.988, bottom=0.072, top=0.925, wspace=0.06, hspace=0.22)
     lines = None

@@ -41,7 +41,7 @@ def ascent_figure(ds):
     figure = page(
         6.1,
         "Free to compress edges, $G_0$ climbs to its bound, and edges grow to the size of the box\n"
-        f"({counted(ds)} of {ds.sizes['vertex']} vertices; medians; bands hold two thirds)",
+        f"({counted(ds)} of {ds.sizes['vertex']:,} vertices; medians; bands hold two thirds)",
     )
     top, bottom = figure.subfigures(2, 1, height_ratios=(1.35, 1))
     (modulus, longest), (tension, length) = top.subplots(2, 2, sharex=True)
@@ -82,7 +82,7 @@ def _step_axis(axes, last):
     axes.set_xlim(0, 1.1 * max(last, 1))
     axes.set_xticks([step for step in (0, 1, 10, 100, 1000) if step <= last])
     axes.set_xticks([], minor=True)
-    axes.xaxis.set_major_formatter("{x:g}")
+    axes.xaxis.set_major_formatter("{x:,g}")
 
 
 def _draw_modulus(axes, ds):
