@@ -125,11 +125,9 @@ def speed(package: Package) -> str:
     lines = head("task", "N_v", "time", "once", "error", "nearest package", "reason")
     for word, task in _read(package, "speed", "summary")["tasks"].items():
         for n, (size, cells) in enumerate(task["sizes"].items()):
-            others = [one for one in _finest(cells).items() if one[0] in cells["packages"]]
-            nearest = min(others, key=lambda one: one[1][0], default=None)
             title, reason = ("", "") if n else (plain(task["title"]), REASONS[word])
-            shown = _multiple(*nearest) if nearest else "none"
-            lines.append(row(title, f"{int(size):,}", *_best(cells), shown, reason))
+            shown = [_multiple(*one) for one in _nearest(cells)[:1]] or ["none"]
+            lines.append(row(title, f"{int(size):,}", *_best(cells), *shown, reason))
     return "\n".join(lines)
 
 
@@ -137,11 +135,10 @@ def speed_line(package: Package) -> str:
     """Time and error of a strain step at 1,000 vertices, the nearest package, and where all others end."""
     summary = _read(package, "speed", "summary")
     cells = summary["tasks"]["strain_step"]["sizes"]["1000"]
-    (seconds, _, error), others = _best(cells), [one for one in _finest(cells).items() if one[0] in cells["packages"]]
+    seconds, _, error = _best(cells)
     text = f"A strain step of 1,000 vertices at γ = 0.001 takes {seconds}, with an error of {error}"
-    if others:
-        name, (ratio, _) = min(others, key=lambda one: one[1][0])
-        text += f"; the nearest package, {name}, needs {_number(ratio)} times as long for the finest error that it has"
+    for name, finest, (ratio, _) in _nearest(cells)[:1]:
+        text += f"; {name}, the nearest package, reaches {_power(finest)} in {_number(ratio)} times the time"
     its = dict(summary.get("gamma", {"tasks": {}})["tasks"].get("strain_step", {}))
     its.pop("Newton", None)
     reached = [g for one in its.values() for g, n in zip(one["gamma"], _failures(one), strict=True) if n <= 0.5]
@@ -157,17 +154,17 @@ def _failures(approach: dict) -> list[float]:
 
 
 def _power(value: float) -> str:
-    return f"{value:.0e}".replace("-0", "−")
+    return f"{value:.0e}".replace("e-0", "e-").replace("-", "−")
 
 
 def programs(_: Package) -> str:
     """One row a task and size that other programs solve as well: time of critflow, and theirs as multiples of it."""
-    lines = head("task", "N_v", "critflow", "once", "error", "other programs at the same error, prepared / in all")
+    lines = head("task", "N_v", "critflow", "once", "error", "other programs at their finest error, prepared / in all")
     for task in _read(CRITFLOW, "speed", "summary")["tasks"].values():
         for size, cells in task["sizes"].items():
-            others = [_multiple(*one) for one in _finest(cells).items() if one[0].startswith(PROGRAMS)]
+            others = [_multiple(*one) for one in _finest(cells) if one[0].startswith(PROGRAMS)]
             if others:
-                lines.append(row(plain(task["title"]), f"{int(size):,}", *_best(cells), ", ".join(others)))
+                lines.append(row(plain(task["title"]), f"{int(size):,}", *_best(cells), "; ".join(others)))
     return "\n".join(lines)
 
 
@@ -178,15 +175,21 @@ def _best(cells: dict) -> tuple[str, str, str]:
     return _time(seconds), _time(cells["preparation"]), f"{error:.0e}".replace("-", "−")
 
 
-def _finest(cells: dict) -> dict[str, list[float]]:
-    """Times of other methods over that of the default at the finest error that both have."""
-    known = {name: [ratios for ratios in its.values() if ratios[0]] for name, its in cells["others"].items()}
-    return {name: ratios[-1] for name, ratios in known.items() if ratios}
+def _finest(cells: dict) -> list[tuple[str, float, list[float]]]:
+    """Other methods, the finest error of each and the default, and their times for it over that of the default."""
+    known = {name: [one for one in its.items() if one[1][0]] for name, its in cells["others"].items()}
+    return [(name, float(its[-1][0]), its[-1][1]) for name, its in known.items() if its]
 
 
-def _multiple(name: str, ratios: list[float]) -> str:
+def _nearest(cells: dict) -> list[tuple[str, float, list[float]]]:
+    """Those of other packages, by their error and then by their time."""
+    packages = [one for one in _finest(cells) if one[0] in cells["packages"]]
+    return sorted(packages, key=lambda one: (one[1], one[2][0]))
+
+
+def _multiple(name: str, error: float, ratios: list[float]) -> str:
     """Prepared / with the preparation."""
-    return f"{name}: {' / '.join(map(_number, ratios))} ×"
+    return f"{name}, {_power(error)}: {' / '.join(map(_number, ratios))} ×"
 
 
 def _time(seconds: float) -> str:
