@@ -66,7 +66,7 @@ def has_extras() -> bool:
 
 def more(word: str) -> str:
     """The end of a sentence on an unknown word: that critflow-extras has more, where it is not installed."""
-    return "" if has_extras() else f"; critflow-extras has more {word}: {INSTALL}"
+    return "" if has_extras() else f" (critflow-extras has more {word}: {INSTALL})"
 
 
 def from_extras(name: str, purpose: str, counts: bool = True) -> Any:

@@ -9,7 +9,7 @@ from critflow import CritflowError, InputError
 
 def of_bounded_length(error, longest=300):
     """Whether an error is one sentence of at most this length, besides that critflow-extras has more."""
-    sentence = str(error).partition("; critflow-extras has more")[0]
+    sentence = str(error).partition(" (critflow-extras has more")[0]
     return "\n" not in str(error) and 10 < len(sentence) < longest
 
 

@@ -97,7 +97,7 @@ def load_study(word: str) -> StudyFile:
     if os.sep in word or (word not in named and (Path(word) / "study.py").is_file()):
         return load_file(Path(word) / "study.py")
     if word not in named:
-        hint = nearest(word, list(named), "studies") if named else "there is none in ./workflows"
+        hint = nearest(word, sorted(named), "studies") if named else "there is none in ./workflows"
         if word in _BENCHMARKS:
             hint = f"run it in a source checkout of critflow, where it is workflows/benchmarks/{word}"
         raise StudyError(f"there is no study {word!r}: {hint}{more('studies')}")
