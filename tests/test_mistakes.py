@@ -392,7 +392,7 @@ COMMANDS = {
         *(2, "figures can be png, pdf, svg", "not 'gif'"),
     ),
     "show no dataset": (["show", "nowhere.nc"], 2, "there is no dataset nowhere.nc", "run the study first"),
-    "show a folder": (["show", "folder"], 2, "folder is a folder", "give the dataset NAME.nc in it"),
+    "show a folder": (["show", "folder"], 2, "folder is a folder", "give its dataset, folder/NAME.nc"),
     "show a text": (["show", "text.txt"], 2, "text.txt is no dataset", "give a file NAME.nc"),
 }
 

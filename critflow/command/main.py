@@ -357,7 +357,7 @@ def show(file: Path, settings: Sequence[str], out: Path | None) -> None:
     from critflow.engine.dataset import opened_dataset
 
     if file.is_dir():
-        raise InputError(f"{file} is a folder: give the dataset NAME.nc in it")
+        raise InputError(f"{file} is a folder: give its dataset, {min(file.glob('*.nc'), default=file / 'NAME.nc')}")
     if file.is_file() and ".nc" not in file.suffixes:
         raise InputError(f"{file} is no dataset: give a file NAME.nc of critflow run; read_network reads tables")
     with opened_dataset(file) as dataset:
