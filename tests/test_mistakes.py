@@ -393,6 +393,7 @@ COMMANDS = {
     ),
     "show no dataset": (["show", "nowhere.nc"], 2, "there is no dataset nowhere.nc", "run the study first"),
     "show a folder": (["show", "folder"], 2, "folder is a folder", "give its dataset, folder/NAME.nc"),
+    "show the folder of a run": (["show", "RESULTS"], 2, "is a folder: give its dataset", "tiny.nc"),
     "show a text": (["show", "text.txt"], 2, "text.txt is no dataset", "give a file NAME.nc"),
 }
 
