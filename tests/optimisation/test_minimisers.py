@@ -112,7 +112,7 @@ def test_newton_converges_superlinearly():
 @pytest.mark.parametrize("radius", [0.1, 2.2, 2.35])
 @pytest.mark.parametrize("lowest", [1.0, -0.5])
 def test_a_step_of_newton_ends_at_the_radius_of_its_trust_region(lowest, radius):
-    """Also from an inner step that is not the first, on whose way to the radius the value decreases as predicted."""
+    """Also after several inner steps; the value decreases as predicted."""
     H, x = np.diag([*np.linspace(1, 100, 7), lowest]), np.ones(8)
     function = Analytic(lambda x: 0.5 * x @ H @ x, lambda x: H @ x, lambda x: H)
     step, predicted, inside = _steihaug(function, function.at(x), radius)

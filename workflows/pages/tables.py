@@ -126,8 +126,8 @@ def speed(package: Package) -> str:
     for word, task in _read(package, "speed", "summary")["tasks"].items():
         for n, (size, cells) in enumerate(task["sizes"].items()):
             title, reason = ("", "") if n else (plain(task["title"]), REASONS[word])
-            shown = [_multiple(*one) for one in _nearest(cells)[:1]] or ["none"]
-            lines.append(row(title, f"{int(size):,}", *_best(cells), *shown, reason))
+            shown = _multiple(*nearest) if (nearest := _nearest(cells)) else "none"
+            lines.append(row(title, f"{int(size):,}", *_best(cells), shown, reason))
     return "\n".join(lines)
 
 
@@ -137,11 +137,11 @@ def speed_line(package: Package) -> str:
     cells = summary["tasks"]["strain_step"]["sizes"]["1000"]
     seconds, _, error = _best(cells)
     text = f"A strain step of 1,000 vertices at γ = 0.001 takes {seconds}, with an error of {error}"
-    for name, finest, (ratio, _) in _nearest(cells)[:1]:
+    if nearest := _nearest(cells):
+        name, finest, (ratio, _) = nearest
         text += f"; {name}, the nearest package, reaches {_power(finest)} in {_number(ratio)} times the time"
-    its = dict(summary.get("gamma", {"tasks": {}})["tasks"].get("strain_step", {}))
-    its.pop("Newton", None)
-    reached = [g for one in its.values() for g, n in zip(one["gamma"], _failures(one), strict=True) if n <= 0.5]
+    others = [one for name, one in summary["gamma"]["tasks"]["strain_step"].items() if name != "Newton"]
+    reached = [g for one in others for g, n in zip(one["gamma"], _failures(one), strict=True) if n <= 0.5]
     if reached:
         text += f". Below γ = {_power(min(reached))} no other method comes to within one percent"
     return fill(f"{text}.", 120)
@@ -154,6 +154,7 @@ def _failures(approach: dict) -> list[float]:
 
 
 def _power(value: float) -> str:
+    # At the sign of minus no line is broken.
     return f"{value:.0e}".replace("e-0", "e-").replace("-", "−")
 
 
@@ -171,8 +172,7 @@ def programs(_: Package) -> str:
 def _best(cells: dict) -> tuple[str, str, str]:
     """Time of the default at its least error, of its preparation, and the error."""
     seconds, error = min(cells["default"], key=lambda point: point[::-1])
-    # At the sign of minus no line is broken.
-    return _time(seconds), _time(cells["preparation"]), f"{error:.0e}".replace("-", "−")
+    return _time(seconds), _time(cells["preparation"]), _power(error)
 
 
 def _finest(cells: dict) -> list[tuple[str, float, list[float]]]:
@@ -181,10 +181,10 @@ def _finest(cells: dict) -> list[tuple[str, float, list[float]]]:
     return [(name, float(its[-1][0]), its[-1][1]) for name, its in known.items() if its]
 
 
-def _nearest(cells: dict) -> list[tuple[str, float, list[float]]]:
-    """Those of other packages, by their error and then by their time."""
+def _nearest(cells: dict) -> tuple[str, float, list[float]] | None:
+    """That of another package with the finest error, of several the fastest."""
     packages = [one for one in _finest(cells) if one[0] in cells["packages"]]
-    return sorted(packages, key=lambda one: (one[1], one[2][0]))
+    return min(packages, key=lambda one: (one[1], one[2][0]), default=None)
 
 
 def _multiple(name: str, error: float, ratios: list[float]) -> str:
