@@ -272,6 +272,7 @@ COMMANDS = {
     "empty study": (["run", ""], 2, "the study '' is empty", "give the name of a study, or its file NAME.py"),
     "two studies": (["run", TINY, "twice.py"], 2, "unexpected extra argument", "twice.py"),
     "study misspelt": (["run", "ensembel"], 2, "there is no study 'ensembel'", "did you mean 'ensemble'?"),
+    "study unlike any": (["run", "qqq"], 2, "the studies are ", "gallery, percolation"),
     "no such file": (["run", "nowhere.py"], 2, "cannot read the study file", "nowhere.py", "critflow list"),
     "folder as study": (["run", "folder/"], 2, "cannot read the study file", "its file NAME.py"),
     "list a misspelt study": (["list", "ensembel"], 2, "no study 'ensembel'", "did you mean 'ensemble'?"),
